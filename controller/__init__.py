@@ -1,0 +1,1 @@
+"""From a motion plan to joint commands."""

@@ -1,0 +1,1 @@
+"""What answers joint commands, simulated or real."""

@@ -1,0 +1,1 @@
+"""From depth images to a heightmap."""

@@ -1,0 +1,1 @@
+"""From a heightmap to a motion plan."""

@@ -1,0 +1,1 @@
+"""Where simulation and measurement disagree, and which effect explains it."""

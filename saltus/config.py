@@ -1,0 +1,152 @@
+"""Configuration of a run: frozen keyword-only dataclasses, read from and written to TOML."""
+
+import dataclasses
+import tomllib
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import tomli_w
+
+from saltus.errors import ConfigError, nearest_hint
+
+TerrainKind = Literal["flat", "stairs", "stepping_stones", "step", "gap"]
+Pace = Literal["lockstep", "realtime"]
+Renderer = Literal["auto", "embree", "pyrender"]
+
+Config = TypeVar("Config")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainConfig:
+    """Which terrain. A size that is given wins over `difficulty`; see `saltus.terrain`."""
+
+    terrain: TerrainKind = "stairs"
+    difficulty: float | None = None
+    """0 (easiest) to 1; sets the sizes that are not given."""
+    steps: int | None = None
+    """Number of stairs, or of stones."""
+    rise_m: float | None = None
+    run_m: float | None = None
+    stone_m: float | None = None
+    gap_m: float | None = None
+    height_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Everything that the processes of one run agree on."""
+
+    robot: str = "go1/0"
+    """Prefix of every key."""
+    terrain: TerrainConfig = field(default_factory=TerrainConfig)
+    seed: int = 0
+    pace: Pace = "lockstep"
+    renderer: Renderer = "auto"
+    profile: str = "go1"
+    """Effects of the hardware: "ideal", "go1", or the name or path of a TOML profile."""
+    planner: Literal["scripted"] = "scripted"
+    heightmap_model: str | None = None
+    """Path of an ONNX file; the shipped model where it is not given."""
+    time_limit_s: float = 20.0
+    epoch_ns: int = 0
+    """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
+
+
+def to_toml(config: Any) -> str:
+    """Writes a config dataclass as TOML; fields that are None are left out."""
+    return tomli_w.dumps(_plain(config))
+
+
+def from_toml(kind: type[Config], text: str) -> Config:
+    """Reads a config dataclass from TOML.
+
+    Raises:
+        ConfigError: not TOML, an unknown key (the nearest known key is named), or a value of the wrong type.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not valid TOML: {error}") from error
+    return from_table(kind, table)
+
+
+def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:
+    """Builds a config dataclass from nested tables; same errors as `from_toml`."""
+    hints = typing.get_type_hints(kind)
+    known = [f.name for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        path = f"{where}{key}"
+        if key not in known:
+            raise ConfigError(f"unknown key '{path}': {nearest_hint(key, known)}")
+        values[key] = _checked(hints[key], value, path)
+    try:
+        return kind(**values)
+    except TypeError as error:
+        raise ConfigError(f"{where or kind.__name__}: {error}") from error
+
+
+def load(kind: type[Config], path: Path) -> Config:
+    """Reads a config dataclass from a TOML file; errors name the file."""
+    try:
+        return from_toml(kind, path.read_text())
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        pairs = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
+        return {name: _plain(item) for name, item in pairs if item is not None}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def _checked(hint: Any, value: Any, path: str) -> Any:
+    """Returns `value` as `hint` wants it; integers may stand for floats."""
+    origin = typing.get_origin(hint)
+    args = typing.get_args(hint)
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        if not isinstance(value, dict):
+            raise ConfigError(f"'{path}' must be a table, not {value!r}")
+        return from_table(hint, value, f"{path}.")
+    if origin is Literal:
+        if value not in args:
+            raise ConfigError(f"'{path}' = {value!r}: {nearest_hint(str(value), map(str, args))}")
+        return value
+    if origin is typing.Union or type(hint).__name__ == "UnionType":
+        for option in args:
+            try:
+                return _checked(option, value, path)
+            except ConfigError:
+                continue
+        raise ConfigError(f"'{path}' = {value!r} is not {hint}")
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise ConfigError(f"'{path}' must be a list, not {value!r}")
+        item_hints = [args[0]] * len(value) if len(args) == 2 and args[1] is Ellipsis else list(args)
+        if len(item_hints) != len(value):
+            raise ConfigError(f"'{path}' must have {len(item_hints)} entries, not {len(value)}")
+        return tuple(_checked(h, v, f"{path}[{i}]") for i, (h, v) in enumerate(zip(item_hints, value, strict=True)))
+    if origin is dict:
+        if not isinstance(value, dict):
+            raise ConfigError(f"'{path}' must be a table, not {value!r}")
+        return {name: _checked(args[1], item, f"{path}.{name}") for name, item in value.items()}
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if hint is Path and isinstance(value, str):
+        return Path(value)
+    if hint is Any:
+        return value
+    if isinstance(hint, type) and (not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool)):
+        raise ConfigError(f"'{path}' = {value!r} must be of type {hint.__name__}")
+    return value

@@ -1,0 +1,18 @@
+"""Files that Saltus ships: models and Zenoh configurations."""
+
+from pathlib import Path
+
+from saltus.errors import SaltusError
+
+
+def resource(name: str) -> Path:
+    """Path of a shipped file, e.g. `resource("models/heightmap.onnx")`, in a wheel or in a checkout.
+
+    Raises:
+        SaltusError: the file is not part of this installation.
+    """
+    package = Path(__file__).resolve().parent
+    for root in (package / "data", package.parent):
+        if (root / name).exists():
+            return root / name
+    raise SaltusError(f"'{name}' is missing from this installation: reinstall saltus")

@@ -1,0 +1,1 @@
+"""The plant in MuJoCo: one robot, or many at once."""

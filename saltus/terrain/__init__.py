@@ -1,0 +1,1 @@
+"""Terrains made of boxes, with exact heights; see `saltus.terrain.terrain`."""
