@@ -1,0 +1,49 @@
+# Two commands: `make demo` sets up what the demo needs and runs it; `make test` runs what CI runs.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO_FLAGS ?=
+
+.PHONY: demo test lint types imports unit wheel-test libraries clean
+
+demo: $(VENV)/.run-time
+	$(BIN)/saltus demo $(DEMO_FLAGS)
+
+test: lint types imports unit
+
+lint: $(VENV)/.development
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.development
+	$(BIN)/mypy
+
+imports: $(VENV)/.development
+	$(BIN)/lint-imports
+
+# Two workers for two cores; one test file stays on one worker, so that its processes do not compete with each other.
+unit: $(VENV)/.development
+	$(BIN)/pytest -n 2 --dist loadfile
+
+# A wheel in an empty environment runs the demo from another folder.
+wheel-test: libraries
+	tools/wheel_test.sh $(PYTHON)
+
+libraries:
+	@tools/libraries.sh
+
+$(VENV)/.python: tools/python.sh
+	@tools/python.sh $(PYTHON) $(VENV)
+	@touch $@
+
+$(VENV)/.run-time: $(VENV)/.python pyproject.toml tools/libraries.sh
+	@tools/libraries.sh
+	$(BIN)/pip install --editable .
+	@touch $@
+
+$(VENV)/.development: $(VENV)/.run-time constraints.txt
+	$(BIN)/pip install --constraint constraints.txt --editable ".[train,dev]"
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist runs
