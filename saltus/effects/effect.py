@@ -1,17 +1,27 @@
 """What an effect is: one frozen value that changes one signal, used by plant, camera, training and real2sim alike."""
 
+import dataclasses
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
+
+from saltus.errors import ConfigError
+from saltus.go1 import JOINTS
+from saltus.messages import Floats
 
 Site = Literal["command", "torque", "joint_state", "imu", "depth", "heightmap", "model"]
 
 Signal = TypeVar("Signal")
 
+Values: TypeAlias = float | tuple[float, ...] | Floats
+"""A parameter of the joints: one value for all, 12 values in the order of `saltus.go1.JOINTS`, or, for a batch of
+robots that differ, an array of shape (robots, 1) or (robots, 12), which has no TOML form."""
 
-def parameter(*, unit: str, null: float, low: float, high: float, default: float | None = None) -> Any:
+
+def parameter(*, unit: str, null: Any, low: float, high: float, default: Any = None) -> Any:
     """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect."""
     metadata = {"unit": unit, "null": null, "low": low, "high": high}
     return field(default=null if default is None else default, metadata=metadata)
@@ -23,11 +33,20 @@ class Effect(ABC, Generic[Signal]):
 
     A subclass is a frozen dataclass whose fields are made with `parameter`. At its null values it returns its
     input unchanged, to the bit. `apply` is written once for numpy and torch and for any leading batch dimensions.
+    Signals are values: whoever passes one does not change its arrays afterwards, as an effect with memory keeps them.
+
+    Raises:
+        ConfigError: a parameter is out of its bounds, not a number, or has neither one value nor one per joint.
     """
 
     name: ClassVar[str]
     """Name in the schema of run logs, snake_case."""
     site: ClassVar[Site]
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if "null" in f.metadata:
+                _check(f"{self.name}.{f.name}", getattr(self, f.name), f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """State before the first signal, for a batch of robots; None where the effect has no memory."""
@@ -40,4 +59,46 @@ class Effect(ABC, Generic[Signal]):
 
     def is_null(self) -> bool:
         """Whether every parameter has the value at which nothing changes."""
-        return all(getattr(self, f.name) == f.metadata["null"] for f in fields(self) if "null" in f.metadata)
+        return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
+
+
+def like(values: Values, array: Any, xp: Any) -> Any:
+    """A parameter in the form in which it combines with `array`: a float, or an array of its kind, type and device."""
+    if isinstance(values, float | int):
+        return values
+    return xp.asarray(np.asarray(values), dtype=array.dtype, device=array.device)
+
+
+def map_arrays(function: Callable[[Any], Any], value: Any) -> Any:
+    """Applies `function` to every array in a signal or a state, e.g. to move it to torch or to pick one robot."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.replace(
+            value, **{f.name: map_arrays(function, getattr(value, f.name)) for f in fields(value)}
+        )
+    if isinstance(value, tuple):
+        return tuple(map_arrays(function, item) for item in value)
+    return value if value is None or isinstance(value, float | int) else function(value)
+
+
+def _check(label: str, value: Any, metadata: Any) -> None:
+    """Checks a parameter against its declaration; the null value is always allowed."""
+    if _equal(value, metadata["null"]):
+        return
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{label} = {value!r} is not a number or an array of numbers") from error
+    if isinstance(value, tuple) and numbers.ndim == 1 and numbers.size != len(JOINTS):
+        raise ConfigError(f"{label} has {numbers.size} values: give one, or {len(JOINTS)}, one per joint")
+    low, high = metadata["low"], metadata["high"]
+    allowed = (numbers >= low) & (numbers <= high)
+    if not isinstance(metadata["null"], tuple):
+        allowed |= numbers == metadata["null"]
+    if not np.all(allowed):
+        raise ConfigError(f"{label} = {value!r} must lie within {low:g} to {high:g} {metadata['unit']}".rstrip())
+
+
+def _equal(value: Any, null: Any) -> bool:
+    if isinstance(null, tuple):
+        return bool(np.size(value) == np.size(null) and value == null)
+    return bool(np.all(np.equal(value, null))) if not isinstance(value, str) else False

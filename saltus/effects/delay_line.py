@@ -1,0 +1,51 @@
+"""Fractional delay of a signal that is held between samples."""
+
+import math
+from typing import Any
+
+import array_api_compat
+import numpy as np
+
+from saltus.effects.effect import Values, like
+
+History = tuple[tuple[Any, ...], ...]
+"""Newest first: what came in at each of the last samples, as tuples of arrays. Empty before the first."""
+
+
+def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: float) -> tuple[tuple[Any, ...], History]:
+    """Returns what a receiver makes of a signal that is `delay_s` old, averaged over the coming `dt_s`.
+
+    A packet that arrives between two steps splits the step: the old value acts until then, the new one after. A plant
+    that holds its input over a step is given their time-weighted mean, which has the right impulse and is continuous
+    in the delay: with delay = (n + f) dt it is (1 - f) x[k - n] + f x[k - n - 1]. Before the first sample the receiver
+    holds the first.
+
+    Args:
+        signal: arrays of shape (..., 12) that travel together.
+        history: what the last call returned; () at first.
+        delay_s: one delay, or one per robot, shape (robots, 1).
+        dt_s: period of the samples.
+    """
+    steps = np.asarray(delay_s) / dt_s
+    # 0.006 / 0.002 is not 3 in floating point: a thousandth of a sample is no delay that anybody can mean
+    steps = np.where(np.abs(steps - np.round(steps)) < 1e-3, np.round(steps), steps)
+    length = math.floor(float(np.max(steps))) + 2
+    past = history if history else (signal,) * length
+    line = (signal, *past)[:length]
+    if steps.ndim == 0:
+        whole, part = divmod(float(steps), 1.0)
+        newer, older = line[int(whole)], line[int(whole) + 1]
+        if part == 0.0:
+            return newer, line
+        return tuple((1.0 - part) * a + part * b for a, b in zip(newer, older, strict=True)), line
+    return tuple(_interpolated(samples, steps) for samples in zip(*line, strict=True)), line
+
+
+def _interpolated(samples: tuple[Any, ...], steps: np.ndarray) -> Any:
+    """Linear interpolation in a line of samples at one place per robot."""
+    xp = array_api_compat.array_namespace(samples[0])
+    weights = [like(np.clip(1.0 - np.abs(steps - k), 0.0, 1.0), samples[0], xp) for k in range(len(samples))]
+    total = weights[0] * samples[0]
+    for weight, sample in zip(weights[1:], samples[1:], strict=True):
+        total = total + weight * sample
+    return total

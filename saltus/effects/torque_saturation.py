@@ -1,0 +1,101 @@
+"""Iron saturates: at high current a motor delivers less torque than is commanded."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import array_api_compat
+import numpy as np
+
+from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.signals import Drive
+from saltus.errors import ConfigError
+from saltus.go1 import REDUCTION, TORQUE_LIMIT
+from saltus.messages import Floats
+
+GO1_CURVE = (
+    (3.0, 3.0),
+    (5.0, 5.0),
+    (10.0, 9.78),
+    (15.0, 14.12),
+    (20.0, 17.23),
+    (25.0, 20.34),
+    (30.0, 24.01),
+    (35.0, 25.68),
+)
+"""Commanded and delivered torque at the calf joint of a Go1 [Nm] (original; dynamometer at the rear left knee)."""
+CURVE_REDUCTION = 6.33  # of the calf joint, at which the curve was measured (original)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueSaturation(Effect[Drive]):
+    """Delivered torque as an odd, piecewise linear function of commanded torque.
+
+    Given either as `curve`, measured at the calf and scaled to each joint by its reduction, or as `knee` and `plateau`
+    at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope.
+    """
+
+    name: ClassVar[str] = "torque_saturation"
+    site: ClassVar[Site] = "torque"
+
+    # pairs that rise, in calf torque; () is no loss
+    curve: tuple[tuple[float, float], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
+    # command at which 5 % is lost
+    knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0)
+    # delivered where the torque limit of the joint is commanded
+    plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.curve and not (np.all(np.isinf(self.knee)) and np.all(np.isinf(self.plateau))):
+            raise ConfigError(f"{self.name}: give curve, or knee and plateau, not both")
+        if np.any(np.isinf(self.knee) != np.isinf(self.plateau)):
+            raise ConfigError(f"{self.name}: knee and plateau come together")
+        if self.curve and not _rises(self.curve):
+            raise ConfigError(f"{self.name}.curve = {self.curve!r} must be pairs that rise, from above 0")
+        _, slopes = self._segments
+        if not np.all((slopes >= 0.0) & (slopes <= 1.5)):
+            raise ConfigError(f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating curve")
+
+    @cached_property
+    def _segments(self) -> tuple[Floats, Floats]:
+        """Where segments begin [Nm] and their slopes, each of shape (segments, ..., 12)."""
+        if self.curve:
+            points = np.array([(0.0, 0.0), *self.curve])
+            scale = REDUCTION / CURVE_REDUCTION
+            slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
+            return points[:-1, :1] * scale, np.repeat(slopes[:, None], len(REDUCTION), axis=1)
+        exists = np.isfinite(self.knee) & np.ones(len(REDUCTION), dtype=bool)
+        knee = np.where(exists, self.knee, 0.5 * TORQUE_LIMIT)
+        plateau = np.where(exists, self.plateau, TORQUE_LIMIT)
+        below = np.where(exists, 0.95, 1.0)
+        # two unknowns, corner c and slope s, from c + s (knee - c) = 0.95 knee and c + s (limit - c) = plateau
+        slope = np.divide(
+            plateau - below * knee, TORQUE_LIMIT - knee, where=knee < TORQUE_LIMIT, out=-np.ones_like(knee)
+        )
+        corner = np.where(exists, knee * (0.95 - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0)
+        slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
+        return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
+
+    def delivered(self, torque: Floats) -> Floats:
+        """Delivered torque for a commanded one, numpy or torch, shape (..., 12) [Nm]."""
+        xp = array_api_compat.array_namespace(torque)
+        magnitude = xp.abs(torque)
+        starts, slopes = self._segments
+        # a piecewise linear function is what comes in less a hinge at every change of slope, so slope 1 loses nothing
+        lost = xp.zeros_like(torque)
+        for start, change in zip(starts, np.diff(slopes, axis=0, prepend=1.0), strict=True):
+            if np.any(change):
+                lost = lost - like(change, torque, xp) * xp.clip(magnitude - like(start, torque, xp), min=0.0)
+        return torque - xp.sign(torque) * lost
+
+    def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
+        """Saturates the torque."""
+        del time_s, state
+        return replace(signal, torque=self.delivered(signal.torque)), None
+
+
+def _rises(curve: tuple[tuple[float, float], ...]) -> bool:
+    points = np.asarray(curve, dtype=float)
+    return points.ndim == 2 and points.shape[1] == 2 and bool(np.all(np.diff(points, axis=0, prepend=0.0) > 0.0))
