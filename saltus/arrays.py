@@ -1,0 +1,41 @@
+"""What lets one law run on numpy (deployed) and on torch (training): the namespace and the constants of its input."""
+
+from types import ModuleType
+from typing import Any, TypeAlias
+
+import array_api_compat
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array: TypeAlias = Any
+"""A numpy array or a torch tensor: the array API standard has no static type yet."""
+
+_NAMESPACES: dict[type, ModuleType] = {}
+
+
+def namespace(array: Array) -> Any:
+    """The array API namespace of `array`; looked up once per array type, because the lookup costs 4 us."""
+    found = _NAMESPACES.get(type(array))
+    if found is None:
+        found = _NAMESPACES[type(array)] = array_api_compat.array_namespace(array)
+    return found
+
+
+class Constant:
+    """A fixed array that takes the library, dtype and device of whatever it meets; each conversion happens once."""
+
+    def __init__(self, value: ArrayLike) -> None:
+        self._value: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
+        self._converted: dict[tuple[type, Any, str], Array] = {}
+
+    def like(self, reference: Array) -> Array:
+        """The constant as an array of the same kind as `reference`."""
+        if type(reference) is np.ndarray and reference.dtype == self._value.dtype:
+            return self._value
+        device = array_api_compat.device(reference)
+        key = (type(reference), reference.dtype, str(device))
+        found = self._converted.get(key)
+        if found is None:
+            xp = namespace(reference)
+            found = self._converted[key] = xp.asarray(self._value, dtype=reference.dtype, device=device)
+        return found

@@ -1,0 +1,152 @@
+"""Rotations and leg kinematics, for numpy and torch and any leading batch dimensions.
+
+Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation (..., 3, 3).
+The leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf about y; all
+angles are zero with the leg straight down, positive angles swing the foot backwards. Source: unitree_ros.
+"""
+
+import numpy as np
+
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+
+_LEVI_CIVITA = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
+SKEW = np.transpose(_LEVI_CIVITA, (2, 0, 1)).reshape(3, 9) * -1.0
+"""`(v @ SKEW).reshape(3, 3) @ u` is v x u. Shape (3, 9)."""
+_SKEW = Constant(SKEW)
+
+# Row-major rotation matrix as a linear map of the 16 products of quaternion components (w, x, y, z).
+_QUATERNION_PRODUCTS = np.zeros((4, 4, 9))
+for _entry, _terms in enumerate(
+    (
+        ((0, 0, 1), (1, 1, 1), (2, 2, -1), (3, 3, -1)),
+        ((1, 2, 2), (0, 3, -2)),
+        ((1, 3, 2), (0, 2, 2)),
+        ((1, 2, 2), (0, 3, 2)),
+        ((0, 0, 1), (1, 1, -1), (2, 2, 1), (3, 3, -1)),
+        ((2, 3, 2), (0, 1, -2)),
+        ((1, 3, 2), (0, 2, -2)),
+        ((2, 3, 2), (0, 1, 2)),
+        ((0, 0, 1), (1, 1, -1), (2, 2, -1), (3, 3, 1)),
+    )
+):
+    for _a, _b, _factor in _terms:
+        _QUATERNION_PRODUCTS[_a, _b, _entry] = _factor
+_QUATERNION_TO_MATRIX = Constant(_QUATERNION_PRODUCTS.reshape(16, 9))
+
+_ANCHOR = Constant(go1.HIP_ANCHOR)
+_ABDUCTION = Constant(go1.SIDE * go1.ABDUCTION_LENGTH)
+_CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])  # abduction, thigh, thigh + calf
+_L2 = go1.THIGH_LENGTH
+_L3 = go1.CALF_LENGTH
+# A foot cannot be nearer to the abduction axis than the abduction link: closer targets are projected out to this [m].
+_MINIMUM_EXTENSION = 0.01
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation matrix of a unit quaternion (w, x, y, z). Shape (..., 4) -> (..., 3, 3)."""
+    products = quaternion[..., :, None] * quaternion[..., None, :]
+    flat = products.reshape((*quaternion.shape[:-1], 16)) @ _QUATERNION_TO_MATRIX.like(quaternion)
+    return flat.reshape((*quaternion.shape[:-1], 3, 3))
+
+
+def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
+    """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); each of shape (...)."""
+    xp = namespace(rotation)
+    pitch = xp.asin(xp.clip(-rotation[..., 2, 0], -1.0, 1.0))
+    roll = xp.atan2(rotation[..., 2, 1], rotation[..., 2, 2])
+    yaw = xp.atan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    return roll, pitch, yaw
+
+
+def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) -> (..., 4)."""
+    xp = namespace(roll)
+    cr, sr = xp.cos(0.5 * roll), xp.sin(0.5 * roll)
+    cp, sp = xp.cos(0.5 * pitch), xp.sin(0.5 * pitch)
+    cy, sy = xp.cos(0.5 * yaw), xp.sin(0.5 * yaw)
+    return xp.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        -1,
+    )
+
+
+def yaw_rotation(yaw: Array) -> Array:
+    """Rotation from the yaw frame to the world. Shape (...) -> (..., 3, 3)."""
+    xp = namespace(yaw)
+    c, s = xp.cos(yaw), xp.sin(yaw)
+    zero, one = xp.zeros_like(c), xp.ones_like(c)
+    return xp.stack([c, -s, zero, s, c, zero, zero, zero, one], -1).reshape((*yaw.shape, 3, 3))
+
+
+def skew(vector: Array) -> Array:
+    """Matrix of the cross product, `skew(v) @ u` = v x u. Shape (..., 3) -> (..., 3, 3)."""
+    return (vector @ _SKEW.like(vector)).reshape((*vector.shape[:-1], 3, 3))
+
+
+def foot_kinematics(joint_position: Array) -> tuple[Array, Array]:
+    """Centres of the foot spheres in the base frame [m] and their Jacobians [m/rad].
+
+    Args:
+        joint_position: [rad], shape (..., 12).
+
+    Returns:
+        Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @ joint_velocity` is the velocity
+        of the foot in the base frame.
+    """
+    xp = namespace(joint_position)
+    batch = joint_position.shape[:-1]
+    angles = joint_position.reshape((*batch, 4, 3)) @ _CHAIN_ANGLES.like(joint_position).mT
+    sine, cosine = xp.sin(angles), xp.cos(angles)
+    s1, c1 = sine[..., 0], cosine[..., 0]
+    calf_x, calf_z = -_L3 * sine[..., 2], -_L3 * cosine[..., 2]
+    x = calf_x - _L2 * sine[..., 1]
+    drop = calf_z - _L2 * cosine[..., 1]  # along the leg's own plane, before abduction
+    offset = _ABDUCTION.like(joint_position)
+    y = offset * c1 - drop * s1
+    z = offset * s1 + drop * c1
+    position = xp.stack([x, y, z], -1) + _ANCHOR.like(joint_position)
+    entries = [xp.zeros_like(x), drop, calf_z, -z, x * s1, calf_x * s1, y, -x * c1, -calf_x * c1]
+    return position, xp.stack(entries, -1).reshape((*batch, 4, 3, 3))
+
+
+def foot_position(joint_position: Array) -> Array:
+    """Centres of the foot spheres in the base frame [m]. Shape (..., 12) -> (..., 4, 3)."""
+    return foot_kinematics(joint_position)[0]
+
+
+def foot_jacobian(joint_position: Array) -> Array:
+    """Foot velocity in the base frame by joint velocity. Shape (..., 12) -> (..., 4, 3, 3)."""
+    return foot_kinematics(joint_position)[1]
+
+
+def inverse_kinematics(foot_position_base: Array) -> Array:
+    """Joint angles, knees bent backwards, that put the feet at the given points.
+
+    A point out of reach gives the straight leg towards it; a point nearer to the abduction axis than the abduction
+    link gives the angles of the nearest point that can be reached.
+
+    Args:
+        foot_position_base: [m], shape (..., 4, 3).
+
+    Returns:
+        [rad], shape (..., 12); joint limits are not applied.
+    """
+    xp = namespace(foot_position_base)
+    local = foot_position_base - _ANCHOR.like(foot_position_base)
+    x, y, z = local[..., 0], local[..., 1], local[..., 2]
+    offset = _ABDUCTION.like(foot_position_base)
+    drop = xp.sqrt(xp.clip(y * y + z * z - go1.ABDUCTION_LENGTH**2, _MINIMUM_EXTENSION**2, None))
+    abduction = xp.atan2(z, y) - xp.atan2(-drop, offset)
+    abduction = abduction - 2.0 * np.pi * xp.round(abduction * (0.5 / np.pi))  # into [-pi, pi]
+    cosine = (x * x + drop * drop - (_L2 * _L2 + _L3 * _L3)) * (0.5 / (_L2 * _L3))
+    calf = -xp.acos(xp.clip(cosine, -1.0, 1.0))
+    thigh = xp.atan2(-x, drop) - xp.atan2(_L3 * xp.sin(calf), _L2 + _L3 * xp.cos(calf))
+    return xp.stack([abduction, thigh, calf], -1).reshape((*foot_position_base.shape[:-2], 12))
