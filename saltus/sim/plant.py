@@ -1,0 +1,150 @@
+"""One Go1 on a terrain: joint commands in, states out, 2 ms at a time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1
+from saltus.effects.chain import ActuatorChain
+from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.messages import JointCommand
+from saltus.sim import scene
+from saltus.sim.state import Floats, PlantState
+from saltus.terrain.terrain import Terrain
+
+GRAVITY = 9.81  # the engine's default, original
+CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
+STAND_DROP = -float(foot_position(go1.STAND_POSE)[0, 2]) + go1.FOOT_RADIUS
+"""Height of the base above the ground when the soles touch it in `STAND_POSE` [m]; the legs give 1 cm under load."""
+
+
+def standing_pose(
+    terrain: Terrain, position_x: Floats, yaw: Floats, position_y: Floats, clearance: float = CLEARANCE
+) -> Floats:
+    """`qpos` of robots in `STAND_POSE` with their feet `clearance` above the highest ground under them.
+
+    Args:
+        terrain: Ground.
+        position_x: Of the base [m], shape (...).
+        yaw: Of the base [rad], shape (...).
+        position_y: Of the base [m], shape (...).
+        clearance: Of the lowest foot [m].
+
+    Returns:
+        Shape (..., 19).
+    """
+    yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
+    quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
+    feet = foot_position(go1.STAND_POSE) @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
+    sole_x = position_x[..., None, None] + feet[..., 0, None] + np.array([-go1.FOOT_RADIUS, go1.FOOT_RADIUS])
+    ground = terrain.height_at(sole_x).max(axis=(-1, -2))
+    position = np.stack([position_x, position_y, ground + STAND_DROP + clearance], axis=-1)
+    joints = np.broadcast_to(go1.STAND_POSE, (*zero.shape, 12))
+    return np.concatenate([position, quaternion, joints], axis=-1)
+
+
+def specific_force(qacc: Floats, rotation: Floats) -> Floats:
+    """Accelerometer at the base origin, from the acceleration of the free joint.
+
+    Args:
+        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
+        rotation: Base to world, shape (..., 3, 3).
+
+    Returns:
+        Base frame [m/s^2], shape (..., 3).
+    """
+    felt = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
+    return np.einsum("...ji,...j->...i", rotation, felt)
+
+
+class Plant:
+    """One simulated robot with its drives.
+
+    Args:
+        terrain: What it stands on.
+        friction: Coefficient of friction between robot and terrain.
+        payload_kg: Mass on top of the trunk [kg].
+        com_shift: Added to the trunk's centre of mass [m], base frame.
+        chain: What the drives do to a command; by default the ideal PD law.
+        seed: Of the randomness in the drives.
+    """
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        *,
+        friction: float = scene.FRICTION,
+        payload_kg: float = 0.0,
+        com_shift: Sequence[float] = (0.0, 0.0, 0.0),
+        chain: ActuatorChain | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.terrain = terrain
+        self.model = scene.build_spec(terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift).compile()
+        self.data = mujoco.MjData(self.model)
+        self._chain = chain or ActuatorChain()
+        self._seed = seed
+        self._thighs = [self.model.body(f"{leg}_thigh").id for leg in go1.LEGS]
+        self._calves = [self.model.body(f"{leg}_calf").id for leg in go1.LEGS]
+        self._feet = [self.model.geom(f"{leg}_foot").id for leg in go1.LEGS]
+        self._actuators: Any = None
+        self._state: PlantState
+        self.reset()
+
+    def reset(
+        self, position_x: float = 0.0, yaw: float = 0.0, position_y: float = 0.0, clearance: float = CLEARANCE
+    ) -> PlantState:
+        """Puts the robot at rest in `STAND_POSE`, its feet just above the ground; time and randomness start over."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = standing_pose(
+            self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
+        )
+        self._actuators = self._chain.init((), np.random.default_rng(self._seed))
+        mujoco.mj_forward(self.model, self.data)
+        self._state = self._observe(np.zeros(12))
+        return self._state
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        return self._state
+
+    def step(self, command: JointCommand) -> PlantState:
+        """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it."""
+        now = self._state
+        torque, self._actuators = self._chain.step(
+            command, now.joint_position, now.joint_velocity, now.time_s, self._actuators
+        )
+        self.data.ctrl[:] = torque.applied
+        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_kinematics(self.model, self.data)
+        self._state = self._observe(torque.believed)
+        return self._state
+
+    def leg_points_in_world(self) -> Floats:
+        """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""
+        data = self.data
+        return np.stack([data.xpos[self._thighs], data.xpos[self._calves], data.geom_xpos[self._feet]], axis=1)
+
+    def _observe(self, believed: NDArray[np.floating]) -> PlantState:
+        data = self.data
+        qpos, qvel = data.qpos.copy(), data.qvel.copy()
+        rotation = data.xmat[1].reshape(3, 3)
+        return PlantState(
+            time_s=float(data.time),
+            position_base_in_world=qpos[:3],
+            quaternion_base_in_world=qpos[3:7],
+            velocity_base_in_world=qvel[:3],
+            angular_velocity_base=qvel[3:6],
+            acceleration_base=specific_force(data.qacc, rotation),
+            joint_position=qpos[7:],
+            joint_velocity=qvel[6:],
+            joint_torque=np.asarray(believed, dtype=np.float64),
+            # The sensor gives the force that the foot exerts.
+            foot_force=-data.sensordata[scene.FOOT_FORCE].reshape(4, 3)[:, 2],
+            foot_position_in_world=data.geom_xpos[self._feet],
+            trunk_contact=bool(data.sensordata[scene.TRUNK_CONTACT].any()),
+        )

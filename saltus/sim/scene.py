@@ -1,0 +1,198 @@
+"""Go1 and terrain as one MuJoCo model, written from the numbers in `saltus.go1` and `saltus.sim.links`.
+
+The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction. Everything else that
+a drive does is an effect.
+"""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from saltus import go1
+from saltus.sim import links
+from saltus.sim.links import Inertia
+from saltus.terrain.terrain import Terrain
+
+FRICTION = 0.8  # rubber on concrete, middle of what trials draw
+# Contacts as stiff as the time step allows without ringing (the engine's least time constant is two steps): a foot
+# sinks 0.1 mm when standing, and a landing at 2 m/s is stopped within 5 mm.
+CONTACT_SOLREF = (0.005, 1.0)
+CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+# Ratio of frictional to normal constraint stiffness: at 1 a foot that stands creeps sideways by millimetres.
+CONTACT_IMPRATIO = 10.0
+PAYLOAD_SIZE = np.array([0.20, 0.09, 0.04])  # a small computer, on top of the trunk
+THIGH_RADIUS = 0.017  # half the depth of unitree_ros's collision box
+CALF_RADIUS = 0.008
+
+ROBOT_GROUP = 0
+TERRAIN_GROUP = 1
+VISUAL_GROUP = 2
+
+FOOT_FORCE = slice(0, 12)
+"""Where `sensordata` holds the force of each foot on the ground: four vectors in the world frame [N]."""
+TRUNK_CONTACT = slice(12, 18)
+"""Where `sensordata` holds the number of contacts of the trunk, of the payload and of each hip."""
+
+TRUNK = "trunk"
+PAYLOAD = "payload"
+TERRAIN_GEOM = "terrain_{}"
+
+
+def build_spec(
+    terrain: Terrain,
+    *,
+    friction: float = FRICTION,
+    payload_kg: float = 0.0,
+    com_shift: Sequence[float] = (0.0, 0.0, 0.0),
+) -> mujoco.MjSpec:
+    """Describes one Go1 on `terrain`.
+
+    Args:
+        terrain: Becomes one box for each column.
+        friction: Coefficient of sliding friction between robot and terrain.
+        payload_kg: Mass of a box on top of the trunk [kg].
+        com_shift: Added to the trunk's centre of mass [m], base frame.
+
+    Returns:
+        A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `saltus.go1`, and
+        whose `sensordata` is laid out as `FOOT_FORCE` and `TRUNK_CONTACT` say.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "go1"
+    spec.compiler.degree = False
+    _options(spec)
+    for i in range(len(terrain.column_top)):
+        _add_column(spec, terrain, i)
+    base = _add_trunk(spec, np.asarray(com_shift, dtype=np.float64), payload_kg)
+    for leg in range(4):
+        _add_leg(base, leg)
+    for geom in spec.geoms:
+        if geom.group == ROBOT_GROUP:
+            geom.friction[0] = friction
+    for name in go1.JOINTS:
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+    _add_contact_sensors(spec)
+    return spec
+
+
+def payload_inertia(payload_kg: float) -> np.ndarray:
+    """Principal moments of the payload's uniform box [kg m^2], shape (3,)."""
+    square = PAYLOAD_SIZE**2
+    return payload_kg / 12.0 * (square.sum() - square)
+
+
+def _options(spec: mujoco.MjSpec) -> None:
+    spec.option.timestep = go1.PHYSICS_DT
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = CONTACT_IMPRATIO
+    # Columns may change per robot in a batch; the mid phase looks static geoms up in a tree made at compile time.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+
+
+def _add_column(spec: mujoco.MjSpec, terrain: Terrain, i: int) -> None:
+    spec.worldbody.add_geom(
+        name=TERRAIN_GEOM.format(i),
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=terrain.box_center[i],
+        size=0.5 * terrain.box_size[i],
+        contype=1,
+        conaffinity=0,
+        group=TERRAIN_GROUP,
+        rgba=(0.62, 0.64, 0.66, 1.0),
+    )
+
+
+def _set_inertia(body: mujoco.MjsBody, inertia: Inertia) -> None:
+    body.explicitinertial = True
+    body.mass = inertia.mass
+    body.ipos = inertia.com
+    t = inertia.tensor
+    body.fullinertia = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
+
+
+def _add_trunk(spec: mujoco.MjSpec, com_shift: np.ndarray, payload_kg: float) -> mujoco.MjsBody:
+    base = spec.worldbody.add_body(name=TRUNK, pos=(0.0, 0.0, go1.STAND_HEIGHT))
+    base.add_freejoint(name="base")
+    trunk = links.trunk()
+    _set_inertia(base, Inertia(mass=trunk.mass, com=trunk.com + com_shift, tensor=trunk.tensor))
+    _add_robot_geom(base, TRUNK, mujoco.mjtGeom.mjGEOM_BOX, size=0.5 * go1.TRUNK_SIZE)
+    # A body of its own, so that a batch can give each robot another payload by scaling mass and inertia.
+    payload = base.add_body(name=PAYLOAD, pos=(0.0, 0.0, 0.5 * (go1.TRUNK_SIZE[2] + PAYLOAD_SIZE[2])))
+    payload.explicitinertial = True
+    payload.mass = payload_kg
+    payload.inertia = payload_inertia(payload_kg)
+    return base
+
+
+def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
+    name, side = go1.LEGS[leg], float(go1.SIDE[leg])
+    hip = base.add_body(name=f"{name}_hip", pos=go1.HIP_ANCHOR[leg])
+    _add_hinge(hip, 3 * leg, axis=(1.0, 0.0, 0.0))
+    _set_inertia(hip, links.hip(side))
+    middle = 0.5 * side * go1.ABDUCTION_LENGTH
+    half = 0.5 * links.HIP_LENGTH
+    _add_robot_geom(
+        hip,
+        f"{name}_hip",
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=(0.0, middle - half, 0.0, 0.0, middle + half, 0.0),
+        size=(links.HIP_RADIUS, 0.0, 0.0),
+    )
+    thigh = hip.add_body(name=f"{name}_thigh", pos=(0.0, side * go1.ABDUCTION_LENGTH, 0.0))
+    _add_hinge(thigh, 3 * leg + 1, axis=(0.0, 1.0, 0.0))
+    _set_inertia(thigh, links.thigh())
+    _add_rod(thigh, f"{name}_thigh", THIGH_RADIUS, go1.THIGH_LENGTH)
+    calf = thigh.add_body(name=f"{name}_calf", pos=(0.0, 0.0, -go1.THIGH_LENGTH))
+    _add_hinge(calf, 3 * leg + 2, axis=(0.0, 1.0, 0.0))
+    _set_inertia(calf, links.calf())
+    _add_rod(calf, f"{name}_calf", CALF_RADIUS, go1.CALF_LENGTH - go1.FOOT_RADIUS)
+    foot = (0.0, 0.0, -go1.CALF_LENGTH)
+    _add_robot_geom(calf, f"{name}_foot", mujoco.mjtGeom.mjGEOM_SPHERE, pos=foot, size=(go1.FOOT_RADIUS, 0.0, 0.0))
+
+
+def _add_hinge(body: mujoco.MjsBody, joint: int, axis: Sequence[float]) -> None:
+    body.add_joint(
+        name=go1.JOINTS[joint],
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=axis,
+        limited=True,
+        range=(go1.JOINT_LOWER[joint], go1.JOINT_UPPER[joint]),
+        armature=go1.ARMATURE[joint],
+    )
+
+
+def _add_rod(body: mujoco.MjsBody, name: str, radius: float, length: float) -> None:
+    """A capsule that hangs from the body's origin."""
+    ends = (0.0, 0.0, 0.0, 0.0, 0.0, -length)
+    _add_robot_geom(body, name, mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=(radius, 0.0, 0.0))
+
+
+def _add_robot_geom(body: mujoco.MjsBody, name: str, shape: mujoco.mjtGeom, **how: object) -> None:
+    """Adds a shape that touches the terrain and nothing else; its contact parameters win over the terrain's."""
+    body.add_geom(
+        name=name,
+        type=shape,
+        contype=0,
+        conaffinity=1,
+        condim=3,
+        priority=1,
+        solref=CONTACT_SOLREF,
+        solimp=CONTACT_SOLIMP,
+        group=ROBOT_GROUP,
+        **how,
+    )
+
+
+def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
+    net_force, found = 3, 1  # the engine's codes: sum of all contacts as one, in the world frame; and their number
+    data = mujoco.mjtConDataField
+    for leg in go1.LEGS:
+        sensor = spec.add_sensor(name=f"{leg}_force", type=mujoco.mjtSensor.mjSENS_CONTACT)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{leg}_foot"
+        sensor.intprm[:3] = (1 << int(data.mjCONDATA_FORCE), net_force, 1)
+    for body in (TRUNK, PAYLOAD, *(f"{leg}_hip" for leg in go1.LEGS)):
+        sensor = spec.add_sensor(name=f"{body}_contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, body
+        sensor.intprm[:3] = (1 << int(data.mjCONDATA_FOUND), 0, found)
