@@ -1,0 +1,304 @@
+"""Where the processes meet: newest-value topics over Zenoh, with every check between the wire and the caller.
+
+Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in this order of checks:
+size, envelope, payload, capture time, order. Whether a message is fresh enough is for its consumer to judge
+(`saltus.ticker.freshness`), since only the consumer knows the time at which it is used.
+"""
+
+import secrets
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import zenoh
+
+from saltus import codec
+from saltus.codec import Envelope
+from saltus.errors import MessageError, StackError, nearest_hint
+from saltus.messages import Message
+from saltus.resources import resource
+from saltus.topics import TOPICS, Topic
+
+SLEEP_MIN_S = 50e-6  # the kernel's own timer slack
+SLEEP_MAX_S = 1e-3
+SLEEP_SHARE = 1 / 8  # of the time waited so far: an answer is noticed at most 1/8 of its own delay late
+RETIRED_SENDERS = 16
+STREAM_CAPACITY = 20_000  # samples; 20 s of a run
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A message that passed every check."""
+
+    message: Any
+    """Of the topic's type in `saltus.topics`."""
+    envelope: Envelope
+    arrival_ns: int
+    """When it was taken, on the monotonic clock of this machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawSample:
+    """What arrived, unchecked."""
+
+    key: str
+    """Below the robot's prefix, e.g. "done/render"."""
+    payload: bytes
+    attachment: bytes
+    arrival_ns: int
+    """Arrival on the monotonic clock of this machine."""
+
+
+class Publisher(Protocol):
+    """One key of this process."""
+
+    def put(self, message: Message) -> None:
+        """Sends; never waits for a receiver."""
+
+
+class Source(Protocol):
+    """Newest-value slot of one key, below `Latest`."""
+
+    def newest(self) -> RawSample | None:
+        """Returns the newest sample that was not yet returned."""
+
+
+class Stream:
+    """Counted FIFO of everything on the bus, for the recorder. Thread-safe."""
+
+    def __init__(self, capacity: int = STREAM_CAPACITY) -> None:
+        self._samples: deque[RawSample] = deque()
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self.overflowed = 0
+        """Samples dropped because nobody drained in time."""
+
+    def push(self, sample: RawSample) -> None:
+        """Adds a sample, or counts it as dropped."""
+        with self._lock:
+            if len(self._samples) < self._capacity:
+                self._samples.append(sample)
+            else:
+                self.overflowed += 1
+
+    def drain(self) -> list[RawSample]:
+        """Returns what has arrived since the last call, in order of arrival."""
+        with self._lock:
+            samples, self._samples = list(self._samples), deque()
+        return samples
+
+
+class Latest:
+    """The newest message of one key, checked."""
+
+    def __init__(self, topic: Topic, source: Source, rejected: Counter[str]) -> None:
+        self.topic = topic
+        self.last_arrival_ns: int | None = None
+        """Monotonic time of the last message that was accepted; loss is timed from it."""
+        self._source = source
+        self._rejected = rejected
+        self._sender: Envelope | None = None
+        self._retired: deque[bytes] = deque(maxlen=RETIRED_SENDERS)
+
+    def take(self) -> Sample | None:
+        """Returns the newest message that was not yet taken. Never waits, never raises."""
+        raw = self._source.newest()
+        return None if raw is None else self._check(raw)
+
+    def wait(self, timeout_s: float) -> Sample | None:
+        """Waits for the next message, at most `timeout_s`."""
+        start = time.monotonic()
+        while (sample := self.take()) is None:
+            waited = time.monotonic() - start
+            if waited >= timeout_s:
+                return None
+            time.sleep(min(max(SLEEP_SHARE * waited, SLEEP_MIN_S), SLEEP_MAX_S, timeout_s - waited))
+        return sample
+
+    def silent_s(self) -> float:
+        """Seconds since the last accepted message; infinite before the first."""
+        if self.last_arrival_ns is None:
+            return float("inf")
+        return 1e-9 * (time.monotonic_ns() - self.last_arrival_ns)
+
+    def _check(self, raw: RawSample) -> Sample | None:
+        try:
+            envelope, message = unpack(self.topic, raw)
+            self._check_order(envelope)
+        except MessageError as error:
+            self._rejected[f"{self.topic.name}/{error.reason}"] += 1
+            return None
+        self._sender = envelope
+        self.last_arrival_ns = raw.arrival_ns
+        return Sample(message, envelope, raw.arrival_ns)
+
+    def _check_order(self, envelope: Envelope) -> None:
+        last = self._sender
+        if envelope.boot_id in self._retired:
+            raise MessageError("old_sender", "a newer process has taken over")
+        if last is None:
+            return
+        if envelope.boot_id != last.boot_id:
+            self._retired.append(last.boot_id)
+        elif envelope.sequence == last.sequence:
+            raise MessageError("duplicate", f"sequence {envelope.sequence}")
+        elif envelope.sequence < last.sequence:
+            raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
+
+
+def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
+    """Checks a sample by itself.
+
+    Raises:
+        MessageError: see the module's docstring.
+    """
+    if len(raw.payload) > codec.PAYLOAD_MAX:
+        raise MessageError("size", f"{len(raw.payload)} bytes")
+    envelope = Envelope.from_bytes(raw.attachment)
+    message: Message = codec.decode(topic.message, raw.payload)
+    if message.time_ns != envelope.capture_ns:
+        raise MessageError("capture_time", f"{message.time_ns} ns in the message, {envelope.capture_ns} ns beside it")
+    return envelope, message
+
+
+class Bus(ABC):
+    """What a process sees of the others."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+        self.boot_id = secrets.token_bytes(16)
+        self.rejected: Counter[str] = Counter()
+        """Messages refused so far by "topic/reason"."""
+
+    @abstractmethod
+    def publisher(self, topic: str, suffix: str = "") -> Publisher:
+        """A publisher of `topic`, or of `topic/suffix` where every process has a key of its own."""
+
+    @abstractmethod
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """The newest message of one concrete key."""
+
+    @abstractmethod
+    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+        """Everything below the prefix."""
+
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether messages can travel now."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leaves the bus; may be called twice."""
+
+    def __enter__(self) -> "Bus":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _key(self, topic: str, suffix: str) -> str:
+        if topic not in TOPICS:
+            raise MessageError("topic", f"no topic '{topic}': {nearest_hint(topic, TOPICS)}")
+        return "/".join(part for part in (self.prefix, topic, suffix) if part)
+
+
+def topic_of(key: str) -> Topic | None:
+    """The topic of a key below the prefix: "done" of "done/render"; None where there is none."""
+    return TOPICS.get(key) or TOPICS.get(key.rpartition("/")[0])
+
+
+class ZenohBus(Bus):
+    """A bus as a client of one Zenoh router.
+
+    Raises:
+        StackError: no router answers at the endpoint.
+    """
+
+    def __init__(self, endpoint: str, prefix: str, config: str = "zenoh_cfg/client.json5") -> None:
+        super().__init__(prefix)
+        settings = zenoh.Config.from_file(str(resource(config)))
+        settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+        try:
+            self._session = zenoh.open(settings)
+        except zenoh.ZError as error:
+            raise StackError(f"no Zenoh router at {endpoint}: {error}") from error
+
+    def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
+        """See `Bus.publisher`."""
+        kind = TOPICS[topic].message if topic in TOPICS else None
+        raw = self._session.declare_publisher(
+            self._key(topic, suffix),
+            encoding=codec.encoding_of(kind) if kind is not None else None,
+            # Blocking would stall a control loop for 5 s on one slow subscriber
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        return ZenohPublisher(raw, self.boot_id)
+
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """See `Bus.latest`."""
+        key = self._key(topic, suffix)
+        # The default FIFO of 256 lets a slow consumer fall seconds behind and then blocks the session
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        return Latest(TOPICS[topic], _ZenohSource(subscriber, key.removeprefix(f"{self.prefix}/")), self.rejected)
+
+    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+        """See `Bus.stream`."""
+        stream = Stream(capacity)
+        start = len(self.prefix) + 1
+
+        def receive(sample: Any) -> None:
+            stream.push(_raw(sample, str(sample.key_expr)[start:]))
+
+        self._session.declare_subscriber(f"{self.prefix}/**", receive)
+        return stream
+
+    def connected(self) -> bool:
+        """Whether the router answers."""
+        return bool(self._session.info.routers_zid())
+
+    def close(self) -> None:
+        """Closes the session."""
+        if not self._session.is_closed():
+            self._session.close()
+
+
+class ZenohPublisher:
+    """Counts and sends the messages of one key."""
+
+    def __init__(self, publisher: Any, boot_id: bytes) -> None:
+        self._publisher = publisher
+        self._boot_id = boot_id
+        self._sequence = 0
+
+    def put(self, message: Message) -> None:
+        """Encodes and sends; never waits.
+
+        Raises:
+            MessageError: the message does not have the shape that travels.
+        """
+        payload = codec.encode(message)
+        self._sequence += 1
+        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
+        self._publisher.put(payload, attachment=envelope.to_bytes())
+
+
+class _ZenohSource:
+    def __init__(self, subscriber: Any, key: str) -> None:
+        self._subscriber = subscriber
+        self._key = key
+
+    def newest(self) -> RawSample | None:
+        sample = self._subscriber.try_recv()
+        return None if sample is None else _raw(sample, self._key)
+
+
+def _raw(sample: Any, key: str) -> RawSample:
+    """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
+    payload, attachment = sample.payload, sample.attachment
+    data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)
+    return RawSample(key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns())

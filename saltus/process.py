@@ -1,0 +1,160 @@
+"""What the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
+
+A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else:
+
+    from saltus.process import ProcessContext, run_process
+
+    def body(context: ProcessContext) -> None:
+        service = HeightmapService(...)                        # slow things first
+        states = context.bus.latest("controller/state")        # then subscribe ...
+        frames = context.bus.latest("camera/depth")
+        heightmaps = context.bus.publisher("heightmap/heightmap")
+        done = context.bus.publisher("done", context.name)
+        context.ready()                                        # ... then say so: only now does the run begin
+        ticks = 0
+        while not context.stopped:
+            context.beat(ticks=ticks)                          # cheap; proof of life at least every 0.5 s
+            sample = states.wait(timeout_s=0.1)
+            if sample is None:
+                continue
+            state = sample.message
+            if context.config.pace == "lockstep":
+                context.clock.set(state.time_ns)
+            elif not freshness(states.topic, state.time_ns, context.clock.now_ns()).usable:
+                continue
+            heightmap = service.step(state, frames.take())
+            heightmaps.put(heightmap)
+            done.put(Done(time_ns=state.time_ns, step=state.step, process=context.name))
+            ticks += 1
+
+    if __name__ == "__main__":
+        sys.exit(run_process("heightmap", body))
+
+A loop of fixed rate uses `Ticker(rate_hz)`: `ticker.wait(); context.beat(ticks=ticker.ticks,
+overruns=ticker.overruns)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
+(`context.stopped` becomes true; finish and return), or when the supervisor or its router are gone. A `SaltusError`
+out of the body becomes an event, one line on stderr and exit code 2. When the controller returns, the run is over.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from saltus import config
+from saltus.bus import Bus, ZenohBus
+from saltus.config import RunConfig
+from saltus.errors import SaltusError
+from saltus.messages import Event, ProcessStatus
+from saltus.ticker import RunClock
+
+STATUS_PERIOD_S = 0.5
+ROUTER_LOST_S = 2.0
+EXIT_ERROR = 2
+RUN_FILE = "run.toml"
+
+
+class ProcessContext:
+    """A process and its surroundings."""
+
+    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus) -> None:
+        self.name = name
+        self.config = run_config
+        self.run_dir = run_dir
+        self.bus = bus
+        self.clock = RunClock(run_config.epoch_ns, lockstep=run_config.pace == "lockstep")
+        self.stopped = False
+        """Whether the process should finish and return."""
+        self._ready = False
+        self._status = bus.publisher("status", name)
+        self._events = bus.publisher("event", name)
+        self._parent = os.getppid()
+        self._next_status_s = 0.0
+        self._seen_router_s = time.monotonic()
+
+    def ready(self) -> None:
+        """Says that everything is loaded and subscribed. Nothing is reported before."""
+        self._ready = True
+        self._next_status_s = 0.0
+        self.beat(ticks=0)
+
+    def beat(self, *, ticks: int, overruns: int = 0) -> None:
+        """Proof of life; to be called in every round of the loop, at least every 0.5 s. Sends a status when due.
+
+        Args:
+            ticks: Rounds that did work, so far.
+            overruns: Rounds that were left out for lack of time, so far.
+        """
+        now_s = time.monotonic()
+        if not self._ready or now_s < self._next_status_s:
+            return
+        self._next_status_s = now_s + STATUS_PERIOD_S
+        rejected = dict(self.bus.rejected)
+        status = ProcessStatus(
+            time_ns=self.clock.now_ns(),
+            process=self.name,
+            ready=True,
+            ticks=ticks,
+            overruns=overruns,
+            rejected=rejected,
+        )
+        self._status.put(status)
+        self._check_surroundings(now_s)
+
+    def event(self, code: str, detail: str = "") -> None:
+        """Tells, once, that something began."""
+        self._events.put(Event(time_ns=self.clock.now_ns(), process=self.name, code=code, detail=detail))
+
+    def _check_surroundings(self, now_s: float) -> None:
+        """A process must not outlive its supervisor, however that ended."""
+        if self.bus.connected():
+            self._seen_router_s = now_s
+        if os.getppid() != self._parent or now_s - self._seen_router_s > ROUTER_LOST_S:
+            self.stopped = True
+
+
+def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None) -> int:
+    """Runs the body of a process and returns the exit code.
+
+    Args:
+        name: Row of the process table.
+        body: Called once; returns when the process is finished or `context.stopped` is true.
+        arguments: Instead of those of the command line.
+    """
+    parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
+    parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml")
+    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
+    options = parser.parse_args(arguments)
+    try:
+        run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
+        with ZenohBus(options.endpoint, run_config.robot) as bus:
+            context = ProcessContext(name, run_config, options.run_dir, bus)
+            _stop_on_signals(context)
+            return _run_body(context, body)
+    except SaltusError as error:
+        return _failed(name, error)
+
+
+def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -> int:
+    try:
+        body(context)
+    except SaltusError as error:
+        context.event("error", str(error))
+        return _failed(context.name, error)
+    return 0
+
+
+def _failed(name: str, error: SaltusError) -> int:
+    sys.stderr.write(f"{name}: {error}\n")
+    return EXIT_ERROR
+
+
+def _stop_on_signals(context: ProcessContext) -> None:
+    def stop(*_: object) -> None:
+        context.stopped = True
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
