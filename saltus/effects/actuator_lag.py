@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import array_api_compat
 import numpy as np
 
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, Site, Values, like, parameter, period
 from saltus.effects.signals import Drive
 from saltus.go1 import PHYSICS_DT
 
@@ -19,8 +19,8 @@ class ActuatorLag(Effect[Drive]):
     site: ClassVar[Site] = "torque"
 
     # 2 to 8 ms on drives of this class
-    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1)
-    dt_s: float = PHYSICS_DT
+    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
+    dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
@@ -33,7 +33,7 @@ class ActuatorLag(Effect[Drive]):
         del time_s
         if not state:
             return signal, (signal.torque,)
-        xp = array_api_compat.array_namespace(signal.torque)
+        xp = namespace(signal.torque)
         time_constant = np.asarray(self.time_constant, dtype=float)
         # below a thousandth of a step the lag is none; it also keeps the division finite
         rest = np.exp(-self.dt_s / np.maximum(time_constant, 1e-3 * self.dt_s))  # exp(-1000) is 0

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from saltus.effects.effect import Effect
+from saltus.effects.order import ordered
 from saltus.effects.signals import Drive
-from saltus.errors import ConfigError
 from saltus.messages import Floats, JointCommand
 
 COMMAND_ORDER = ("command_delay", "feedforward_delay")
@@ -43,15 +43,7 @@ class ActuatorChain:
     effects: tuple[Effect[Any], ...] = ()
 
     def __post_init__(self) -> None:
-        order = COMMAND_ORDER + TORQUE_ORDER
-        names = [effect.name for effect in self.effects]
-        for name in names:
-            if name not in order:
-                raise ConfigError(f"'{name}' is no effect of an actuator: those are {', '.join(order)}")
-            if names.count(name) > 1:
-                raise ConfigError(f"'{name}' is given {names.count(name)} times: an actuator has each effect once")
-        used = sorted((e for e in self.effects if not e.is_null()), key=lambda e: order.index(e.name))
-        object.__setattr__(self, "effects", tuple(used))
+        object.__setattr__(self, "effects", ordered(self.effects, COMMAND_ORDER + TORQUE_ORDER, "an actuator"))
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> ActuatorState:
         """State before the first command, for `batch` robots."""

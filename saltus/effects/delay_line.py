@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-import array_api_compat
 import numpy as np
 
+from saltus.arrays import namespace
 from saltus.effects.effect import Values, like
 
 History = tuple[tuple[Any, ...], ...]
@@ -43,7 +43,7 @@ def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: fl
 
 def _interpolated(samples: tuple[Any, ...], steps: np.ndarray) -> Any:
     """Linear interpolation in a line of samples at one place per robot."""
-    xp = array_api_compat.array_namespace(samples[0])
+    xp = namespace(samples[0])
     weights = [like(np.clip(1.0 - np.abs(steps - k), 0.0, 1.0), samples[0], xp) for k in range(len(samples))]
     total = weights[0] * samples[0]
     for weight, sample in zip(weights[1:], samples[1:], strict=True):

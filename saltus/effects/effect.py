@@ -21,10 +21,19 @@ Values: TypeAlias = float | tuple[float, ...] | Floats
 robots that differ, an array of shape (robots, 1) or (robots, 12), which has no TOML form."""
 
 
-def parameter(*, unit: str, null: Any, low: float, high: float, default: Any = None) -> Any:
+PerRobot: TypeAlias = float | Floats
+"""A parameter of a camera: one value, or, for a batch of robots that differ, an array of shape (robots,)."""
+
+
+def parameter(*, unit: str, null: Any, low: float, high: float, default: Any = None, per_joint: bool = False) -> Any:
     """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect."""
-    metadata = {"unit": unit, "null": null, "low": low, "high": high}
+    metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint}
     return field(default=null if default is None else default, metadata=metadata)
+
+
+def period(default: float) -> Any:
+    """Declares the period [s] at which an effect gets its signal; not an effect in itself, so without null value."""
+    return field(default=default, metadata={"unit": "s", "low": 1e-5, "high": 1.0, "per_joint": False})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +54,7 @@ class Effect(ABC, Generic[Signal]):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if "null" in f.metadata:
+            if "low" in f.metadata:
                 _check(f"{self.name}.{f.name}", getattr(self, f.name), f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
@@ -82,23 +91,29 @@ def map_arrays(function: Callable[[Any], Any], value: Any) -> Any:
 
 def _check(label: str, value: Any, metadata: Any) -> None:
     """Checks a parameter against its declaration; the null value is always allowed."""
-    if _equal(value, metadata["null"]):
+    if "null" in metadata and _equal(value, metadata["null"]):
         return
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{label} = {value!r} is not a number or an array of numbers") from error
-    if isinstance(value, tuple) and numbers.ndim == 1 and numbers.size != len(JOINTS):
-        raise ConfigError(f"{label} has {numbers.size} values: give one, or {len(JOINTS)}, one per joint")
+        raise ConfigError(f"{label} = {value!r} is not a number, or not an array of numbers") from error
+    is_curve = isinstance(metadata.get("null"), tuple)
+    if isinstance(value, tuple) and not is_curve and not (metadata["per_joint"] and numbers.shape == (len(JOINTS),)):
+        allowed_count = f"one value, or {len(JOINTS)}, one per joint" if metadata["per_joint"] else "one value"
+        raise ConfigError(f"{label} has {len(value)} values: give {allowed_count}")
     low, high = metadata["low"], metadata["high"]
     allowed = (numbers >= low) & (numbers <= high)
-    if not isinstance(metadata["null"], tuple):
+    if "null" in metadata and not is_curve:
         allowed |= numbers == metadata["null"]
     if not np.all(allowed):
         raise ConfigError(f"{label} = {value!r} must lie within {low:g} to {high:g} {metadata['unit']}".rstrip())
 
 
 def _equal(value: Any, null: Any) -> bool:
-    if isinstance(null, tuple):
-        return bool(np.size(value) == np.size(null) and value == null)
-    return bool(np.all(np.equal(value, null))) if not isinstance(value, str) else False
+    """Whether a parameter has its null value, in every entry."""
+    if isinstance(null, tuple) or isinstance(value, str):
+        return isinstance(value, tuple) and value == null
+    try:
+        return bool(np.all(np.equal(value, null)))
+    except (TypeError, ValueError):  # not numbers, or lists of unequal length
+        return False

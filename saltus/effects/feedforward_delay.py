@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from saltus.effects.delay_line import History, delayed
-from saltus.effects.effect import Effect, Site, Values, parameter
+from saltus.effects.effect import Effect, Site, Values, parameter, period
 from saltus.go1 import PHYSICS_DT
 from saltus.messages import JointCommand
 
@@ -18,8 +18,8 @@ class FeedforwardDelay(Effect[JointCommand]):
     name: ClassVar[str] = "feedforward_delay"
     site: ClassVar[Site] = "command"
 
-    delay: Values = parameter(unit="s", null=0.0, low=0.0, high=0.15)
-    dt_s: float = PHYSICS_DT
+    delay: Values = parameter(unit="s", null=0.0, low=0.0, high=0.15, per_joint=True)
+    dt_s: float = period(PHYSICS_DT)
     """Period of the commands."""
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> History:

@@ -1,7 +1,10 @@
 """The signals that effects change, one frozen dataclass a site; the signal of "command" is `messages.JointCommand`."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
+from saltus.arrays import namespace
 from saltus.messages import Floats
 
 
@@ -35,3 +38,17 @@ class HeightQuery:
     """Distance ahead of the base along its yaw [m], shape (..., 30)."""
     offset: Floats
     """Added to every height [m], shape (..., 1)."""
+
+
+def nothing_yet(like: DepthImage) -> DepthImage:
+    """The image before the first: invalid everywhere, of infinite age; shapes and types as `like`."""
+    xp = namespace(like.depth)
+    never = namespace(like.time_s).full_like(like.time_s, -math.inf)
+    return DepthImage(depth=xp.zeros_like(like.depth), time_s=never)
+
+
+def chosen(condition: Any, image: DepthImage, otherwise: DepthImage) -> DepthImage:
+    """For each robot, `image` where `condition`, shape (...), else `otherwise`."""
+    xp = namespace(image.depth)
+    time_s = xp.where(condition, image.time_s, otherwise.time_s)
+    return DepthImage(depth=xp.where(condition[..., None, None], image.depth, otherwise.depth), time_s=time_s)

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import array_api_compat
-
+from saltus.arrays import namespace
 from saltus.effects.effect import Effect, Site, Values, like, parameter
 from saltus.effects.signals import Drive
 
@@ -17,10 +16,10 @@ class TorqueGain(Effect[Drive]):
     site: ClassVar[Site] = "torque"
 
     # +-10 % is the usual range of domain randomisation
-    gain: Values = parameter(unit="", null=1.0, low=0.0, high=2.0)
+    gain: Values = parameter(unit="", null=1.0, low=0.0, high=2.0, per_joint=True)
 
     def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
         """Scales the torque."""
         del time_s, state
-        xp = array_api_compat.array_namespace(signal.torque)
+        xp = namespace(signal.torque)
         return replace(signal, torque=signal.torque * like(self.gain, signal.torque, xp)), None

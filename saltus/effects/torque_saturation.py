@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
-import array_api_compat
 import numpy as np
 
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.arrays import Constant, namespace
+from saltus.effects.effect import Effect, Site, Values, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
@@ -42,9 +42,9 @@ class TorqueSaturation(Effect[Drive]):
     # pairs that rise, in calf torque; () is no loss
     curve: tuple[tuple[float, float], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
     # command at which 5 % is lost
-    knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0)
+    knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
     # delivered where the torque limit of the joint is commanded
-    plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0)
+    plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,16 +78,22 @@ class TorqueSaturation(Effect[Drive]):
         slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
         return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
 
+    @cached_property
+    def _hinges(self) -> tuple[tuple[Constant, Constant], ...]:
+        """Where the slope changes [Nm] and by how much it falls there."""
+        starts, slopes = self._segments
+        falls = -np.diff(slopes, axis=0, prepend=1.0)
+        return tuple((Constant(a), Constant(b)) for a, b in zip(starts, falls, strict=True) if np.any(b))
+
     def delivered(self, torque: Floats) -> Floats:
         """Delivered torque for a commanded one, numpy or torch, shape (..., 12) [Nm]."""
-        xp = array_api_compat.array_namespace(torque)
+        xp = namespace(torque)
         magnitude = xp.abs(torque)
-        starts, slopes = self._segments
-        # a piecewise linear function is what comes in less a hinge at every change of slope, so slope 1 loses nothing
+        # a piecewise linear function is what comes in less a hinge at every change of slope: slope 1 loses nothing
         lost = xp.zeros_like(torque)
-        for start, change in zip(starts, np.diff(slopes, axis=0, prepend=1.0), strict=True):
-            if np.any(change):
-                lost = lost - like(change, torque, xp) * xp.clip(magnitude - like(start, torque, xp), min=0.0)
+        for start, fall in self._hinges:
+            beyond = magnitude - start.like(torque)
+            lost = lost + xp.where(beyond > 0.0, fall.like(torque) * beyond, 0.0)
         return torque - xp.sign(torque) * lost
 
     def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:

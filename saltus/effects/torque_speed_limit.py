@@ -2,15 +2,20 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
-import array_api_compat
 import numpy as np
 
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.arrays import Constant, namespace
+from saltus.effects.effect import Effect, Site, Values, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
-from saltus.go1 import TORQUE_LIMIT
+from saltus.go1 import JOINTS, TORQUE_LIMIT
+
+# Torque [Nm] and speed [rad/s] that no joint reaches, for joints without limit: infinity times a share of zero is not
+# a number. float32 holds it.
+UNLIMITED = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +29,8 @@ class TorqueSpeedLimit(Effect[Drive]):
     name: ClassVar[str] = "torque_speed_limit"
     site: ClassVar[Site] = "torque"
 
-    corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0)
-    no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0)
+    corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, per_joint=True)
+    no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0, per_joint=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -33,19 +38,21 @@ class TorqueSpeedLimit(Effect[Drive]):
         if not np.all((corner < no_load) | np.isinf(no_load)):
             raise ConfigError(f"{self.name}: corner = {self.corner!r} must be below no_load = {self.no_load!r} rad/s")
 
+    @cached_property
+    def _bounds(self) -> tuple[Constant, Constant, Constant]:
+        """Stall torque, no-load speed, and share of the stall torque lost per speed beyond the corner."""
+        limited = np.isfinite(self.no_load) & np.ones(len(JOINTS), dtype=bool)
+        no_load = np.where(limited, self.no_load, UNLIMITED)
+        span = no_load - np.where(limited, self.corner, 0.0)
+        return Constant(np.where(limited, TORQUE_LIMIT, UNLIMITED)), Constant(no_load), Constant(1.0 / span)
+
     def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
         """Clips the torque."""
         del time_s, state
-        xp = array_api_compat.array_namespace(signal.torque)
-        finite = np.isfinite(self.no_load)
-        no_load = np.where(finite, self.no_load, 1.0)
-        span = no_load - np.where(finite, self.corner, 0.0)
-        limit = np.where(finite, TORQUE_LIMIT, math.inf)
-        share = (like(no_load, signal.torque, xp) - xp.abs(signal.velocity)) / like(span, signal.torque, xp)
-        # a limit that is infinite must not meet a share of zero
-        along = like(np.where(finite, TORQUE_LIMIT, 1.0), signal.torque, xp) * xp.clip(share, 0.0, 1.0)
-        along = xp.where(like(finite, signal.torque, xp) > 0, along, math.inf)
-        limit_like = like(limit, signal.torque, xp)
-        upper = xp.where(signal.velocity > 0, along, limit_like)
-        lower = xp.where(signal.velocity < 0, along, limit_like)
-        return replace(signal, torque=xp.minimum(xp.maximum(signal.torque, -lower), upper)), None
+        torque, velocity = signal.torque, signal.velocity
+        xp = namespace(torque)
+        stall, no_load, slope = (constant.like(torque) for constant in self._bounds)
+        along = stall * xp.clip((no_load - xp.abs(velocity)) * slope, 0.0, 1.0)
+        upper = xp.where(velocity > 0, along, stall)
+        lower = xp.where(velocity < 0, along, stall)
+        return replace(signal, torque=xp.minimum(xp.maximum(torque, -lower), upper)), None

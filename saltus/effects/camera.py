@@ -1,0 +1,44 @@
+"""From an image that is exposed now to the image that a robot has now: the effects of a camera in order."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from saltus.effects.effect import Effect
+from saltus.effects.order import ordered
+from saltus.effects.signals import DepthImage
+
+CAMERA_ORDER = ("sample_and_hold", "frame_drop", "camera_latency")
+
+
+@dataclass(frozen=True)
+class CameraChain:
+    """The effects of a camera in one fixed order, whatever the order in which they are given; null ones are left out.
+
+    Raises:
+        ConfigError: an effect that is given twice, or that is not one of a camera.
+    """
+
+    effects: tuple[Effect[Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", ordered(self.effects, CAMERA_ORDER, "a camera"))
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
+        """State before the first image, for `batch` robots."""
+        return tuple(effect.init(batch, rng) for effect in self.effects)
+
+    def step(self, image: DepthImage, time_s: float, state: tuple[Any, ...]) -> tuple[DepthImage, tuple[Any, ...]]:
+        """Returns the image that the robot has at `time_s`.
+
+        Args:
+            image: the newest that was exposed; the same one may come again.
+            time_s: now, in the run's clock.
+            state: what `init` or the last `step` returned.
+        """
+        states = []
+        for effect, memory in zip(self.effects, state, strict=True):
+            image, memory = effect.apply(image, time_s, memory)
+            states.append(memory)
+        return image, tuple(states)

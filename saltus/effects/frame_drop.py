@@ -1,0 +1,37 @@
+"""Some images never arrive."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.draws import draw_keys, uniform
+from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.signals import DepthImage, chosen, nothing_yet
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameDrop(Effect[DepthImage]):
+    """A share `fraction` of the images is lost, each by itself; the image before stays the newest."""
+
+    name: ClassVar[str] = "frame_drop"
+    site: ClassVar[Site] = "depth"
+
+    # 0.5 to 20 % on USB cameras under load
+    fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, DepthImage | None]:
+        """A key for each robot and no image."""
+        return draw_keys(batch, rng), None
+
+    def apply(
+        self, signal: DepthImage, time_s: float, state: tuple[Any, DepthImage | None]
+    ) -> tuple[DepthImage, tuple[Any, DepthImage | None]]:
+        """Returns the image, or the last one that was not lost."""
+        del time_s
+        keys, last = state
+        xp = namespace(signal.time_s)
+        kept = uniform(keys, signal.time_s) >= like(self.fraction, signal.time_s, xp)
+        image = chosen(kept, signal, nothing_yet(signal) if last is None else last)
+        return image, (keys, image)

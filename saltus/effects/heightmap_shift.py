@@ -1,0 +1,40 @@
+"""A heightmap is read at a place that is not quite the right one."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, Site, parameter
+from saltus.effects.signals import HeightQuery
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightmapShift(Effect[HeightQuery]):
+    """Heights are read `x` too far ahead along the robot's yaw and come out `z` too high, for a whole episode.
+
+    To both, every robot adds its own draw, uniform within +-`x_range` and +-`z_range`, made in `init`. Training uses
+    +-8 cm and +-5 cm (paper).
+    """
+
+    name: ClassVar[str] = "heightmap_shift"
+    site: ClassVar[Site] = "heightmap"
+
+    x: float = parameter(unit="m", null=0.0, low=-0.5, high=0.5)
+    z: float = parameter(unit="m", null=0.0, low=-0.5, high=0.5)
+    x_range: float = parameter(unit="m", null=0.0, low=0.0, high=0.5)
+    z_range: float = parameter(unit="m", null=0.0, low=0.0, high=0.5)
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
+        """The shifts (x, z) of each robot [m], shape (*batch, 2)."""
+        draw = rng.uniform(-1.0, 1.0, size=(*batch, 2))
+        return np.array([self.x, self.z]) + draw * np.array([self.x_range, self.z_range])
+
+    def apply(self, signal: HeightQuery, time_s: float, state: Any) -> tuple[HeightQuery, Any]:
+        """Moves the places and the heights."""
+        del time_s
+        shift = namespace(signal.x).astype(state, signal.x.dtype)
+        moved = HeightQuery(x=signal.x + shift[..., 0:1], offset=signal.offset + shift[..., 1:2])
+        return moved, state

@@ -1,0 +1,170 @@
+"""A profile: the effects of one robot's hardware, as a value and as a TOML file.
+
+In TOML an effect is a table under its site's part, with its parameters as keys, e.g.
+
+    [actuator.feedforward_delay]
+    delay = 0.01
+
+    [camera.camera_latency]
+    latency = 0.05
+"""
+
+import math
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from saltus.effects.camera import CameraChain
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.chain import ActuatorChain
+from saltus.effects.effect import Effect
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.registry import EFFECTS
+from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.errors import ConfigError, nearest_hint
+from saltus.topics import CAMERA_LATENCY_S
+
+PARTS = {"command": "actuator", "torque": "actuator", "depth": "camera", "heightmap": "heightmap"}
+"""In which part of a profile the effects of a site stand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """The effects of one robot's hardware.
+
+    Raises:
+        ConfigError: an effect that is given twice, or in a part where it does not belong.
+    """
+
+    actuator: tuple[Effect[Any], ...] = ()
+    camera: tuple[Effect[Any], ...] = ()
+    heightmap: tuple[Effect[Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        for part in ("actuator", "camera", "heightmap"):
+            names = [effect.name for effect in getattr(self, part)]
+            for effect in getattr(self, part):
+                if PARTS.get(effect.site) != part:
+                    raise ConfigError(f"'{effect.name}' is no effect of the part '{part}' of a profile")
+                if names.count(effect.name) > 1:
+                    raise ConfigError(f"'{effect.name}' is given twice in the part '{part}' of a profile")
+
+    @property
+    def actuator_chain(self) -> ActuatorChain:
+        """The actuator's effects in their order."""
+        return ActuatorChain(self.actuator)
+
+    @property
+    def camera_chain(self) -> CameraChain:
+        """The camera's effects in their order."""
+        return CameraChain(self.camera)
+
+
+IDEAL = Profile()
+"""No effects at all."""
+
+GO1 = Profile(
+    actuator=(
+        FeedforwardDelay(delay=0.010),  # original
+        TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),  # original
+        TorqueSaturation(curve=GO1_CURVE),
+    ),
+    camera=(CameraLatency(latency=CAMERA_LATENCY_S),),
+)
+"""What the authors of the paper measured on their Go1."""
+
+TRAINING_SHIFT = HeightmapShift(x_range=0.08, z_range=0.05)
+"""What a policy must tolerate (paper)."""
+
+_NAMED = {"ideal": IDEAL, "go1": GO1}
+
+
+def load_profile(name_or_path: str) -> Profile:
+    """A profile by name ("ideal", "go1"), or from a TOML file.
+
+    Raises:
+        ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the nearest is named); a value
+            out of bounds.
+    """
+    if name_or_path in _NAMED:
+        return _NAMED[name_or_path]
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.is_file():
+        raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, _NAMED)} Or give a TOML file.")
+    try:
+        return profile_from_toml(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the profile {path}: {error}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def profile_from_toml(text: str) -> Profile:
+    """Reads a profile; the errors of `load_profile`."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not valid TOML: {error}") from error
+    known = [f.name for f in fields(Profile)]
+    parts: dict[str, tuple[Effect[Any], ...]] = {}
+    for part, effects in table.items():
+        if part not in known:
+            raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
+        parts[part] = tuple(_effect(part, name, values) for name, values in _table(part, effects).items())
+    return Profile(**parts)
+
+
+def profile_to_toml(profile: Profile) -> str:
+    """Writes a profile; parameters at their null values are left out.
+
+    Raises:
+        ConfigError: a parameter that differs from robot to robot.
+    """
+    table = {
+        f.name: {effect.name: _parameters(effect) for effect in getattr(profile, f.name)}
+        for f in fields(profile)
+        if getattr(profile, f.name)
+    }
+    return tomli_w.dumps(table)
+
+
+def _effect(part: str, name: str, values: Any) -> Effect[Any]:
+    choices = [kind.name for kind in EFFECTS.values() if PARTS[kind.site] == part]
+    if name not in choices:
+        raise ConfigError(f"unknown effect '{part}.{name}': {nearest_hint(name, choices)}")
+    kind = EFFECTS[name]
+    known = [f.name for f in fields(kind)]
+    for key in _table(f"{part}.{name}", values):
+        if key not in known:
+            raise ConfigError(f"unknown parameter '{part}.{name}.{key}': {nearest_hint(key, known)}")
+    return kind(**{key: _value(f"{part}.{name}.{key}", value) for key, value in values.items()})
+
+
+def _table(where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ConfigError(f"'{where}' must be a table, not {value!r}")
+    return value
+
+
+def _value(where: str, value: Any) -> Any:
+    """Numbers as floats, lists as tuples."""
+    if isinstance(value, list):
+        return tuple(_value(where, item) for item in value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        raise ConfigError(f"'{where}' = {value!r} must be a number or a list of numbers")
+    return float(value)
+
+
+def _parameters(effect: Effect[Any]) -> dict[str, Any]:
+    values = {f.name: getattr(effect, f.name) for f in fields(effect)}
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            raise ConfigError(f"{effect.name}.{name} differs from robot to robot: a profile describes one robot")
+    nulls = {f.name: f.metadata.get("null", f.default) for f in fields(effect)}
+    return {name: value for name, value in values.items() if value != nulls[name]}

@@ -1,0 +1,29 @@
+"""Every effect that Saltus knows, by the name under which logs, profiles and reports speak of it."""
+
+from typing import Any
+
+from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.effect import Effect
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.sample_and_hold import SampleAndHold
+from saltus.effects.torque_gain import TorqueGain
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+
+_CLASSES: tuple[type[Effect[Any]], ...] = (
+    CommandDelay,
+    FeedforwardDelay,
+    ActuatorLag,
+    TorqueSpeedLimit,
+    TorqueSaturation,
+    TorqueGain,
+    SampleAndHold,
+    FrameDrop,
+    CameraLatency,
+    HeightmapShift,
+)
+EFFECTS: dict[str, type[Effect[Any]]] = {kind.name: kind for kind in _CLASSES}
