@@ -1,0 +1,51 @@
+"""Velocity feedback of stance legs: the joints are damped towards the motion that the body should have.
+
+A foot that stands still in the world while the base moves at its reference has the velocity -(v + w x p) in the base
+frame; the inverse leg Jacobian turns it into joint velocities, and the drives track those with a small gain.
+Source: paper ("Feedback Velocity Tracking").
+"""
+
+from dataclasses import dataclass
+
+from controller.signals import Body
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.kinematics import skew
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedbackConfig:
+    """Gain of the feedback."""
+
+    kd: float = 1.0
+    """[Nm s/rad]; paper. 0 leaves feed-forward only."""
+    damping_m: float = 0.005
+    """Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose, where the smallest
+    singular value is 0.1 m, it changes the result by 0.2 %."""
+
+
+class VelocityFeedback:
+    """Reference joint velocities of legs in stance."""
+
+    def __init__(self, config: FeedbackConfig) -> None:
+        self.config = config
+        self._identity = Constant([[float(i == j) * config.damping_m**2 for j in range(3)] for i in range(3)])
+        self._limit = Constant(go1.SPEED_LIMIT)
+
+    def joint_velocity(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
+        """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.
+
+        Args:
+            body: the robot now.
+            velocity: reference of the base, yaw frame [m/s], shape (..., 3).
+            angular_velocity: reference, yaw frame [rad/s], shape (..., 3).
+        """
+        xp = namespace(velocity)
+        velocity_base = velocity[..., None, :] @ body.base_in_yaw
+        angular_base = (angular_velocity[..., None, :] @ body.base_in_yaw)[..., 0, :]
+        foot_velocity = -(velocity_base + body.foot_base @ skew(angular_base).mT)
+        transposed = body.jacobian.mT
+        damped = transposed @ body.jacobian + self._identity.like(velocity)
+        joint = xp.linalg.solve(damped, transposed @ foot_velocity[..., None])
+        limit = self._limit.like(velocity)
+        return xp.clip(joint.reshape((*velocity.shape[:-1], 12)), -limit, limit)

@@ -1,0 +1,80 @@
+"""The bounding gait: four contact modes driven by one phase.
+
+In cycles since the start, modulo 1: front legs stand in [0.95, 1) and [0, 0.35), flight, rear legs stand in
+[0.40, 0.80), flight. A leg that has had no stance yet counts as standing, so a robot that starts on the ground begins
+with all four feet on it. Source: paper ("bounding gait with 4 contact modes"), original (offsets and ratio).
+"""
+
+from dataclasses import dataclass
+
+from saltus.arrays import Array, Constant, namespace
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitConfig:
+    """Shape of the cycle."""
+
+    offset: tuple[float, ...] = (0.05, 0.05, -0.40, -0.40)
+    """Phase of each leg at the start [cycles]; original."""
+    swing_ratio: float = 0.6
+    """Share of the cycle that a leg swings; original."""
+    trusted_share: float = 0.5
+    """Middle share of the stance in which a foot is taken to be on the ground; original."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitState:
+    """Memory of the gait."""
+
+    phase: Array
+    """Cycles since the start, shape (...)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitSignal:
+    """What the schedule says now."""
+
+    contact: Array
+    """Leg is to stand, bool, shape (..., 4)."""
+    progress: Array
+    """Of the present stance or swing, [0, 1), shape (..., 4); 0 before the first stance."""
+    trusted: Array
+    """Leg is in the middle of its stance, or has not moved yet, bool, shape (..., 4)."""
+    cycle: Array
+    """Number of completed cycles (whole number as float), shape (...)."""
+    stance_duration: Array
+    """[s], shape (...)."""
+
+
+class Gait:
+    """Advances the phase and reads the schedule from it."""
+
+    def __init__(self, config: GaitConfig) -> None:
+        self._offset = Constant(config.offset)
+        self._stance_ratio = 1.0 - config.swing_ratio
+        self._swing_ratio = config.swing_ratio
+        self._untrusted = 0.5 * (1.0 - config.trusted_share)
+
+    def advance(self, state: GaitState, frequency: Array, dt_s: float) -> GaitState:
+        """One tick with the stepping frequency [Hz], shape (...)."""
+        return GaitState(phase=state.phase + frequency * dt_s)
+
+    def read(self, state: GaitState, frequency: Array) -> GaitSignal:
+        """The schedule at the present phase."""
+        xp = namespace(state.phase)
+        leg_phase = state.phase[..., None] + self._offset.like(state.phase)
+        fraction = leg_phase - xp.floor(leg_phase)
+        waiting = leg_phase < 0.0
+        stance = fraction < self._stance_ratio
+        contact = stance | waiting
+        in_stance = fraction * (1.0 / self._stance_ratio)
+        in_swing = (fraction - self._stance_ratio) * (1.0 / self._swing_ratio)
+        progress = xp.where(stance, in_stance, xp.where(waiting, 0.0 * fraction, in_swing))
+        middle = stance & (in_stance >= self._untrusted) & (in_stance <= 1.0 - self._untrusted)
+        return GaitSignal(
+            contact=contact,
+            progress=progress,
+            trusted=middle | waiting,
+            cycle=xp.floor(state.phase),
+            stance_duration=self._stance_ratio / frequency,
+        )

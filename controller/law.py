@@ -1,0 +1,292 @@
+"""The leg controller: gait, swing, stance feed-forward, feedback, command. One law, 500 Hz, numpy and torch.
+
+All robots of a batch are in one mode. Headings: a plan says nothing about yaw, so the controller itself turns the
+robot back to `Plan.heading` with a yaw rate proportional to the error, and asks for no lateral velocity.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from controller.feedback import FeedbackConfig, VelocityFeedback
+from controller.gait import Gait, GaitConfig, GaitSignal, GaitState
+from controller.signals import Body, Plan, Sensed, observe
+from controller.stance import ExactSolver, StanceConfig, StanceLegs
+from controller.swing import SwingConfig, SwingLegs
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.kinematics import foot_position
+from saltus.messages import ControllerMode, JointCommand
+
+_STAND_POSE = Constant(go1.STAND_POSE)
+_STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
+_MOVING = (ControllerMode.RUN, ControllerMode.COAST)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegControllerConfig:
+    """All numbers of the law."""
+
+    gait: GaitConfig = field(default_factory=GaitConfig)
+    swing: SwingConfig = field(default_factory=SwingConfig)
+    stance: StanceConfig = field(default_factory=StanceConfig)
+    feedback: FeedbackConfig = field(default_factory=FeedbackConfig)
+    velocity_step: tuple[float, float, float] = (1.0, 1.0, np.inf)
+    """References are not taken to be further from the present velocity than this, yaw frame [m/s]; original."""
+    yaw_rate_step: float = 1.0
+    """The same for the yaw rate [rad/s]; original."""
+    heading_gain: float = 1.0
+    """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from oscillating."""
+    stand_kp: float = go1.STAND_KP
+    stand_kd: float = go1.STAND_KD
+    stand_blend_s: float = 1.0
+    """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
+    landing_frequency_hz: float = 2.0
+    """Slowest stepping while landing: a flight phase is over within 0.3 s."""
+    landing_gain: float = 5.0
+    """Speed by error of base height and pitch while landing [1/s]: half the velocity gain of stance."""
+    settled_speed_mps: float = 0.15
+    """A landing is over below this speed: the robot then needs v^2 / 2g = 1 mm of its own to stop."""
+    damp_kd: float = 3.0
+    """Joint damping of a robot that is not upright: the fall of a leg (1.9 kg, 0.2 m) is slowed to about 1 rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawState:
+    """Memory of the law."""
+
+    gait: GaitState
+    liftoff: Array
+    """Foot relative to the base when last in contact, yaw frame [m], shape (..., 4, 3)."""
+    landed: Array
+    """Leg has come down since landing began, bool, shape (..., 4)."""
+    mode: ControllerMode
+    blend_from: Array
+    """Joint angles from which the standing pose is approached [rad], shape (..., 12)."""
+    mode_time_s: float
+    """Time in the present mode."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnostics:
+    """What others want to know about a step."""
+
+    gait: GaitSignal
+    """With contacts as they are used: all four legs when standing."""
+    body: Body
+    force: Array
+    """Planned forces on the feet, yaw frame [N], shape (..., 12); zero when standing."""
+    tracking_cost: Array
+    """Weighted distance of the planned acceleration from its reference, shape (...); zero when standing."""
+    velocity_reference: Array
+    """After clipping, yaw frame [m/s], shape (..., 3)."""
+    angular_velocity_reference: Array
+    """After clipping, yaw frame [rad/s], shape (..., 3)."""
+
+
+class LegController:
+    """Turns a plan and what is sensed into joint commands."""
+
+    def __init__(self, config: LegControllerConfig | None = None) -> None:
+        self.config = config or LegControllerConfig()
+        self._gait = Gait(self.config.gait)
+        self._swing = SwingLegs(self.config.swing)
+        self._stance = StanceLegs(self.config.stance)
+        self._solver = ExactSolver(self.config.stance)
+        self._feedback = VelocityFeedback(self.config.feedback)
+        self._velocity_step = Constant(self.config.velocity_step)
+        self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])
+        self._yaw_axis = Constant([0.0, 0.0, 1.0])
+
+    def init(self, batch: tuple[int, ...], like: Array) -> LawState:
+        """State of robots that stand at the start of a gait; arrays of the library, dtype and device of `like`."""
+        xp = namespace(like)
+        zeros = xp.zeros((*batch, 12), dtype=like.dtype, device=like.device)
+        pose = zeros + _STAND_POSE.like(like)
+        return LawState(
+            gait=GaitState(phase=zeros[..., 0]),
+            liftoff=foot_position(pose),
+            landed=zeros[..., :4] > 0.0,
+            mode=ControllerMode.STAND,
+            blend_from=pose,
+            mode_time_s=0.0,
+        )
+
+    def reset(self, state: LawState, mask: Array) -> LawState:
+        """Starts the gait of the robots in `mask` (bool, shape (...)) again; the others go on."""
+        xp = namespace(state.gait.phase)
+        fresh = self.init(tuple(state.gait.phase.shape), state.gait.phase)
+        return LawState(
+            gait=GaitState(phase=xp.where(mask, fresh.gait.phase, state.gait.phase)),
+            liftoff=xp.where(mask[..., None, None], fresh.liftoff, state.liftoff),
+            landed=state.landed & ~mask[..., None],
+            mode=state.mode,
+            blend_from=xp.where(mask[..., None], fresh.blend_from, state.blend_from),
+            mode_time_s=state.mode_time_s,
+        )
+
+    def step(
+        self, plan: Plan, sensed: Sensed, state: LawState, mode: ControllerMode = ControllerMode.RUN
+    ) -> tuple[JointCommand, LawState, Diagnostics]:
+        """One tick of 2 ms.
+
+        Args:
+            plan: reference; read while running, coasting and (heading and frequency only) landing.
+            sensed: the robot now.
+            state: from `init` or the last step.
+            mode: what to do; a change of mode starts its blend or its landing.
+
+        Returns:
+            The command, the next state, and what is worth knowing about this step.
+        """
+        body = observe(sensed)
+        state = self._entered(state, mode, sensed)
+        if mode in _MOVING:
+            return self._run(plan, sensed, body, state)
+        if mode == ControllerMode.LANDING:
+            return self._land(plan, sensed, body, state)
+        command = self._damp(sensed) if mode == ControllerMode.DAMP else self._stand(sensed, state)
+        return (command, *self._at_rest(body, state))
+
+    def settled(self, state: LawState, diagnostics: Diagnostics) -> Array:
+        """Whether a landing is over: all feet have come down and the body is at rest. Bool, shape (...)."""
+        xp = namespace(state.landed)
+        body = diagnostics.body
+        energy = xp.sum(body.velocity * body.velocity, axis=-1) + 0.01 * xp.sum(
+            body.angular_velocity * body.angular_velocity, axis=-1
+        )  # 0.1 m from the centre to where legs are attached: angular speed as speed
+        return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
+
+    def _entered(self, state: LawState, mode: ControllerMode, sensed: Sensed) -> LawState:
+        if mode == state.mode:
+            return state
+        if mode in _MOVING and state.mode in _MOVING:
+            return replace(state, mode=mode)
+        return replace(
+            state,
+            gait=GaitState(phase=0.0 * state.gait.phase) if mode in _MOVING else state.gait,
+            landed=state.landed | (state.mode in _STANDING),
+            mode=mode,
+            blend_from=sensed.joint_position,
+            mode_time_s=0.0,
+        )
+
+    def _run(
+        self, plan: Plan, sensed: Sensed, body: Body, state: LawState
+    ) -> tuple[JointCommand, LawState, Diagnostics]:
+        gait = self._gait.advance(state.gait, plan.stepping_frequency, go1.PHYSICS_DT)
+        signal = self._gait.read(gait, plan.stepping_frequency)
+        state = replace(state, gait=gait, landed=state.landed & False, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
+        return self._track(plan, sensed, body, state, signal)
+
+    def _land(
+        self, plan: Plan, sensed: Sensed, body: Body, state: LawState
+    ) -> tuple[JointCommand, LawState, Diagnostics]:
+        """As running, but legs that have come down stay down, and the body is brought to rest in standing height."""
+        xp = namespace(body.roll)
+        config = self.config
+        frequency = xp.maximum(plan.stepping_frequency, 0.0 * body.roll + config.landing_frequency_hz)
+        gait = self._gait.advance(state.gait, frequency, go1.PHYSICS_DT)
+        signal = self._gait.read(gait, frequency)
+        landed = state.landed | signal.contact
+        signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
+        zero = 0.0 * body.roll
+        rise = xp.clip(config.landing_gain * (go1.STAND_HEIGHT - sensed.base_height), -0.5, 0.5)
+        rest = Plan(
+            stepping_frequency=frequency,
+            velocity=xp.stack([zero, zero, rise], -1),
+            angular_velocity=xp.stack([zero, -config.landing_gain * body.pitch, zero], -1),
+            foot_residual=0.0 * body.foot_yaw,
+            heading=body.yaw,
+        )
+        state = replace(state, gait=gait, landed=landed, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
+        return self._track(rest, sensed, body, state, signal)
+
+    def _track(
+        self, plan: Plan, sensed: Sensed, body: Body, state: LawState, signal: GaitSignal
+    ) -> tuple[JointCommand, LawState, Diagnostics]:
+        """Swing, stance feed-forward, feedback, command."""
+        xp = namespace(body.roll)
+        contact = signal.contact
+        standing = contact[..., None]
+
+        liftoff = xp.where(standing, body.foot_yaw, state.liftoff)
+        path = self._swing.nominal_path(body, liftoff, signal.progress, signal.stance_duration, sensed.base_height)
+        swing_joint = self._swing.joint_target(body, path + plan.foot_residual, sensed.joint_position)
+
+        velocity, angular_velocity = self._reference(plan, body)
+        acceleration = self._stance.acceleration_reference(body, velocity, angular_velocity)
+        qp = self._stance.build_qp(body, acceleration, contact)
+        force = self._solver.solve(qp)
+        torque = self._stance.torque(body, force)
+
+        joint_velocity = self._feedback.joint_velocity(body, velocity, angular_velocity)
+
+        stance = xp.broadcast_to(standing, body.foot_yaw.shape).reshape(sensed.joint_position.shape)
+        zero = 0.0 * sensed.joint_position
+        command = JointCommand(
+            position=xp.where(stance, sensed.joint_position, swing_joint),
+            velocity=xp.where(stance, joint_velocity, zero),
+            kp=xp.where(stance, zero, zero + self.config.swing.kp),
+            kd=xp.where(stance, zero + self.config.feedback.kd, zero + self.config.swing.kd),
+            torque=torque,
+        )
+        diagnostics = Diagnostics(
+            gait=signal,
+            body=body,
+            force=force,
+            tracking_cost=self._stance.tracking_cost(qp, force),
+            velocity_reference=velocity,
+            angular_velocity_reference=angular_velocity,
+        )
+        return command, replace(state, liftoff=liftoff), diagnostics
+
+    def _reference(self, plan: Plan, body: Body) -> tuple[Array, Array]:
+        """Velocity references of a plan: turned to the heading, and no further from the present than allowed."""
+        xp = namespace(body.roll)
+        error = body.yaw - plan.heading
+        error = error - 2.0 * np.pi * xp.round(error * (0.5 / np.pi))
+        yaw_rate = -self.config.heading_gain * error
+        wanted = plan.angular_velocity + yaw_rate[..., None] * self._yaw_axis.like(error)
+        step, angular_step = self._velocity_step.like(error), self._angular_step.like(error)
+        velocity = xp.clip(plan.velocity, body.velocity - step, body.velocity + step)
+        return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
+
+    def _stand(self, sensed: Sensed, state: LawState) -> JointCommand:
+        measured = sensed.joint_position
+        share = min(1.0, (state.mode_time_s + go1.PHYSICS_DT) / self.config.stand_blend_s)
+        share = share * share * (3.0 - 2.0 * share)
+        zero = 0.0 * measured
+        return JointCommand(
+            position=state.blend_from + share * (_STAND_POSE.like(measured) - state.blend_from),
+            velocity=zero,
+            kp=zero + self.config.stand_kp,
+            kd=zero + self.config.stand_kd,
+            torque=zero,
+        )
+
+    def _damp(self, sensed: Sensed) -> JointCommand:
+        zero = 0.0 * sensed.joint_position
+        return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self.config.damp_kd, torque=zero)
+
+    def _at_rest(self, body: Body, state: LawState) -> tuple[LawState, Diagnostics]:
+        """State and diagnostics of a step without a schedule: every leg is in contact."""
+        down = state.landed | True
+        zero = 0.0 * body.roll
+        signal = GaitSignal(
+            contact=down,
+            progress=0.0 * body.foot_yaw[..., 0],
+            trusted=down,
+            cycle=self._gait.read(state.gait, zero + 1.0).cycle,
+            stance_duration=zero,
+        )
+        diagnostics = Diagnostics(
+            gait=signal,
+            body=body,
+            force=0.0 * body.foot_yaw.reshape((*body.foot_yaw.shape[:-2], 12)),
+            tracking_cost=zero,
+            velocity_reference=0.0 * body.velocity,
+            angular_velocity_reference=0.0 * body.velocity,
+        )
+        state = replace(state, liftoff=body.foot_yaw, landed=down, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
+        return state, diagnostics

@@ -1,0 +1,146 @@
+"""What goes into the leg controller and what it derives at once: arrays with any leading batch dimensions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.messages import MotionPlan
+
+_OUTWARD = Constant(np.stack([np.ones(4), go1.SIDE, np.ones(4)], -1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """The centroidal reference in the yaw frame."""
+
+    stepping_frequency: Array
+    """[Hz], shape (...)."""
+    velocity: Array
+    """Reference velocity of the base, yaw frame [m/s], shape (..., 3)."""
+    angular_velocity: Array
+    """Reference angular velocity, yaw frame [rad/s], shape (..., 3); the yaw rate is added by the controller."""
+    foot_residual: Array
+    """Added to the nominal swing position of each foot, yaw frame (y to the left) [m], shape (..., 4, 3)."""
+    heading: Array
+    """Yaw that the robot holds [rad], shape (...). Nothing else keeps it on a course: plans have no yaw."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensed:
+    """What the controller knows of the robot at one instant."""
+
+    quaternion_base_in_world: Array
+    """(w, x, y, z), shape (..., 4)."""
+    angular_velocity_base: Array
+    """[rad/s], shape (..., 3)."""
+    joint_position: Array
+    """[rad], shape (..., 12)."""
+    joint_velocity: Array
+    """[rad/s], shape (..., 12)."""
+    velocity_base_in_world: Array
+    """[m/s], shape (..., 3)."""
+    base_height: Array
+    """Height of the base over the terrain under it [m], shape (...)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Body:
+    """The robot seen from the yaw frame: all that swing, stance and feedback share."""
+
+    roll: Array
+    pitch: Array
+    yaw: Array
+    """[rad], shape (...) each."""
+    base_in_yaw: Array
+    """Rotation from the base to the yaw frame, shape (..., 3, 3)."""
+    velocity: Array
+    """Of the base, yaw frame [m/s], shape (..., 3)."""
+    angular_velocity: Array
+    """Yaw frame [rad/s], shape (..., 3)."""
+    foot_base: Array
+    """Foot centres, base frame [m], shape (..., 4, 3)."""
+    foot_yaw: Array
+    """Foot centres relative to the base, yaw frame [m], shape (..., 4, 3)."""
+    jacobian: Array
+    """Foot Jacobians, base frame [m/rad], shape (..., 4, 3, 3)."""
+
+
+def plan_from_values(
+    *,
+    stepping_frequency: Array,
+    velocity_x: Array,
+    velocity_z: Array,
+    pitch_rate: Array,
+    foot_residual_front: Array,
+    foot_residual_rear: Array,
+    heading: Array,
+) -> Plan:
+    """Builds a plan from the values of a motion policy.
+
+    Args:
+        stepping_frequency: [Hz], shape (...), as the four scalars that follow.
+        velocity_x: forward, yaw frame [m/s].
+        velocity_z: upward [m/s].
+        pitch_rate: nose down positive [rad/s].
+        foot_residual_front: yaw frame with y outward [m], shape (..., 3): mirrored between left and right.
+        foot_residual_rear: the same for the rear feet.
+        heading: yaw to hold [rad], shape (...).
+    """
+    xp = namespace(velocity_x)
+    zero = xp.zeros_like(velocity_x)
+    front, rear = foot_residual_front, foot_residual_rear
+    return Plan(
+        stepping_frequency=stepping_frequency,
+        velocity=xp.stack([velocity_x, zero, velocity_z], -1),
+        angular_velocity=xp.stack([zero, pitch_rate, zero], -1),
+        foot_residual=xp.stack([front, front, rear, rear], -2) * _OUTWARD.like(velocity_x),
+        heading=heading,
+    )
+
+
+def plan_from_message(message: MotionPlan, heading: float) -> Plan:
+    """Turns a plan as it travels on the bus into one for a single robot; `heading` is the yaw to hold [rad]."""
+    return plan_from_values(
+        stepping_frequency=np.asarray(message.stepping_frequency_hz, dtype=np.float64),
+        velocity_x=np.asarray(message.velocity_x, dtype=np.float64),
+        velocity_z=np.asarray(message.velocity_z, dtype=np.float64),
+        pitch_rate=np.asarray(message.pitch_rate, dtype=np.float64),
+        foot_residual_front=np.asarray(message.foot_residual_front, dtype=np.float64),
+        foot_residual_rear=np.asarray(message.foot_residual_rear, dtype=np.float64),
+        heading=np.asarray(heading, dtype=np.float64),
+    )
+
+
+def observe(sensed: Sensed) -> Body:
+    """Attitude, velocities and feet of the robot in the frames in which the controller thinks."""
+    xp = namespace(sensed.joint_position)
+    rotation = rotation_matrix(sensed.quaternion_base_in_world)
+    roll, pitch, yaw = roll_pitch_yaw(rotation)
+    yaw_in_world = _yaw_in_world(xp, rotation)
+    base_in_yaw = yaw_in_world.mT @ rotation
+    foot_base, jacobian = foot_kinematics(sensed.joint_position)
+    return Body(
+        roll=roll,
+        pitch=pitch,
+        yaw=yaw,
+        base_in_yaw=base_in_yaw,
+        velocity=(sensed.velocity_base_in_world[..., None, :] @ yaw_in_world)[..., 0, :],
+        angular_velocity=(sensed.angular_velocity_base[..., None, :] @ base_in_yaw.mT)[..., 0, :],
+        foot_base=foot_base,
+        foot_yaw=foot_base @ base_in_yaw.mT,
+        jacobian=jacobian,
+    )
+
+
+def _yaw_in_world(xp: Array, rotation: Array) -> Array:
+    # From the matrix itself: no second pass through sine and cosine of the yaw. The columns are x, y and z of the
+    # yaw frame. Vertical noses (no yaw at all) are outside what the controller may meet: damping begins at 60 deg.
+    forward_x, forward_y = rotation[..., 0, 0], rotation[..., 1, 0]
+    inverse = 1.0 / xp.sqrt(forward_x * forward_x + forward_y * forward_y)
+    c, s = forward_x * inverse, forward_y * inverse
+    zero = xp.zeros_like(c)
+    rows = xp.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1.0], -1)
+    return rows.reshape((*rotation.shape[:-2], 3, 3))

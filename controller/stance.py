@@ -1,0 +1,207 @@
+"""Stance legs: ground reaction forces from a quadratic program, torques from the Jacobian transpose.
+
+minimise  (a - a_ref)' U (a - a_ref) + f' V f     with a = M f - g, the centroidal model, in the base frame,
+subject to |fx|, |fy| <= mu fz, fz in [fz_min, fz_max] for standing feet and f = 0 for the others,
+where f are forces on the feet in the yaw frame. Source: paper ("Feed-forward Optimal Control"); numbers: original.
+
+`StanceLegs.build_qp` is batched; `solve_exact` loops over the robots of a batch.
+"""
+
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.signals import Body
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.errors import SaltusError
+from saltus.kinematics import SKEW
+
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True, kw_only=True)
+class StanceConfig:
+    """Model, weights and gains of the stance legs; original where nothing else is said."""
+
+    mass_kg: float = go1.MASS
+    """With what the controller is told of a payload."""
+    inertia_kg_m2: tuple[float, float, float] = (0.21, 0.525, 0.525)
+    """Of the whole robot about x, y, z of the base: (0.14, 0.35, 0.35) x 1.5."""
+    acceleration_weight: tuple[float, ...] = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
+    """U: x, y, z, roll, pitch, yaw."""
+    force_weight: float = 1e-4
+    """V."""
+    friction: float = 0.6
+    force_z_range_n: tuple[float, float] = (10.0, 130.0)
+    roll_kp: float = 50.0
+    """[1/s^2]; pitch and yaw have none."""
+    roll_step_rad: float = 0.2
+    """The roll reference, 0, is not taken to be further from the present roll than this."""
+    linear_kd: tuple[float, float, float] = (10.0, 10.0, 10.0)
+    """[1/s]."""
+    angular_kd: tuple[float, float, float] = (1.0, 10.0, 10.0)
+    """[1/s]."""
+    linear_low: tuple[float, float, float] = (-30.0, -30.0, -10.0)
+    linear_high: tuple[float, float, float] = (30.0, 30.0, 30.0)
+    """Range of the linear reference acceleration, base frame [m/s^2]."""
+    angular_limit: tuple[float, float, float] = (50.0, 50.0, 20.0)
+    """Largest angular reference acceleration, base frame [rad/s^2]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StanceQP:
+    """minimise 1/2 f' H f + g' f over the forces f of all feet, of which those in contact may differ from 0."""
+
+    hessian: Array
+    """Shape (..., 12, 12)."""
+    gradient: Array
+    """Shape (..., 12)."""
+    contact: Array
+    """Bool, shape (..., 4)."""
+    model: Array
+    """M transposed: acceleration in the base frame by force, shape (..., 12, 6)."""
+    target: Array
+    """a_ref + g: acceleration that the forces must bring about, base frame, shape (..., 6)."""
+
+
+class StanceLegs:
+    """Reference acceleration, quadratic program and torques."""
+
+    def __init__(self, config: StanceConfig) -> None:
+        self.config = config
+        inertia = np.asarray(config.inertia_kg_m2)
+        # One foot's (linear, angular) acceleration by force, transposed: [I / m | -[p]x / I], linear in p.
+        lever = np.zeros((3, 3, 6))
+        lever[:, :, 3:] = -SKEW.reshape(3, 3, 3) / inertia
+        constant = np.zeros((3, 6))
+        constant[:, :3] = np.eye(3) / config.mass_kg
+        self._lever = Constant(lever.reshape(3, 18))
+        self._constant = Constant(constant)
+        self._weight = Constant(config.acceleration_weight)
+        self._regular = Constant(config.force_weight * np.eye(12))
+        self._gain = Constant([config.linear_kd, config.angular_kd])
+        self._roll_gain = Constant([[0.0, 0.0, 0.0], [config.roll_kp, 0.0, 0.0]])
+        self._low = Constant([config.linear_low, [-limit for limit in config.angular_limit]])
+        self._high = Constant([config.linear_high, config.angular_limit])
+        self._up = Constant([[_GRAVITY], [0.0]])
+        self._torque_limit = Constant(go1.TORQUE_LIMIT)
+
+    def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
+        """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
+
+        Args:
+            body: the robot now.
+            velocity: reference, yaw frame [m/s], shape (..., 3).
+            angular_velocity: reference, yaw frame [rad/s], shape (..., 3).
+        """
+        xp = namespace(velocity)
+        error = xp.stack([velocity - body.velocity, angular_velocity - body.angular_velocity], -2)
+        step = self.config.roll_step_rad
+        roll = xp.clip(body.roll, -step, step)[..., None, None]
+        acceleration = error * self._gain.like(velocity) - roll * self._roll_gain.like(velocity)
+        return xp.clip(acceleration @ body.base_in_yaw, self._low.like(velocity), self._high.like(velocity))
+
+    def build_qp(self, body: Body, acceleration: Array, contact: Array) -> StanceQP:
+        """Writes the problem down; `acceleration` (..., 2, 3) and `contact` (..., 4) as elsewhere."""
+        batch = acceleration.shape[:-2]
+        rotation = body.base_in_yaw
+        lever = (body.foot_base @ self._lever.like(acceleration)).reshape((*batch, 4, 3, 6))
+        model = (rotation[..., None, :, :] @ (lever + self._constant.like(acceleration))).reshape((*batch, 12, 6))
+        gravity = self._up.like(acceleration) * rotation[..., 2:3, :]
+        target = (acceleration + gravity).reshape((*batch, 6))
+        weighted = model * self._weight.like(acceleration)
+        return StanceQP(
+            hessian=weighted @ model.mT + self._regular.like(acceleration),
+            gradient=-(weighted @ target[..., None])[..., 0],
+            contact=contact,
+            model=model,
+            target=target,
+        )
+
+    def tracking_cost(self, qp: StanceQP, force: Array) -> Array:
+        """sqrt((a - a_ref)' U (a - a_ref)) of forces (..., 12), yaw frame. Shape (...)."""
+        xp = namespace(force)
+        error = (force[..., None, :] @ qp.model)[..., 0, :] - qp.target
+        return xp.sqrt(xp.sum(error * error * self._weight.like(force), axis=-1))
+
+    def torque(self, body: Body, force: Array) -> Array:
+        """Joint torques [Nm], shape (..., 12), that press the feet down with `force` (yaw frame, (..., 12))."""
+        xp = namespace(force)
+        batch = force.shape[:-1]
+        force_base = force.reshape((*batch, 4, 3)) @ body.base_in_yaw
+        torque = -(force_base[..., None, :] @ body.jacobian).reshape((*batch, 12))
+        limit = self._torque_limit.like(force)
+        return xp.clip(torque, -limit, limit)
+
+
+class ExactSolver:
+    """Solves stance problems to optimality with a dense active-set method; legs in the air are eliminated first."""
+
+    def __init__(self, config: StanceConfig) -> None:
+        self._constraints = [_constraints(feet, config) for feet in range(5)]
+        self._columns = [_columns(pattern) for pattern in range(16)]
+        self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
+
+    def solve(self, qp: StanceQP) -> Array:
+        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air.
+
+        Raises:
+            SaltusError: the solver failed, which a problem of finite numbers cannot bring about.
+        """
+        xp = namespace(qp.gradient)
+        if isinstance(qp.gradient, np.ndarray):
+            return self._solve_all(qp.hessian, qp.gradient, np.asarray(qp.contact))
+        force = self._solve_all(
+            qp.hessian.detach().cpu().double().numpy(),
+            qp.gradient.detach().cpu().double().numpy(),
+            qp.contact.cpu().numpy(),
+        )
+        return xp.asarray(force, dtype=qp.gradient.dtype, device=qp.gradient.device)
+
+    def _solve_all(
+        self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], contact: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        patterns = (contact @ _PATTERN_BITS).reshape(-1).tolist()
+        hessians = hessian.reshape(-1, 144)
+        gradients = gradient.reshape(-1, 12)
+        forces = np.zeros_like(gradients)
+        for robot, pattern in enumerate(patterns):
+            if pattern:
+                columns = self._columns[pattern]
+                forces[robot, columns] = self._solve_one(hessians[robot], gradients[robot], pattern)
+        return forces.reshape(gradient.shape)
+
+    def _solve_one(self, hessian: NDArray[np.float64], gradient: NDArray[np.float64], pattern: int) -> Array:
+        columns = self._columns[pattern]
+        size = len(columns)
+        matrix, upper, lower = self._constraints[size // 3]
+        square = hessian[self._square[pattern]].reshape(size, size)
+        force, _, status, _ = daqp.solve(square, gradient[columns], matrix, upper, lower)
+        if status != 1:
+            raise SaltusError(f"stance forces: the solver ended with status {status}; is the robot's state finite?")
+        return force
+
+
+_PATTERN_BITS = np.array([1, 2, 4, 8])
+
+
+def _columns(pattern: int) -> NDArray[np.intp]:
+    """Force components of the feet in contact, for a pattern of four bits."""
+    return np.array([3 * leg + axis for leg in range(4) if pattern >> leg & 1 for axis in range(3)], dtype=np.intp)
+
+
+def _constraints(
+    feet: int, config: StanceConfig
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rows, upper and lower bounds: first bounds on the forces themselves, then +-fx - mu fz <= 0 and the same in y."""
+    low, high = config.force_z_range_n
+    mu = config.friction
+    pyramid = np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
+    matrix = np.kron(np.eye(feet), pyramid)
+    free = 1e30  # what the solver takes for infinity
+    upper = np.concatenate([np.tile([free, free, high], feet), np.zeros(4 * feet)])
+    lower = np.concatenate([np.tile([-free, -free, low], feet), np.full(4 * feet, -free)])
+    return np.ascontiguousarray(matrix), upper, lower

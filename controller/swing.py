@@ -1,0 +1,98 @@
+"""Swing legs: Raibert's heuristic plus a learned residual, tracked at the joints.
+
+A foot goes from where it lifted off, under its hip, to the neutral point ahead of the hip, in two cubic segments that
+meet at half time. The nominal path stays at ground height: the whole lift comes from the residual. Source: paper
+("Gait Generation and Swing Leg Control"); numbers: original.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.signals import Body
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.kinematics import inverse_kinematics, skew
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwingConfig:
+    """Clips and gains of the swing legs; original."""
+
+    hip_x_m: float = 0.1881
+    hip_y_m: float = 0.13
+    """Where the neutral foot is below the body, base frame."""
+    landing_limit_m: tuple[float, float] = (0.15, 0.08)
+    """How far the landing point may be from below the hip, in x and y of the yaw frame."""
+    foot_z_range_m: tuple[float, float] = (-0.4, -0.1)
+    """Height of the foot in the base frame."""
+    joint_margin_rad: float = 1e-3
+    """Distance that targets keep from the joint limits."""
+    joint_step_rad: float = 0.5
+    """Distance that targets keep to the present joint angle."""
+    kp: float = 30.0
+    kd: float = 1.0
+
+
+class SwingLegs:
+    """Targets of the feet and joints of swinging legs; computed for all legs, used where they swing."""
+
+    def __init__(self, config: SwingConfig) -> None:
+        x, y = config.hip_x_m, config.hip_y_m
+        low, high = config.foot_z_range_m
+        self.config = config
+        self._hip = Constant([[x, -y, 0.0], [x, y, 0.0], [-x, -y, 0.0], [-x, y, 0.0]])
+        self._landing_limit = Constant([*config.landing_limit_m, 0.0])
+        self._horizontal = Constant([1.0, 1.0, 0.0])
+        self._down = Constant([0.0, 0.0, -1.0])
+        self._foot_low = Constant([-np.inf, -np.inf, low])
+        self._foot_high = Constant([np.inf, np.inf, high])
+        self._joint_low = Constant(go1.JOINT_LOWER + config.joint_margin_rad)
+        self._joint_high = Constant(go1.JOINT_UPPER - config.joint_margin_rad)
+
+    def nominal_path(
+        self, body: Body, liftoff: Array, progress: Array, stance_duration: Array, base_height: Array
+    ) -> Array:
+        """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
+
+        Args:
+            body: the robot now.
+            liftoff: foot relative to the base at lift-off, yaw frame [m], shape (..., 4, 3).
+            progress: of the swing, [0, 1], shape (..., 4).
+            stance_duration: [s], shape (...).
+            base_height: base over terrain [m], shape (...).
+        """
+        xp = namespace(liftoff)
+        hip = self._hip.like(liftoff) @ body.base_in_yaw.mT
+        hip_velocity = body.velocity[..., None, :] + hip @ skew(body.angular_velocity).mT
+        limit = self._landing_limit.like(liftoff)
+        step = xp.clip(hip_velocity * (0.5 * stance_duration)[..., None, None], -limit, limit)
+        middle = (
+            hip * self._horizontal.like(liftoff) + (base_height[..., None] * self._down.like(liftoff))[..., None, :]
+        )
+        t = progress[..., None]
+        first = _smooth(xp.clip(2.0 * t, 0.0, 1.0))
+        second = _smooth(xp.clip(2.0 * t - 1.0, 0.0, 1.0))
+        return liftoff + (middle - liftoff) * first + step * second
+
+    def joint_target(self, body: Body, target: Array, joint_position: Array) -> Array:
+        """Joint angles for feet at `target`, with every clip applied.
+
+        Args:
+            body: the robot now.
+            target: foot relative to the base, yaw frame [m], shape (..., 4, 3).
+            joint_position: measured [rad], shape (..., 12).
+
+        Returns:
+            [rad], shape (..., 12).
+        """
+        xp = namespace(target)
+        low, high = self._foot_low.like(target), self._foot_high.like(target)
+        foot_base = xp.clip(target @ body.base_in_yaw, low, high)
+        angles = xp.clip(inverse_kinematics(foot_base), self._joint_low.like(target), self._joint_high.like(target))
+        step = self.config.joint_step_rad
+        return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)
+
+
+def _smooth(t: Array) -> Array:
+    return t * t * (3.0 - 2.0 * t)  # t^3 + 3 t^2 (1 - t): at rest at both ends
