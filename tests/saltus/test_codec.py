@@ -1,0 +1,221 @@
+"""Laws of the codec, over every kind of message."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saltus import codec, messages, schemas
+from saltus.codec import Envelope, decode, encode
+from saltus.errors import MessageError
+from saltus.messages import Message
+
+
+def message_of(kind: type[Message], seed: int = 0) -> Any:
+    """A plausible message with random content."""
+    rng = np.random.default_rng(seed)
+    time_ns = int(rng.integers(0, 10**12))
+    if kind is messages.DepthFrame:
+        depth = rng.integers(0, 2**16, size=(48, 16), dtype=np.uint16)
+        return messages.DepthFrame(
+            time_ns=time_ns, frame_id=7, depth=depth, depth_unit_m=0.001, fx=213.5, fy=214.25, cx=8.0, cy=24.5
+        )
+    if kind is messages.Event:
+        return messages.Event(time_ns=time_ns, process="heightmap", code="depth_lost", detail="nothing for 110 ms – ü")
+    if kind is messages.ProcessStatus:
+        rejected = {"camera/depth/range": 3, "policy/plan/malformed": 1}
+        return messages.ProcessStatus(
+            time_ns=time_ns, process="render", ready=True, ticks=12, overruns=1, rejected=rejected
+        )
+    return kind(time_ns=time_ns, **{field.name: value_of(field, rng) for field in schemas.FIELDS[kind]})
+
+
+def value_of(field: schemas.Field, rng: np.random.Generator) -> Any:
+    if field.enum is not None:
+        return field.enum(int(rng.integers(0, len(field.enum))))
+    if field.wire == "string":
+        return "".join(rng.choice(list("0123456789abcdef"), 16))
+    if field.wire == "int64":
+        return int(rng.integers(max(field.low, 0), 10**6))
+    if field.wire == "bool":
+        return rng.random(field.shape) < 0.5
+    low, high = max(field.low, -1.0), min(field.high, 1.0)
+    if field.shape is None:
+        return float(rng.uniform(low, high))
+    array = rng.uniform(low, high, tuple(5 if n == -1 else n for n in field.shape))
+    return array / np.linalg.norm(array) if field.name.startswith("quaternion") else array
+
+
+def assert_equal(a: Any, b: Any) -> None:
+    assert type(a) is type(b)
+    for field in dataclasses.fields(a):
+        left, right = getattr(a, field.name), getattr(b, field.name)
+        if isinstance(left, np.ndarray):
+            assert left.dtype == right.dtype
+            np.testing.assert_array_equal(left, right)
+        else:
+            assert left == right, field.name
+            assert type(left) is type(right), field.name
+
+
+KINDS = list(schemas.TYPE_NAME)
+kinds = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+BAD_VALUES = [
+    (kind, field, bad)
+    for kind, fields in schemas.FIELDS.items()
+    for field in fields
+    if field.wire == "float64"
+    for bad in (np.nan, -np.inf, np.inf, 1e300)
+    if not field.low <= bad <= field.high  # the age of an image that never came is infinite
+]
+
+
+def test_every_message_has_a_type() -> None:
+    assert set(KINDS) == set(messages.Message.__args__)
+
+
+@kinds
+@pytest.mark.parametrize("seed", range(5))
+def test_round_trip(kind: type[Message], seed: int) -> None:
+    message = message_of(kind, seed)
+    assert_equal(decode(kind, encode(message)), message)
+    assert encode(decode(kind, encode(message))) == encode(message)
+
+
+@kinds
+def test_fields_on_the_wire_are_the_fields_of_the_message(kind: type[Message]) -> None:
+    if kind in schemas.FIELDS:
+        assert {f.name for f in schemas.FIELDS[kind]} | {"time_ns"} == {f.name for f in dataclasses.fields(kind)}
+
+
+@kinds
+def test_truncated_or_longer_bytes_are_refused(kind: type[Message]) -> None:
+    data = encode(message_of(kind))
+    for cut in range(len(data)):
+        with pytest.raises(MessageError):
+            decode(kind, data[:cut])
+    with pytest.raises(MessageError, match="malformed"):
+        decode(kind, data + b"\0")
+
+
+@kinds
+@given(data=st.binary(max_size=2000))
+@settings(max_examples=100, deadline=None)
+def test_random_bytes_raise_nothing_but_message_errors(kind: type[Message], data: bytes) -> None:
+    for candidate in (data, codec.CDR_LITTLE_ENDIAN + data):
+        with pytest.raises(MessageError):
+            decode(kind, candidate)
+
+
+@kinds
+@given(flips=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size=1, max_size=8))
+@settings(max_examples=100, deadline=None)
+def test_flipped_bytes_give_a_message_or_a_message_error(kind: type[Message], flips: list[tuple[int, int]]) -> None:
+    data = bytearray(encode(message_of(kind)))
+    for position, mask in flips:
+        data[position % len(data)] ^= mask
+    try:
+        message = decode(kind, bytes(data))
+    except MessageError:
+        return
+    encode(message)
+
+
+@kinds
+def test_bytes_of_another_kind_are_refused(kind: type[Message]) -> None:
+    for other in KINDS:
+        if other is not kind:
+            with pytest.raises(MessageError):
+                decode(kind, encode(message_of(other)))
+
+
+@pytest.mark.parametrize(("kind", "field", "bad"), BAD_VALUES, ids=lambda x: getattr(x, "__name__", None))
+def test_values_that_are_not_finite_or_not_plausible_are_refused(
+    kind: type[Message], field: schemas.Field, bad: float
+) -> None:
+    message = message_of(kind)
+    if field.shape is None:
+        value: Any = bad
+    else:
+        value = getattr(message, field.name).copy()
+        value.flat[-1] = bad
+    with pytest.raises(MessageError) as caught:
+        decode(kind, encode(dataclasses.replace(message, **{field.name: value})))
+    assert caught.value.reason == ("range" if np.isfinite(bad) else "not_finite")
+    assert field.name in str(caught.value)
+
+
+ENUM_FIELDS = [(kind, field) for kind, fields in schemas.FIELDS.items() for field in fields if field.enum is not None]
+
+
+@pytest.mark.parametrize(("kind", "field"), ENUM_FIELDS)
+def test_unknown_enum_values_are_refused(kind: type[Message], field: schemas.Field) -> None:
+    with pytest.raises(MessageError, match="enum"):
+        decode(kind, encode(dataclasses.replace(message_of(kind), **{field.name: 99})))
+
+
+SHAPED_FIELDS = [
+    (kind, field) for kind, fields in schemas.FIELDS.items() for field in fields if field.shape is not None
+]
+
+
+@pytest.mark.parametrize(("kind", "field"), SHAPED_FIELDS)
+def test_wrong_shapes_are_not_sent(kind: type[Message], field: schemas.Field) -> None:
+    message = message_of(kind)
+    array = getattr(message, field.name)
+    for wrong in (array[..., :-1], array[None], np.array(["a"])):
+        with pytest.raises(MessageError):
+            encode(dataclasses.replace(message, **{field.name: wrong}))
+
+
+def test_rows_of_unequal_number_are_refused() -> None:
+    message = message_of(messages.JointLog)
+    for rows in (0, 4, schemas.JOINT_ROWS_MAX + 1):
+        with pytest.raises(MessageError, match="shape"):
+            decode(messages.JointLog, encode(dataclasses.replace(message, kp=np.zeros((rows, 12)))))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"depth": np.zeros((721, 4), np.uint16)},
+        {"depth": np.zeros((4, 1281), np.uint16)},
+        {"depth": np.zeros((0, 4), np.uint16)},
+        {"depth_unit_m": 0.0},
+        {"depth_unit_m": np.nan},
+        {"fx": 0.0},
+        {"fy": -200.0},
+        {"cx": np.inf},
+        {"frame_id": -1},
+        {"time_ns": -(10**12)},
+    ],
+)
+def test_depth_frames_that_cannot_be_are_refused(change: dict[str, Any]) -> None:
+    frame = dataclasses.replace(message_of(messages.DepthFrame), **change)
+    with pytest.raises(MessageError):
+        decode(messages.DepthFrame, encode(frame))
+
+
+def test_the_largest_image_travels() -> None:
+    frame = dataclasses.replace(message_of(messages.DepthFrame), depth=np.ones((720, 1280), np.uint16))
+    assert_equal(decode(messages.DepthFrame, encode(frame)), frame)
+
+
+def test_huge_payloads_are_refused_before_they_are_read() -> None:
+    with pytest.raises(MessageError, match="size"):
+        decode(messages.DepthFrame, bytes(codec.PAYLOAD_MAX + 1))
+
+
+@given(st.integers(1, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(min_size=16, max_size=16))
+def test_envelope_round_trip(sequence: int, capture_ns: int, boot_id: bytes) -> None:
+    envelope = Envelope(sequence, capture_ns, boot_id)
+    assert Envelope.from_bytes(envelope.to_bytes()) == envelope
+
+
+@given(st.binary(max_size=40).filter(lambda data: len(data) != 33))
+def test_other_attachments_are_refused(data: bytes) -> None:
+    with pytest.raises(MessageError, match="envelope"):
+        Envelope.from_bytes(data)
