@@ -20,18 +20,24 @@ Config = TypeVar("Config")
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainConfig:
-    """Which terrain. A size that is given wins over `difficulty`; see `saltus.terrain`."""
+    """The terrain. A size that is given wins over the difficulty."""
 
     terrain: TerrainKind = "stairs"
+    """Kind of terrain."""
     difficulty: float | None = None
-    """0 (easiest) to 1; sets the sizes that are not given."""
+    """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None
-    """Number of stairs, or of stones."""
+    """Number of stairs, or of stepping stones."""
     rise_m: float | None = None
+    """Height of a stair."""
     run_m: float | None = None
+    """Depth of a stair."""
     stone_m: float | None = None
+    """Length of a stepping stone."""
     gap_m: float | None = None
+    """Length of a gap, between stones or of the one trench."""
     height_m: float | None = None
+    """Height of a single step up."""
 
 
 @dataclass(frozen=True, kw_only=True)

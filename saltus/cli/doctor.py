@@ -1,0 +1,143 @@
+"""`saltus doctor`: what is installed, what works, and the cure for what does not."""
+
+import hashlib
+import platform
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from saltus.cli.output import print_json
+from saltus.provenance import commit, package_version
+
+PACKAGES = (
+    "numpy", "scipy", "mujoco", "eclipse-zenoh", "onnxruntime", "open3d", "trimesh", "pyrender", "PyOpenGL",
+    "opencv-python-headless", "daqp", "mcap", "rosbags", "plotly", "imageio-ffmpeg", "tyro",
+)  # fmt: skip
+TRAINING_PACKAGES = ("torch", "kornia", "onnx", "h5py")
+MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
+LIBRARIES = "install Debian's libgl1, libegl1, libx11-6, libusb-1.0-0, libidn2-0 and libgomp1"
+NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with room to spare
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """The result of one check."""
+
+    name: str
+    ok: bool
+    detail: str
+    cure: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor:
+    """Checks the installation: versions, models, renderers, transport; names the cure for what is missing."""
+
+    image: Path | None = None
+    """Write the rendered test image to this PNG file."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print the findings as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Prints every finding; 0 where all is well, else 1."""
+        findings = [*_versions(), *_attempts(self.image)]
+        if self.json:
+            print_json({"commit": commit(), "findings": [asdict(finding) for finding in findings]})
+        else:
+            for finding in findings:
+                cure = "" if finding.ok else f"  -> {finding.cure}"
+                print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.name:28} {finding.detail}{cure}")
+        return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _versions() -> list[Finding]:
+    supported = (3, 11) <= sys.version_info[:2] <= (3, 12)
+    python = Finding(name="python", ok=supported, detail=platform.python_version(), cure="use Python 3.11 or 3.12")
+    findings = [Finding(name="saltus", ok=True, detail=commit()), python]
+    for name in PACKAGES:
+        found = package_version(name)
+        findings.append(Finding(name=name, ok=found != "missing", detail=found, cure="pip install saltus"))
+    for name in TRAINING_PACKAGES:
+        findings.append(Finding(name=f"{name} (only for training)", ok=True, detail=package_version(name)))
+    return findings
+
+
+def _attempts(image: Path | None) -> list[Finding]:
+    """Checks that try the thing itself."""
+    checks: tuple[tuple[str, str, Callable[[], str]], ...] = (
+        ("heightmap model", "reinstall saltus: a shipped file is missing or damaged", _model),
+        ("Embree (open3d)", LIBRARIES, lambda: _render("embree", image)),
+        ("pyrender on OSMesa", MESA, lambda: _render("pyrender", None)),
+        ("MuJoCo on OSMesa", MESA, _mujoco_frame),
+        ("Zenoh on loopback", "allow TCP connections on 127.0.0.1", _zenoh),
+        ("H.264 encoder", "pip install imageio-ffmpeg", _encoder),
+        ("free disk", "free 2 GB, or name another folder with --out", _disk),
+    )
+    findings = []
+    for name, cure, attempt in checks:
+        try:
+            findings.append(Finding(name=name, ok=True, detail=attempt()))
+        except Exception as error:  # whatever is wrong with an installation is a finding, not a crash
+            findings.append(Finding(name=name, ok=False, detail=f"{type(error).__name__}: {error}", cure=cure))
+    return findings
+
+
+def _model() -> str:
+    from heightmap.service import HeightmapService
+    from saltus.resources import resource
+
+    path = resource("models/heightmap.onnx")
+    HeightmapService(path)
+    return f"sha256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}, loads"
+
+
+def _render(backend: str, image: Path | None) -> str:
+    import numpy as np
+
+    from render.backends import make_renderer
+    from saltus import go1
+    from saltus.config import TerrainConfig
+    from saltus.terrain.curriculum import make_terrain
+
+    terrain = make_terrain(TerrainConfig(terrain="stairs"))
+    renderer = make_renderer(backend, terrain)
+    position = np.array([terrain.first_edge_x - 0.9, 0.0, go1.STAND_HEIGHT])
+    depth = renderer.render(position, np.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE)
+    if not np.isfinite(depth).any():
+        raise RuntimeError("the test image is empty")
+    if image is not None:
+        import cv2
+
+        grey = (255 * (1 - np.clip(depth / 3.0, 0, 1))).astype(np.uint8)
+        cv2.imwrite(str(image), cv2.resize(grey, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST))
+    return f"{depth.shape[1]}x{depth.shape[0]} image, nearest {np.nanmin(depth):.2f} m"
+
+
+def _mujoco_frame() -> str:
+    from saltus.sim.video import test_frame
+
+    return "frame {1}x{0}".format(*test_frame().shape)
+
+
+def _zenoh() -> str:
+    from saltus.stack import loopback_round_trip
+
+    return f"round trip {1e3 * loopback_round_trip():.1f} ms"
+
+
+def _encoder() -> str:
+    import imageio_ffmpeg
+
+    return f"ffmpeg {imageio_ffmpeg.get_ffmpeg_version()}"
+
+
+def _disk() -> str:
+    free = shutil.disk_usage(Path.cwd()).free
+    if free < NEEDED_BYTES:
+        raise RuntimeError(f"only {free / 1e9:.1f} GB")
+    return f"{free / 1e9:.0f} GB"

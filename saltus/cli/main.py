@@ -1,0 +1,81 @@
+"""The command `saltus`: its table of subcommands, and how errors look."""
+
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+from tyro.conf import subcommand
+
+from saltus.cli.bench import Bench
+from saltus.cli.controller import Controller
+from saltus.cli.demo import Demo
+from saltus.cli.doctor import Doctor
+from saltus.cli.heightmap import Heightmap
+from saltus.cli.policy import Policy
+from saltus.cli.record import Record
+from saltus.cli.render import Render
+from saltus.cli.replay import Replay
+from saltus.cli.up import Up
+from saltus.errors import SaltusError
+
+Command = (
+    Annotated[Demo, subcommand("demo")]
+    | Annotated[Up, subcommand("up")]
+    | Annotated[Doctor, subcommand("doctor")]
+    | Annotated[Record, subcommand("record")]
+    | Annotated[Replay, subcommand("replay")]
+    | Annotated[Render, subcommand("render")]
+    | Annotated[Heightmap, subcommand("heightmap")]
+    | Annotated[Policy, subcommand("policy")]
+    | Annotated[Controller, subcommand("controller")]
+    | Annotated[Bench, subcommand("bench")]
+)
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code: 0, 1 (it ran and failed), 2 (bad input), 130 (interrupted)."""
+    try:
+        command = _parse(arguments)
+        return command.run()
+    except SaltusError as error:
+        print(f"saltus: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stdout = None  # type: ignore[assignment]  # the reader has left: there is nobody to tell
+        return 1
+
+
+def _parse(arguments: Sequence[str] | None) -> Command:
+    """Parses the command line; what tyro would print as a box becomes one line."""
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            return tyro.cli(
+                Command,  # type: ignore[arg-type]
+                prog="saltus",
+                description="A legged robot that sees where it steps.",
+                args=arguments,
+            )
+    except SystemExit as error:
+        if error.code == BAD_INPUT:
+            raise SaltusError(_one_line(box.getvalue())) from None
+        raise
+
+
+def _one_line(box: str) -> str:
+    """The message of tyro's error box without its frame, title and rules."""
+    lines = [re.sub(r"[│╭╮╰╯─]+", " ", line).strip() for line in box.splitlines()[1:]]
+    return re.sub(r"\s+", " ", " ".join(line for line in lines if line))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,31 @@
+"""Where results go and how they are printed."""
+
+import json
+import math
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+
+def run_directory(command: str, out: Path | None) -> Path:
+    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here."""
+    path = out or Path("runs") / f"{datetime.now():%Y-%m-%dT%H%M%S}-{command}"
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def print_json(table: dict[str, Any]) -> None:
+    """Prints one JSON object on one line; numbers that are not finite become null."""
+    print(json.dumps(finite(table)), flush=True)
+
+
+def finite(value: Any) -> Any:
+    """`value` with NaN and infinities replaced by None, which JSON can say."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return value
+

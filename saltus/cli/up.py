@@ -1,0 +1,46 @@
+"""`saltus up`: the processes, until Ctrl-C."""
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tyro
+
+from saltus.cli.output import run_directory
+from saltus.config import Pace, Renderer, RunConfig, TerrainConfig
+
+FOREVER_S = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Up:
+    """Starts the processes and keeps them running until Ctrl-C or until the robot has finished."""
+
+    course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
+    seed: int = 0
+    """Seed of everything that is drawn."""
+    pace: Pace = "realtime"
+    """realtime: on the wall clock. lockstep: bit-repeatable, as fast as it goes."""
+    renderer: Renderer = "auto"
+    """Back end of the depth camera."""
+    profile: str = "go1"
+    """Effects of the hardware: ideal, go1, or a TOML file."""
+    out: Path | None = None
+    """Folder for logs and recording; a new one under runs/ where it is not given."""
+
+    def run(self) -> int:
+        """Runs until the end; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        from saltus.stack import Stack
+        from saltus.terrain.curriculum import make_terrain
+
+        make_terrain(self.course)
+        directory = run_directory("up", self.out)
+        config = RunConfig(
+            terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,
+            time_limit_s=FOREVER_S,
+        )  # fmt: skip
+        with Stack(config, directory) as stack:
+            print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")
+            while not stack.poll():
+                time.sleep(0.2)
+        return 0

@@ -1,0 +1,24 @@
+"""Which code made a result."""
+
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+
+def commit() -> str:
+    """The commit of the checkout that runs, with "+" where files are changed; the version outside a checkout."""
+    here = Path(__file__).resolve().parent
+    command = ["git", "describe", "--always", "--dirty=+", "--abbrev=12", "--exclude=*"]
+    try:
+        described = subprocess.run(command, cwd=here, capture_output=True, text=True, check=True, timeout=10)
+    except (OSError, subprocess.SubprocessError):
+        return f"version {package_version('saltus')}"
+    return described.stdout.strip()
+
+
+def package_version(name: str) -> str:
+    """Installed version of a package, "missing" where there is none."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"

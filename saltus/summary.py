@@ -1,0 +1,95 @@
+"""What a recorded run says about itself, as numbers."""
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from saltus.messages import ControllerMode, Event, GroundTruth, Heightmap, HeightmapStatus, ProcessStatus, RobotState
+from saltus.recording import Recording, digest, rates_and_ages
+
+OUTCOME_CODES = ("finished", "fell", "timeout")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSummary:
+    """Metrics of one run; times and speeds as `saltus.trial` defines them."""
+
+    terrain: str
+    success: bool
+    cause: str
+    """Why it failed; empty after success."""
+    distance_m: float
+    time_s: float
+    mean_speed_mps: float
+    heightmap_mae_m: float
+    """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
+    digest: str
+    rates_hz: dict[str, float]
+    age_ms: dict[str, dict[str, float]]
+    rejected: dict[str, int]
+
+
+def summarise(recording: Recording) -> RunSummary:
+    """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
+    outcome = _outcome(recording)
+    rates, ages = rates_and_ages(recording)
+    return RunSummary(
+        terrain=recording.config.terrain.terrain,
+        success=bool(outcome.get("success", False)),
+        cause=str(outcome.get("cause", "the run was cut off")),
+        distance_m=float(outcome.get("distance_m", np.nan)),
+        time_s=float(outcome.get("time_s", np.nan)),
+        mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
+        heightmap_mae_m=heightmap_error(recording),
+        digest=digest(recording),
+        rates_hz=rates,
+        age_ms=ages,
+        rejected=_rejected(recording),
+    )
+
+
+def heightmap_error(recording: Recording) -> float:
+    """Mean absolute error of the predicted heights [m] while running on a heightmap of status OK."""
+    running = {
+        state.step
+        for _, _, state in recording.messages("controller/state")
+        if isinstance(state, RobotState) and state.mode == ControllerMode.RUN
+    }
+    truth = {
+        message.step: message.height
+        for _, _, message in recording.messages("plant/truth")
+        if isinstance(message, GroundTruth)
+    }
+    errors = [
+        np.abs(np.asarray(message.height) - truth[message.step])
+        for _, _, message in recording.messages("heightmap/heightmap")
+        if isinstance(message, Heightmap)
+        and message.status == HeightmapStatus.OK
+        and message.step in running
+        and message.step in truth
+    ]
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def _outcome(recording: Recording) -> dict[str, Any]:
+    """The trial's outcome as the controller announced it."""
+    for _, _, event in recording.messages("event"):
+        if isinstance(event, Event) and event.code in OUTCOME_CODES:
+            outcome: dict[str, Any] = json.loads(event.detail)
+            return outcome
+    return {}
+
+
+def _rejected(recording: Recording) -> dict[str, int]:
+    """Rejected messages by "process: topic/reason", from the last status of every process."""
+    last: dict[str, dict[str, int]] = {}
+    for _, _, status in recording.messages("status"):
+        if isinstance(status, ProcessStatus):
+            last[status.process] = status.rejected
+    total: Counter[str] = Counter()
+    for process, rejected in last.items():
+        total.update({f"{process}: {key}": count for key, count in rejected.items()})
+    return dict(total)
