@@ -13,6 +13,7 @@ from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rot
 from saltus.messages import JointCommand
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState
+from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 GRAVITY = 9.81  # the engine's default, original
@@ -22,12 +23,12 @@ STAND_DROP = -float(foot_position(go1.STAND_POSE)[0, 2]) + go1.FOOT_RADIUS
 
 
 def standing_pose(
-    terrain: Terrain, position_x: Floats, yaw: Floats, position_y: Floats, clearance: float = CLEARANCE
+    terrain: Terrain | TerrainStack, position_x: Floats, yaw: Floats, position_y: Floats, clearance: float = CLEARANCE
 ) -> Floats:
     """`qpos` of robots in `STAND_POSE` with their feet `clearance` above the highest ground under them.
 
     Args:
-        terrain: Ground.
+        terrain: Ground; where it is a stack, one for each robot.
         position_x: Of the base [m], shape (...).
         yaw: Of the base [rad], shape (...).
         position_y: Of the base [m], shape (...).
@@ -39,8 +40,9 @@ def standing_pose(
     yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
     feet = foot_position(go1.STAND_POSE) @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
-    sole_x = position_x[..., None, None] + feet[..., 0, None] + np.array([-go1.FOOT_RADIUS, go1.FOOT_RADIUS])
-    ground = terrain.height_at(sole_x).max(axis=(-1, -2))
+    foot_x = position_x[..., None] + feet[..., 0]
+    sole_x = np.concatenate([foot_x - go1.FOOT_RADIUS, foot_x + go1.FOOT_RADIUS], axis=-1)  # (..., 8)
+    ground = terrain.height_at(sole_x).max(axis=-1)
     position = np.stack([position_x, position_y, ground + STAND_DROP + clearance], axis=-1)
     joints = np.broadcast_to(go1.STAND_POSE, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)
@@ -116,7 +118,7 @@ class Plant:
         """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it."""
         now = self._state
         torque, self._actuators = self._chain.step(
-            command, now.joint_position, now.joint_velocity, now.time_s, self._actuators
+            command, now.joint_position, now.joint_velocity, float(now.time_s), self._actuators
         )
         self.data.ctrl[:] = torque.applied
         mujoco.mj_step(self.model, self.data)

@@ -12,6 +12,7 @@ import numpy as np
 from saltus import go1
 from saltus.sim import links
 from saltus.sim.links import Inertia
+from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 FRICTION = 0.8  # rubber on concrete, middle of what trials draw
@@ -45,6 +46,7 @@ def build_spec(
     friction: float = FRICTION,
     payload_kg: float = 0.0,
     com_shift: Sequence[float] = (0.0, 0.0, 0.0),
+    columns: int | None = None,
 ) -> mujoco.MjSpec:
     """Describes one Go1 on `terrain`.
 
@@ -53,6 +55,7 @@ def build_spec(
         friction: Coefficient of sliding friction between robot and terrain.
         payload_kg: Mass of a box on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
+        columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
 
     Returns:
         A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `saltus.go1`, and
@@ -62,8 +65,9 @@ def build_spec(
     spec.modelname = "go1"
     spec.compiler.degree = False
     _options(spec)
-    for i in range(len(terrain.column_top)):
-        _add_column(spec, terrain, i)
+    centers, sizes = TerrainStack([terrain]).boxes(columns or len(terrain.column_top))
+    for i, (center, size) in enumerate(zip(centers[0], sizes[0], strict=True)):
+        _add_column(spec, i, center, size)
     base = _add_trunk(spec, np.asarray(com_shift, dtype=np.float64), payload_kg)
     for leg in range(4):
         _add_leg(base, leg)
@@ -91,12 +95,12 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
 
-def _add_column(spec: mujoco.MjSpec, terrain: Terrain, i: int) -> None:
+def _add_column(spec: mujoco.MjSpec, i: int, center: np.ndarray, size: np.ndarray) -> None:
     spec.worldbody.add_geom(
         name=TERRAIN_GEOM.format(i),
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=terrain.box_center[i],
-        size=0.5 * terrain.box_size[i],
+        pos=center,
+        size=0.5 * size,
         contype=1,
         conaffinity=0,
         group=TERRAIN_GROUP,

@@ -12,8 +12,8 @@ Floats = NDArray[np.float64]
 class PlantState:
     """The robot at one instant; shapes are for one robot, a batch has a leading dimension. Never changes later."""
 
-    time_s: float
-    """Since the last reset of the plant [s]."""
+    time_s: float | Floats
+    """Since the last reset of the robot [s], shape ()."""
     position_base_in_world: Floats
     """Of the base origin [m], shape (3,)."""
     quaternion_base_in_world: Floats

@@ -1,0 +1,189 @@
+"""Many Go1s at once on the cores of a CPU, each with its own terrain, friction and payload."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import ArrayLike, NDArray
+
+from saltus import go1
+from saltus.effects.chain import ActuatorChain, Torques
+from saltus.kinematics import foot_position, rotation_matrix
+from saltus.messages import JointCommand
+from saltus.sim import scene
+from saltus.sim.plant import CLEARANCE, specific_force, standing_pose
+from saltus.sim.state import Floats, PlantState
+from saltus.terrain.stack import TerrainStack
+from saltus.terrain.terrain import Terrain
+
+Indices = NDArray[np.integer]
+
+
+class BatchPlant:
+    """`count` robots that know nothing of each other; the same step as `Plant`.
+
+    Args:
+        terrains: One for all, or one for each robot.
+        count: Number of robots.
+        friction: Coefficient of friction, one for all or shape (count,).
+        payload_kg: Mass on top of the trunk [kg], one for all or shape (count,).
+        chain: What the drives do; its effects may hold one value per robot, shape (count, 1).
+        seed: Of the randomness in the drives.
+        columns: Number of terrain boxes, where later terrains may have more than the first.
+        threads: Number of threads; 0 is one for each core.
+    """
+
+    def __init__(
+        self,
+        terrains: Terrain | Sequence[Terrain],
+        count: int,
+        *,
+        friction: ArrayLike = scene.FRICTION,
+        payload_kg: ArrayLike = 0.0,
+        chain: ActuatorChain | None = None,
+        seed: int = 0,
+        columns: int | None = None,
+        threads: int = 0,
+    ) -> None:
+        given = [terrains] * count if isinstance(terrains, Terrain) else list(terrains)
+        self.terrains = TerrainStack(given)
+        self.count = count
+        self._columns = columns or self.terrains.columns
+        # A payload, so that what the engine derives from masses exists for every robot.
+        self.model = scene.build_spec(given[0], payload_kg=1.0, columns=self._columns).compile()
+        self._chain = chain or ActuatorChain()
+        self._rng = np.random.default_rng(seed)
+        self._batch = Batch(self.model, nsim=count, nthread=threads)
+        self._bind()
+        self._actuators: Any = None
+        self._fresh = np.ones(count, dtype=np.bool_)
+        self._time = np.zeros(count)
+        self._state: PlantState
+        everyone = np.arange(count)
+        self.set_terrains(everyone, given)
+        self.set_bodies(everyone, friction, payload_kg)
+        self.reset()
+
+    def set_terrains(self, indices: Indices, terrains: Sequence[Terrain]) -> None:
+        """Puts other terrains under some robots; reset those robots next."""
+        every = list(self.terrains.terrains)
+        for i, terrain in zip(indices, terrains, strict=True):
+            every[i] = terrain
+        self.terrains = TerrainStack(every)
+        centers, sizes = TerrainStack(terrains).boxes(self._columns)
+        where = np.ix_(indices, self._boxes)
+        self._geom_pos[where] = centers
+        self._geom_size[where] = 0.5 * sizes
+        self._geom_rbound[where] = 0.5 * np.linalg.norm(sizes, axis=-1)
+        self._geom_aabb[where] = np.concatenate([np.zeros_like(sizes), 0.5 * sizes], axis=-1)
+
+    def set_bodies(self, indices: Indices, friction: ArrayLike, payload_kg: ArrayLike) -> None:
+        """Gives some robots other soles and payloads; shapes () or (len(indices),)."""
+        mass = np.broadcast_to(np.asarray(payload_kg, dtype=np.float64), indices.shape)
+        self._geom_friction[np.ix_(indices, self._robot_geoms, np.zeros(1, dtype=np.int64))] = np.broadcast_to(
+            np.asarray(friction, dtype=np.float64), indices.shape
+        )[:, None, None]
+        self._body_mass[indices, self._payload] = mass
+        self._body_inertia[indices, self._payload] = mass[:, None] * scene.payload_inertia(1.0)
+        self._batch.set_const(indices)
+
+    def reset(
+        self,
+        indices: Indices | None = None,
+        *,
+        position_x: ArrayLike = 0.0,
+        yaw: ArrayLike = 0.0,
+        position_y: ArrayLike = 0.0,
+        clearance: float = CLEARANCE,
+    ) -> PlantState:
+        """Puts robots (by default all) at rest in `STAND_POSE`; each value of shape () or (len(indices),)."""
+        ids = np.arange(self.count) if indices is None else np.asarray(indices)
+        x, turn, y = (
+            np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape) for v in (position_x, yaw, position_y)
+        )
+        self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        terrains = TerrainStack([self.terrains.terrains[int(i)] for i in ids])
+        self._qpos[ids] = standing_pose(terrains, x, turn, y, clearance)
+        self._batch.forward(ids)
+        self._fresh[ids] = True
+        self._time[ids] = 0.0
+        self._believed[ids] = 0.0
+        self._state = self._observe()
+        return self._state
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        return self._state
+
+    def step(self, command: JointCommand) -> PlantState:
+        """Advances all robots by `PHYSICS_DT`; the command's arrays have shape (count, 12)."""
+        torque = self._drive(command)
+        self._ctrl[:] = torque.applied
+        self._batch.step()
+        self._time += go1.PHYSICS_DT
+        self._believed = np.array(torque.believed, dtype=np.float64)
+        self._state = self._observe()
+        return self._state
+
+    def _drive(self, command: JointCommand) -> Torques:
+        """The actuator chain; robots that were reset start with an empty memory, the others keep theirs."""
+        now, time_s = self._state, float(self._time.max())
+        inputs = (command, now.joint_position, now.joint_velocity, time_s)
+        if not self._fresh.any():
+            torque, self._actuators = self._chain.step(*inputs, self._actuators)
+            return torque
+        fresh, self._fresh = self._fresh, np.zeros(self.count, dtype=np.bool_)
+        torque, state = self._chain.step(*inputs, self._chain.init((self.count,), self._rng))
+        if not fresh.all():
+            kept, old = self._chain.step(*inputs, self._actuators)
+            torque = Torques(
+                applied=_merged(fresh, torque.applied, kept.applied),
+                believed=_merged(fresh, torque.believed, kept.believed),
+            )
+            state = _merged(fresh, state, old)
+        self._actuators = state
+        return torque
+
+    def _bind(self) -> None:
+        batch, model = self._batch, self.model
+        self._qpos, self._qvel, self._ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
+        self._qacc, self._sensors = batch.bind("qacc"), batch.bind("sensordata")
+        self._believed = np.zeros((self.count, 12))
+        self._boxes = np.array([model.geom(scene.TERRAIN_GEOM.format(i)).id for i in range(self._columns)])
+        self._robot_geoms = np.flatnonzero(model.geom_group == scene.ROBOT_GROUP)
+        self._payload = model.body(scene.PAYLOAD).id
+        self._geom_pos, self._geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
+        self._geom_rbound, self._geom_friction = batch.expand("geom_rbound"), batch.expand("geom_friction")
+        self._geom_aabb = batch.expand("geom_aabb").reshape(self.count, model.ngeom, 6)
+        self._body_mass, self._body_inertia = batch.expand("body_mass"), batch.expand("body_inertia")
+
+    def _observe(self) -> PlantState:
+        qpos, qvel = self._qpos.copy(), self._qvel.copy()
+        rotation = rotation_matrix(qpos[:, 3:7])
+        feet: Floats = foot_position(qpos[:, 7:]) @ rotation.mT + qpos[:, None, :3]
+        return PlantState(
+            time_s=self._time.copy(),
+            position_base_in_world=qpos[:, :3],
+            quaternion_base_in_world=qpos[:, 3:7],
+            velocity_base_in_world=qvel[:, :3],
+            angular_velocity_base=qvel[:, 3:6],
+            acceleration_base=specific_force(self._qacc, rotation),
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:],
+            joint_torque=self._believed,
+            foot_force=-self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)[..., 2],
+            foot_position_in_world=feet,
+            trunk_contact=self._sensors[:, scene.TRUNK_CONTACT].any(axis=1),
+        )
+
+
+def _merged(fresh: NDArray[np.bool_], new: Any, old: Any) -> Any:
+    """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples of arrays."""
+    if isinstance(new, tuple):
+        return tuple(_merged(fresh, a, b) for a, b in zip(new, old, strict=True))
+    if isinstance(new, np.ndarray):
+        return np.where(fresh.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)
+    return old
