@@ -1,0 +1,109 @@
+"""Velocity and height of the base from IMU and stance legs: the Kalman filter of the original.
+
+The state is the velocity of the base in the world and the height of its centre over the feet in stance; the input is
+the rotated accelerometer; the measurement is the mean over trusted legs of what a foot at rest says about the base.
+All matrices of the original are diagonal, so the filter falls apart into four scalar filters: no inverse is needed.
+Yaw and attitude come from the IMU's quaternion as they are.
+"""
+
+from dataclasses import dataclass
+
+from saltus import go1
+from saltus.arrays import Array, Constant, namespace
+from saltus.kinematics import foot_kinematics, rotation_matrix, skew
+
+_GRAVITY = Constant([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorConfig:
+    """Noise of the filter, in the order vx, vy, vz, height; original."""
+
+    process_variance: tuple[float, ...] = (1.42e-5, 1.58e-5, 8.75e-5, 2e-5)
+    """Added at each 2 ms tick [(m/s)^2, m^2]."""
+    measurement_variance: tuple[float, ...] = (0.337 * 0.03, 0.1486 * 0.03, 0.684 * 0.03, 0.68 * 0.03)
+    initial_variance: float = 0.1
+    initial_height_m: float = go1.STAND_HEIGHT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EstimatorState:
+    """Memory of the filter."""
+
+    mean: Array
+    """Velocity in the world [m/s] and height [m], shape (..., 4)."""
+    variance: Array
+    """Shape (..., 4)."""
+
+    @property
+    def velocity_base_in_world(self) -> Array:
+        """[m/s], shape (..., 3)."""
+        return self.mean[..., :3]
+
+    @property
+    def base_height(self) -> Array:
+        """Over the feet in stance [m], shape (...)."""
+        return self.mean[..., 3]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """What IMU and encoders say at one instant."""
+
+    quaternion_base_in_world: Array
+    """(w, x, y, z), shape (..., 4)."""
+    angular_velocity_base: Array
+    """[rad/s], shape (..., 3)."""
+    acceleration_base: Array
+    """Specific force [m/s^2], shape (..., 3)."""
+    joint_position: Array
+    """[rad], shape (..., 12)."""
+    joint_velocity: Array
+    """[rad/s], shape (..., 12)."""
+
+
+class Estimator:
+    """Kalman filter over IMU and stance legs."""
+
+    def __init__(self, config: EstimatorConfig | None = None) -> None:
+        self.config = config or EstimatorConfig()
+        self._process = Constant(self.config.process_variance)
+        self._measurement = Constant(self.config.measurement_variance)
+        self._start = Constant([0.0, 0.0, 0.0, self.config.initial_height_m])
+
+    def init(self, batch: tuple[int, ...], like: Array) -> EstimatorState:
+        """State of robots that stand still; arrays of the kind of `like`."""
+        xp = namespace(like)
+        zeros = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
+        return EstimatorState(mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance)
+
+    def step(self, measured: Measurement, trusted: Array, state: EstimatorState) -> EstimatorState:
+        """One tick of 2 ms.
+
+        Args:
+            measured: now.
+            trusted: leg is known to stand, bool, shape (..., 4): the gait's `trusted`.
+            state: from `init` or the last step.
+        """
+        xp = namespace(state.mean)
+        rotation = rotation_matrix(measured.quaternion_base_in_world)
+        acceleration = (rotation @ measured.acceleration_base[..., None])[..., 0] + _GRAVITY.like(state.mean)
+        change = xp.concat([acceleration, state.mean[..., 2:3]], axis=-1) * go1.PHYSICS_DT
+        mean, variance = state.mean + change, state.variance + self._process.like(state.mean)
+
+        measurement = self._legs(measured, rotation, trusted)
+        gain = variance / (variance + self._measurement.like(mean))
+        gain = xp.where(xp.any(trusted, axis=-1, keepdims=True), gain, 0.0 * gain)
+        return EstimatorState(mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain))
+
+    def _legs(self, measured: Measurement, rotation: Array, trusted: Array) -> Array:
+        """Velocity and height of the base by the trusted feet, shape (..., 4); finite where there are none."""
+        xp = namespace(rotation)
+        foot, jacobian = foot_kinematics(measured.joint_position)
+        joint = measured.joint_velocity.reshape((*foot.shape, 1))
+        relative = (jacobian @ joint)[..., 0] + foot @ skew(measured.angular_velocity_base).mT
+        velocity = -(relative @ rotation.mT)
+        height = go1.FOOT_RADIUS - foot @ rotation[..., 2, :, None]
+        weight = xp.where(trusted, xp.ones_like(height[..., 0]), xp.zeros_like(height[..., 0]))[..., None]
+        count = xp.clip(xp.sum(weight, axis=-2), 1.0, None)
+        return xp.sum(xp.concat([velocity, height], axis=-1) * weight, axis=-2) / count

@@ -1,0 +1,91 @@
+"""Decides what the leg controller does when plans are late, the planner is blind, or the robot tips over."""
+
+from dataclasses import dataclass
+from math import isfinite, radians
+
+from saltus.messages import ControllerMode, PlanStatus
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchdogConfig:
+    """Limits."""
+
+    coast_age_s: float = 0.030
+    """Two plans of 10 ms lost and the third late."""
+    lost_age_s: float = 0.100
+    """The planner is gone: `saltus.topics.MAX_EXTRA_AGE_S`."""
+    tilt_limit_rad: float = radians(60.0)
+    """Beyond this a robot is not upright: the definition of a failed trial."""
+    landing_limit_s: float = 1.0
+    """A landing is over after this at the latest: two cycles of the slowest landing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchdogInput:
+    """What the decision rests on."""
+
+    plan_age_s: float
+    """Age of the newest plan; infinite where there is none."""
+    plan_status: PlanStatus
+    """Of the newest plan; `STAND` where there is none."""
+    roll: float
+    pitch: float
+    """[rad]."""
+    finite: bool
+    """Everything measured and estimated is finite."""
+    settled: bool
+    """A landing has come to rest."""
+    may_start: bool
+    """The robot has stood long enough to obey its first GO."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchdogState:
+    """Memory of the watchdog."""
+
+    mode: ControllerMode = ControllerMode.STAND
+    mode_time_s: float = 0.0
+    fault: bool = False
+    """The landing under way was forced: it ends in STOPPED, not in STAND."""
+
+
+def watch(state: WatchdogState, now: WatchdogInput, dt_s: float, config: WatchdogConfig | None = None) -> WatchdogState:
+    """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
+
+    STAND -> RUN on a fresh GO. RUN <-> COAST by the age of the plan. RUN, COAST -> LANDING when the plan is lost or
+    says STOP (a fault) or STAND (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is lost or says
+    STOP while the robot stands changes nothing: it already does the safe thing.
+    """
+    config = config or WatchdogConfig()
+    mode, fault = _decide(state, now, config)
+    if mode == state.mode:
+        return WatchdogState(mode=mode, mode_time_s=state.mode_time_s + dt_s, fault=fault)
+    return WatchdogState(mode=mode, mode_time_s=0.0, fault=fault)
+
+
+def _decide(state: WatchdogState, now: WatchdogInput, config: WatchdogConfig) -> tuple[ControllerMode, bool]:
+    if state.mode == ControllerMode.DAMP or not _upright(now, config):
+        return ControllerMode.DAMP, True
+    if state.mode == ControllerMode.STOPPED:
+        return ControllerMode.STOPPED, True
+    # Written so that an age that is not a number counts as lost.
+    lost = not now.plan_age_s <= config.lost_age_s or now.plan_status == PlanStatus.STOP
+    if state.mode == ControllerMode.STAND:
+        fresh = now.plan_age_s <= config.coast_age_s and now.plan_status == PlanStatus.GO
+        return (ControllerMode.RUN if fresh and now.may_start else ControllerMode.STAND), False
+    if state.mode == ControllerMode.LANDING:
+        fault = state.fault or lost
+        if now.settled or state.mode_time_s >= config.landing_limit_s:
+            return (ControllerMode.STOPPED if fault else ControllerMode.STAND), fault
+        return ControllerMode.LANDING, fault
+    if lost:
+        return ControllerMode.LANDING, True
+    if now.plan_status == PlanStatus.STAND:
+        return ControllerMode.LANDING, False
+    return (ControllerMode.RUN if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST), False
+
+
+def _upright(now: WatchdogInput, config: WatchdogConfig) -> bool:
+    if not (now.finite and isfinite(now.roll) and isfinite(now.pitch)):
+        return False
+    return abs(now.roll) <= config.tilt_limit_rad and abs(now.pitch) <= config.tilt_limit_rad
