@@ -1,0 +1,199 @@
+"""Episodes as the network meets them in training: on the device, delayed, noisy, cut into windows."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from heightmap.delivery import Delivery, DeliveryModel, deliver
+from heightmap.model import Normalisation
+from heightmap.shards import Episode
+from saltus.depth import MILLIMETRE, RANGE_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageNoise:
+    """Bounds of what is drawn once a robot and window; the defaults are a camera without faults."""
+
+    scale: float = 0.0
+    """Calibration error of the depth, as a share."""
+    disparity: float = 0.0
+    """Standard deviation of the depth at 1 m [m]; it grows with the square of the depth."""
+    edge_loss: float = 0.0
+    """Share of invalid pixels along depth edges, where the two imagers see different things."""
+    pixel_loss: float = 0.0
+    """Share of invalid pixels anywhere."""
+    patch_loss: float = 0.0
+    """Share of images with an invalid rectangle."""
+
+
+# D435i at 424x240: 7.6 mm at 1 m a raw pixel, spatially correlated, so that pooling 5x5 helps little over half
+# (datasheet and tuning guide). Depth accuracy 2 % at 2 m. Shares of invalid pixels: 6.7 % in a real recording.
+TRAINING_NOISE = ImageNoise(scale=0.015, disparity=0.006, edge_loss=0.5, pixel_loss=0.05, patch_loss=0.1)
+_EDGE_M = 0.06  # a step in depth between neighbours that counts as an edge
+_PATCH = (16, 8)
+
+
+class Window(NamedTuple):
+    """Ticks of several robots at once; time first."""
+
+    image: Tensor
+    """Images of the window, shape (batch, images, 2, 48, 16); image 0 of each robot is blank."""
+    in_use: Tensor
+    """Index of the image in use, shape (time, batch)."""
+    age: Tensor
+    new: Tensor
+    proprioception: Tensor
+    height: Tensor
+    """Truth [m], shape (time, batch, 30)."""
+    valid: Tensor
+    """0 beyond the end of an episode, shape (time, batch)."""
+    starts: Tensor
+    """Whether the robot begins a new episode with this window, shape (batch,)."""
+
+
+class EpisodeStore:
+    """Episodes on a device, with the windows that can be cut from them."""
+
+    def __init__(self, episodes: Sequence[Episode], device: torch.device) -> None:
+        self.episodes = episodes
+        self.device = device
+        self._first_frame = np.cumsum([0, *(len(e.depth) for e in episodes)])
+        self._first_tick = np.cumsum([0, *(len(e.height) for e in episodes)])
+        depth = np.concatenate([e.depth for e in episodes])
+        limit = int(RANGE_M / MILLIMETRE)
+        self._depth = torch.from_numpy(np.minimum(depth, limit).astype(np.int16)).to(device)
+        self._proprioception = self._ticks([e.proprioception for e in episodes])
+        self._height = self._ticks([e.height for e in episodes])
+
+    def normalisation(self) -> Normalisation:
+        """Statistics of all ticks. A sensor that hardly varies is not blown up."""
+        p, h = self._proprioception, self._height
+        return Normalisation(p.mean(0), p.std(0).clamp(min=0.02), h.mean(0), h.std(0).clamp(min=0.05))
+
+    def windows(
+        self, batch: int, length: int, delivery: DeliveryModel, noise: ImageNoise, rng: np.random.Generator
+    ) -> Iterator[Window]:
+        """Yields windows for ever: each of `batch` robots runs through random episodes, window after window."""
+        slots = [self._slot(rng, delivery) for _ in range(batch)]
+        generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
+        while True:
+            starts = np.array([slot.position == 0 for slot in slots])
+            window = self._cut(slots, length, starts)
+            yield window._replace(image=with_noise(window.image, noise, generator))
+            for i, slot in enumerate(slots):
+                slot.position += length
+                if slot.position >= len(self.episodes[slot.episode].height):
+                    slots[i] = self._slot(rng, delivery)
+
+    def whole(self, episode: int, delivery: DeliveryModel, rng: np.random.Generator) -> Window:
+        """One whole episode without noise, as a window of batch 1."""
+        ticks = len(self.episodes[episode].height)
+        return self._cut([self._slot(rng, delivery, episode)], ticks, np.array([True]))
+
+    def _slot(self, rng: np.random.Generator, model: DeliveryModel, episode: int | None = None) -> "_Slot":
+        chosen = int(rng.integers(len(self.episodes))) if episode is None else episode
+        e = self.episodes[chosen]
+        return _Slot(chosen, deliver(e.frame_tick, len(e.height), model, rng))
+
+    def _ticks(self, rows: list[np.ndarray]) -> Tensor:
+        return torch.from_numpy(np.concatenate(rows).astype(np.float32)).to(self.device)
+
+    def _cut(self, slots: Sequence["_Slot"], length: int, starts: np.ndarray) -> Window:
+        batch = len(slots)
+        tick = np.zeros((length, batch), np.int64)
+        frame = np.zeros((length, batch), np.int64)
+        age, new, valid = (np.zeros((length, batch), np.float32) for _ in range(3))
+        first, last = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
+        for b, slot in enumerate(slots):
+            ticks = len(self.episodes[slot.episode].height)
+            rows = np.minimum(np.arange(slot.position, slot.position + length), ticks - 1)
+            tick[:, b] = self._first_tick[slot.episode] + rows
+            frame[:, b] = slot.delivery.frame[rows]
+            age[:, b], new[:, b] = slot.delivery.age_s[rows], slot.delivery.new[rows]
+            valid[:, b] = np.arange(slot.position, slot.position + length) < ticks
+            first[b], last[b] = max(frame[0, b], 0), max(frame[-1, b], 0)
+        span = int((last - first).max()) + 1
+        offset = self._first_frame[[slot.episode for slot in slots]]
+        wanted = np.minimum(first[:, None] + np.arange(span), last[:, None]) + offset[:, None]
+        index = np.where(frame >= 0, frame - first + 1, 0)
+        rows_t = self._to(tick)
+        return Window(
+            image=self._images(self._to(wanted)),
+            in_use=self._to(index),
+            age=self._to(age),
+            new=self._to(new),
+            proprioception=self._proprioception[rows_t],
+            height=self._height[rows_t],
+            valid=self._to(valid),
+            starts=self._to(starts),
+        )
+
+    def _images(self, wanted: Tensor) -> Tensor:
+        millimetres = self._depth[wanted].float()
+        valid = (millimetres > 0).float()
+        depth = torch.where(valid > 0, millimetres * (MILLIMETRE / RANGE_M), 1.0)
+        image = torch.stack((depth, valid), 2)
+        blank = torch.zeros_like(image[:, :1])
+        blank[:, :, 0] = 1.0
+        return torch.cat((blank, image), 1)
+
+    def _to(self, array: np.ndarray) -> Tensor:
+        return torch.from_numpy(array).to(self.device)
+
+
+@dataclass(eq=False)
+class _Slot:
+    """One robot on its way through an episode."""
+
+    episode: int
+    delivery: Delivery
+    position: int = 0
+
+
+def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> Tensor:
+    """Adds what a stereo camera does to depth: error growing with depth, holes at edges and elsewhere.
+
+    Args:
+        image: Depth in [0, 1] and validity, shape (batch, images, 2, 48, 16).
+        noise: Bounds; each robot of the batch gets its own share of them.
+        generator: On the device of `image`.
+    """
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(shape, generator=generator, device=image.device)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=generator, device=image.device)
+
+    batch, images, _, height, width = image.shape
+    one = (batch, 1, 1, 1)
+    depth, valid = image[:, :, 0], image[:, :, 1]
+    metres = depth * RANGE_M
+    white = normal(batch, images, height, width)
+    smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)  # still unit variance
+    spread = noise.disparity * uniform(*one) * metres.square()
+    noisy = metres * (1.0 + noise.scale * normal(*one)) + spread * (0.6 * white + 0.8 * smooth)
+    edge = _edges(metres) & (uniform(batch, images, height, width) < noise.edge_loss * uniform(*one))
+    speck = uniform(batch, images, height, width) < noise.pixel_loss * uniform(*one).square()
+    rows, columns = (torch.arange(n, device=image.device) for n in (height, width))
+    top, left = uniform(batch, images, 1) * height, uniform(batch, images, 1) * width
+    in_rows = (rows >= top) & (rows < top + _PATCH[0] * uniform(batch, images, 1))
+    in_columns = (columns >= left) & (columns < left + _PATCH[1] * uniform(batch, images, 1))
+    patch = in_rows[..., None] & in_columns[..., None, :]
+    patch &= uniform(batch, images, 1, 1) < noise.patch_loss
+    valid = valid * ~(edge | speck | patch)
+    # "Nothing within range" stays what it is.
+    noisy = torch.where(depth >= 1.0, 1.0, (noisy / RANGE_M).clamp(0.0, 1.0))
+    return torch.stack((torch.where(valid > 0, noisy, 1.0), valid), 2)
+
+
+def _edges(metres: Tensor) -> Tensor:
+    """Pixels with a neighbour at a very different depth, shape as `metres`."""
+    farthest = functional.max_pool2d(metres, 3, 1, 1)
+    nearest = -functional.max_pool2d(-metres, 3, 1, 1)
+    return farthest - nearest > _EDGE_M

@@ -1,0 +1,143 @@
+"""The heightmap network: a small CNN reads the newest depth image, a GRU remembers what has left the view.
+
+One call of `step` is one tick at 100 Hz. Sizes follow the paper's network (original: channels 2, 4, 8, one GRU layer
+of 256, three hidden layers of 256 with ELU); beyond it, this one sees which pixels are valid, how old its image is,
+and returns a standard deviation for every height. Normalisation is part of the network, so that whoever runs it
+hands over plain SI units.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from heightmap.features import PROPRIOCEPTION
+from saltus.grid import HEIGHTMAP_X
+
+MAX_IMAGE_AGE_S = 0.5
+"""An image older than this looks like one of this age; the service gives up at a third of it."""
+MIN_STD_M, MAX_STD_M = 0.003, 0.5
+"""Bounds of the standard deviation: depth noise of a D435i at the nearest ground; the deepest trench."""
+IMAGE_SHAPE = (2, 48, 16)
+"""Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """Sizes of the network."""
+
+    channels: tuple[int, int, int] = (8, 16, 16)
+    """Of the three convolutions; original: (2, 4, 8)."""
+    hidden: int = 256
+    head: tuple[int, ...] = (256, 256)
+    """Hidden layers after the GRU; original: three."""
+
+
+class Normalisation(NamedTuple):
+    """Mean and standard deviation over the training data."""
+
+    proprioception_mean: Tensor
+    """Shape (n,), n = len(PROPRIOCEPTION)."""
+    proprioception_std: Tensor
+    height_mean: Tensor
+    """Shape (30,)."""
+    height_std: Tensor
+
+
+class Estimate(NamedTuple):
+    """What the network believes, per tick."""
+
+    height: Tensor
+    """[m] relative to the base, shape (..., 30)."""
+    log_std: Tensor
+    """Logarithm of the standard deviation in metres, shape (..., 30)."""
+
+
+class HeightmapModel(nn.Module):
+    """Depth images and proprioception to heights with standard deviations."""
+
+    proprioception_mean: Tensor
+    proprioception_std: Tensor
+    height_mean: Tensor
+    height_std: Tensor
+
+    def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
+        super().__init__()
+        self.config = config
+        a, b, c = config.channels
+        self.encoder = nn.Sequential(
+            nn.Conv2d(IMAGE_SHAPE[0], a, 5),
+            nn.LeakyReLU(),
+            nn.MaxPool2d(2),
+            nn.Conv2d(a, b, 4),
+            nn.LeakyReLU(),
+            nn.Conv2d(b, c, 3),
+            nn.LeakyReLU(),
+            nn.Flatten(),
+        )
+        image_features = c * 17 * 1  # (48, 16) -> 44x12 -> 22x6 -> 19x3 -> 17x1
+        self.gru = nn.GRU(image_features + 2 + len(PROPRIOCEPTION), config.hidden)
+        widths = (config.hidden, *config.head)
+        layers: list[nn.Module] = []
+        for inputs, outputs in pairwise(widths):
+            layers += [nn.Linear(inputs, outputs), nn.ELU()]
+        self.head = nn.Sequential(*layers, nn.Linear(widths[-1], 2 * len(HEIGHTMAP_X)))
+        for name, value in normalisation._asdict().items():
+            self.register_buffer(name, value.to(torch.float32).clone())
+
+    def encode(self, image: Tensor) -> Tensor:
+        """Features of images of shape (n, 2, 48, 16): (n, features)."""
+        return self.encoder(image)
+
+    def ticks(
+        self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
+    ) -> tuple[Estimate, Tensor]:
+        """Runs a window of ticks at once.
+
+        Args:
+            encoded: `encode` of the image in use at each tick, shape (time, batch, features).
+            age: of that image [s], shape (time, batch).
+            new: 1 where it was not in use a tick ago, shape (time, batch).
+            proprioception: see `heightmap.features`, shape (time, batch, n).
+            hidden: memory before the window, shape (batch, hidden); zero after a reset.
+
+        Returns:
+            The estimate of each tick and the memory after the window.
+        """
+        output, last = self.gru(self._inputs(encoded, age, new, proprioception), hidden[None])
+        return self._estimate(output), last[0]
+
+    def step(
+        self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
+    ) -> tuple[Estimate, Tensor]:
+        """One tick: the same law as `ticks`, written out for export (no GRU operator whose variants differ).
+
+        Images have shape (batch, 2, 48, 16); the rest is as in `ticks`, without the time axis.
+        """
+        inputs = self._inputs(self.encode(image), age, new, proprioception)
+        weight_input, weight_hidden, bias_input, bias_hidden = self.gru.all_weights[0]
+        from_input = functional.linear(inputs, weight_input, bias_input)
+        from_hidden = functional.linear(hidden, weight_hidden, bias_hidden)
+        reset_input, update_input, new_input = from_input.split(self.config.hidden, -1)
+        reset_hidden, update_hidden, new_hidden = from_hidden.split(self.config.hidden, -1)
+        reset = torch.sigmoid(reset_input + reset_hidden)
+        update = torch.sigmoid(update_input + update_hidden)
+        candidate = torch.tanh(new_input + reset * new_hidden)
+        hidden = candidate + update * (hidden - candidate)
+        return self._estimate(hidden), hidden
+
+    def _inputs(self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor) -> Tensor:
+        normal = (proprioception - self.proprioception_mean) / self.proprioception_std
+        age = age.clamp(0.0, MAX_IMAGE_AGE_S) / MAX_IMAGE_AGE_S
+        # A sensor far outside of what was seen in training must not saturate the memory.
+        return torch.cat((encoded, age[..., None], new[..., None], normal.clamp(-5.0, 5.0)), -1)
+
+    def _estimate(self, hidden: Tensor) -> Estimate:
+        mean, log_std = self.head(hidden).split(len(HEIGHTMAP_X), -1)
+        height = self.height_mean + self.height_std * mean
+        log_std = (log_std + self.height_std.log()).clamp(math.log(MIN_STD_M), math.log(MAX_STD_M))
+        return Estimate(height, log_std)

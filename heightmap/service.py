@@ -1,0 +1,186 @@
+"""The heightmap service: robot states and depth frames in, one heightmap with a status for every state out."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heightmap.features import proprioception_of
+from heightmap.network import HeightmapNetwork, Tick
+from saltus.depth import ModelImage, model_image
+from saltus.grid import HEIGHTMAP_X
+from saltus.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.topics import TOPICS
+
+MAX_HEIGHT_M = 1.5  # nothing that the robot can jump is further above or below its base
+MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's memory is a weighted mean of values in (-1, 1)
+BAD_OUTPUTS_TO_INVALID = 3  # at 100 Hz: one bad output is bridged, three are a fault
+DEGRADED_INVALID_PIXELS = 0.3
+INVALID_INVALID_PIXELS = 0.8
+MAX_MISSED_FRAMES = 5  # after a longer gap the memory no longer tells where the robot is
+MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
+UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
+
+_DEPTH = TOPICS["camera/depth"]
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The image in use."""
+
+    image: Floats
+    """Depth and validity, shape (2, 48, 16)."""
+    invalid_fraction: float
+    time_ns: int
+    frame_id: int
+    arrival_ns: int
+
+
+class HeightmapService:
+    """Holds the memory of one robot; one call of `step` for each robot state.
+
+    A frame has an effect once: duplicates, frames older than the one in use, frames from the future and frames so old
+    that they must not be used are ignored. The memory is replaced only by one that is finite and plausible.
+
+    Args:
+        model_path: ONNX file.
+
+    Raises:
+        ModelError: the model is unreadable or does not fit.
+    """
+
+    _hidden: Floats
+
+    def __init__(self, model_path: Path) -> None:
+        self._network = HeightmapNetwork(model_path)
+        self.reset()
+
+    @property
+    def model_id(self) -> str:
+        """First 16 hexadecimal digits of the model file's sha256."""
+        return self._network.model_id
+
+    def reset(self) -> None:
+        """Forgets everything: for a robot that has started anew."""
+        self._forget()
+        self._view: _View | None = None
+        self._started_ns: int | None = None
+        self._last: Heightmap | None = None
+
+    def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
+        """Advances by one tick.
+
+        Args:
+            state: A state with a step that was answered already gets the same answer again; an older one, the newest.
+            frame: A frame that has arrived since the last call; None where none has.
+            now_ns: The run's clock.
+
+        Returns:
+            The heightmap at the time of `state`.
+        """
+        if self._last is not None and state.step <= self._last.step:
+            return self._last
+        if self._started_ns is None:
+            self._started_ns = now_ns
+        new = frame is not None and self._accept(frame, now_ns)
+        tick = self._network.tick(*self._input(state, new), self._hidden)
+        if _plausible(tick):
+            self._hidden = tick.hidden
+            self._bad_outputs = 0
+            heightmap = self._heightmap(state, tick, self._input_status(state, now_ns))
+        else:
+            heightmap = self._hold(state, now_ns)
+        self._last = heightmap
+        return heightmap
+
+    def _forget(self) -> None:
+        self._hidden = np.zeros(self._network.hidden_size, np.float32)
+        self._frames = 0
+        self._bad_outputs = 0
+
+    def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
+        """Takes a frame into use if it is news."""
+        age_s = (now_ns - frame.time_ns) * 1e-9
+        if not -MAX_FUTURE_S <= age_s <= _DEPTH.invalid_age_s:
+            return False
+        if self._view is not None:
+            if frame.frame_id == self._view.frame_id or frame.time_ns <= self._view.time_ns:
+                return False
+            if (frame.time_ns - self._view.time_ns) * 1e-9 * _DEPTH.rate_hz > MAX_MISSED_FRAMES + 1.5:
+                self._forget()
+        image = _network_image(model_image(frame))
+        self._view = _View(image, 1.0 - float(image[1].mean()), frame.time_ns, frame.frame_id, now_ns)
+        self._frames += 1
+        return True
+
+    def _input(self, state: RobotState, new: bool) -> tuple[Floats, float, bool, Floats]:
+        """Image, its age, whether it is new, and features, as the network takes them."""
+        features = proprioception_of(state)
+        if self._view is None:
+            return _blank_image(), math.inf, False, features
+        return self._view.image, max(0.0, (state.time_ns - self._view.time_ns) * 1e-9), new, features
+
+    def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
+        """The worst of what is known about the input."""
+        extra = _DEPTH.max_extra_age_s
+        view = self._view
+        if view is None:
+            waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
+            return HeightmapStatus.INVALID if waiting_s > _DEPTH.invalid_age_s else HeightmapStatus.WARMING
+        age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
+        silent_s = (now_ns - view.arrival_ns) * 1e-9
+        if age_s > _DEPTH.invalid_age_s or silent_s > extra or view.invalid_fraction > INVALID_INVALID_PIXELS:
+            return HeightmapStatus.INVALID
+        late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
+        if late or view.invalid_fraction > DEGRADED_INVALID_PIXELS:
+            return HeightmapStatus.DEGRADED
+        return HeightmapStatus.WARMING if self._frames < self._network.warmup_frames else HeightmapStatus.OK
+
+    def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
+        """Answers in place of an output that cannot be used: the memory stays as it was."""
+        self._bad_outputs += 1
+        status = max(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
+        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:
+            status = HeightmapStatus.INVALID
+        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID:
+            self._forget()
+            self._bad_outputs = BAD_OUTPUTS_TO_INVALID  # INVALID until an output is good again
+        if self._last is not None:
+            return replace(self._heightmap(state, None, status), height=self._last.height, std=self._last.std)
+        return self._heightmap(state, None, status)
+
+    def _heightmap(self, state: RobotState, tick: Tick | None, status: HeightmapStatus) -> Heightmap:
+        view = self._view
+        unknown = np.zeros(len(HEIGHTMAP_X), np.float32)
+        return Heightmap(
+            time_ns=state.time_ns,
+            step=state.step,
+            x=HEIGHTMAP_X,
+            height=unknown if tick is None else tick.height,
+            std=unknown + UNKNOWN_STD_M if tick is None else tick.std,
+            status=status,
+            depth_age_s=math.inf if view is None else (state.time_ns - view.time_ns) * 1e-9,
+            frame_id=-1 if view is None else view.frame_id,
+            model_id=self._network.model_id,
+        )
+
+
+def _plausible(tick: Tick) -> bool:
+    # A comparison with NaN is false, so these also ask for finite numbers.
+    heights = bool(np.all(np.abs(tick.height) <= MAX_HEIGHT_M) and np.all((tick.std > 0.0) & (tick.std < MAX_HEIGHT_M)))
+    return heights and bool(np.all(np.abs(tick.hidden) <= MAX_HIDDEN))
+
+
+def _network_image(image: ModelImage) -> Floats:
+    """Depth and validity, shape (2, 48, 16): a value that is not finite or out of range counts as invalid."""
+    with np.errstate(invalid="ignore"):
+        valid = image.valid & (image.depth >= 0.0) & (image.depth <= 1.0)
+    return np.stack([np.where(valid, image.depth, 1.0), valid]).astype(np.float32)
+
+
+def _blank_image() -> Floats:
+    """What the network sees before the first frame: nothing valid."""
+    blank = np.zeros((2, 48, 16), np.float32)
+    blank[0] = 1.0
+    return blank

@@ -1,0 +1,183 @@
+"""The dataset on disk: one HDF5 shard a round, written whole or not at all, and a manifest that vouches for them."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.errors import SaltusError
+from saltus.messages import Floats
+from saltus.provenance import commit
+
+MANIFEST = "manifest.json"
+_FORMAT = "saltus-heightmap-dataset-1"
+_PER_TICK = ("proprioception", "height")
+_PER_FRAME = ("depth", "frame_tick")
+
+
+class DatasetError(SaltusError):
+    """A dataset that is damaged, incomplete or missing."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Episode:
+    """One robot, one run, without interruption, at 100 Hz. Images are as taken: delay and noise are added later."""
+
+    terrain: str
+    proprioception: Floats
+    """See `heightmap.features`, shape (ticks, n)."""
+    height: Floats
+    """True heights relative to the base [m], shape (ticks, 30)."""
+    depth: NDArray[np.uint16]
+    """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
+    frame_tick: NDArray[np.int32]
+    """Tick at which each image was taken, ascending, shape (frames,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardRecord:
+    """What the manifest says of one shard."""
+
+    file: str
+    sha256: str
+    episodes: int
+    ticks: int
+    frames: int
+    seed: int
+    commit: str
+    config: dict[str, Any]
+
+
+def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
+    """Adds a round to a dataset: the shard first, whole, then the manifest that names it.
+
+    Args:
+        directory: The dataset; made where it is missing.
+        episodes: Consumed one by one.
+        seed: From which the episodes were drawn.
+        config: How they were made; plain JSON values.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    records = read_manifest(directory)
+    name = f"round_{len(records):03d}.h5"
+    counts = {"episodes": 0, "ticks": 0, "frames": 0}
+
+    def fill(temporary: Path) -> None:
+        with h5py.File(temporary, "w") as file:
+            counts.update(_fill(file, episodes))
+
+    _write_whole(directory / name, fill)
+    sha256 = _sha256(directory / name)
+    record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=commit(), config=config, **counts)
+    text = json.dumps({"format": _FORMAT, "shards": [asdict(r) for r in (*records, record)]}, indent=1)
+    _write_whole(directory / MANIFEST, lambda temporary: _write_text(temporary, text))
+    return record
+
+
+def read_manifest(directory: Path) -> list[ShardRecord]:
+    """The shards of a dataset, oldest first; none where there is no manifest."""
+    path = directory / MANIFEST
+    if not path.exists():
+        return []
+    try:
+        table = json.loads(path.read_text())
+        if table["format"] != _FORMAT:
+            raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
+        return [ShardRecord(**record) for record in table["shards"]]
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is damaged: {error}") from error
+
+
+def dataset_hash(records: Iterable[ShardRecord]) -> str:
+    """First 16 hexadecimal digits of the sha256 over the shards' own."""
+    return hashlib.sha256("".join(record.sha256 for record in records).encode()).hexdigest()[:16]
+
+
+def read_dataset(directory: Path) -> list[Episode]:
+    """All episodes of a dataset, in the order in which they were written.
+
+    Raises:
+        DatasetError: no dataset there, or a shard that is missing or is not the one that the manifest names.
+    """
+    records = read_manifest(directory)
+    if not records:
+        raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
+    return [episode for record in records for episode in _read_shard(directory, record)]
+
+
+def _fill(file: h5py.File, episodes: Iterable[Episode]) -> dict[str, int]:
+    counts = {"episodes": 0, "ticks": 0, "frames": 0}
+    rows: list[tuple[str, int, int]] = []
+    for episode in episodes:
+        for name in (*_PER_TICK, *_PER_FRAME):
+            _append(file, name, getattr(episode, name))
+        rows.append((episode.terrain, len(episode.height), len(episode.depth)))
+        counts["episodes"] += 1
+        counts["ticks"] += len(episode.height)
+        counts["frames"] += len(episode.depth)
+    if not rows:
+        raise DatasetError("no episodes to write")
+    names, ticks, frames = zip(*rows, strict=True)
+    file["terrain"] = np.array(names, dtype="S")
+    file["ticks"] = np.array(ticks)
+    file["frames"] = np.array(frames)
+    return counts
+
+
+def _append(file: h5py.File, name: str, rows: NDArray[Any]) -> None:
+    if name not in file:
+        chunk = (256, *rows.shape[1:])
+        shape = (None, *rows.shape[1:])
+        file.create_dataset(name, data=rows, maxshape=shape, chunks=chunk, compression="gzip", shuffle=True)
+        return
+    dataset = file[name]
+    start = len(dataset)
+    dataset.resize(start + len(rows), axis=0)
+    dataset[start:] = rows
+
+
+def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
+    path = directory / record.file
+    if not path.exists():
+        raise DatasetError(f"{path} is missing: the manifest names it")
+    if _sha256(path) != record.sha256:
+        raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
+    with h5py.File(path, "r") as file:
+        arrays = {name: file[name][:] for name in (*_PER_TICK, *_PER_FRAME)}
+        kinds = [kind.decode() for kind in file["terrain"][:]]
+        ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
+    parts = {name: np.split(arrays[name], ticks if name in _PER_TICK else frames) for name in arrays}
+    return [Episode(terrain=kind, **{name: parts[name][i] for name in parts}) for i, kind in enumerate(kinds)]
+
+
+def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Writes beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
+    temporary = path.with_name(f".{path.name}.partial")
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text + "\n")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

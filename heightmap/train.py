@@ -1,0 +1,194 @@
+"""Trains the heightmap network: truncated back-propagation through windows with carried memory."""
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from heightmap.dataset import TRAINING_NOISE, EpisodeStore, Window
+from heightmap.delivery import TRAINING
+from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
+from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
+
+_LOG = logging.getLogger(__name__)
+HELD_OUT = 10  # every tenth episode is for validation
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """How to train. Defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`."""
+
+    updates: int = 1500
+    warm_start: int = 150
+    """Updates on the squared error before the likelihood: a standard deviation means nothing before the mean does."""
+    batch: int = 32
+    window: int = 100
+    """Ticks between updates; the memory is carried across, its gradient is not."""
+    learning_rate: float = 1e-3  # original
+    weight_decay: float = 0.01  # original
+    gradient_norm: float = 1.0
+    beta: float = 0.5
+    """Weight of each point's likelihood is its variance to this power: without it (0) the network gives up on points
+    that are hard at first (Seitzer et al., "On the pitfalls of heteroscedastic uncertainty estimation")."""
+    seed: int = 0
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    save_every_s: float = 60.0
+    model: ModelConfig = field(default_factory=ModelConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where training is."""
+
+    update: int
+    updates: int
+    loss: float
+    mae_m: float
+    """Over the last batch, noise and faults included."""
+    seconds: float
+
+
+def train(
+    data: Path, checkpoint: Path, config: TrainConfig, progress: Callable[[Progress], None] | None = None
+) -> HeightmapModel:
+    """Trains on a dataset until `config.updates`, going on from `checkpoint` where it is from the same training.
+
+    Args:
+        data: Directory of the dataset.
+        checkpoint: Written every `save_every_s` and at the end: weights, optimiser, and what they were made from.
+        config: How to train.
+        progress: Called about once a second.
+
+    Returns:
+        The trained network, on the CPU.
+
+    Raises:
+        DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
+    """
+    device = _device(config.device)
+    fitted, _ = split(read_dataset(data))
+    store = EpisodeStore(fitted, device)
+    torch.manual_seed(config.seed)
+    model = HeightmapModel(config.model, store.normalisation()).to(device)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    origin = {"config": asdict(config), "dataset": dataset_hash(read_manifest(data))}
+    first = _resume(checkpoint, origin, model, optimiser)
+    # A resumed training draws other windows than before the interruption.
+    rng = np.random.default_rng([config.seed, first])
+    windows = store.windows(config.batch, config.window, TRAINING, TRAINING_NOISE, rng)
+    hidden = torch.zeros(config.batch, config.model.hidden, device=device)
+    began = saved = told = time.monotonic()
+    for update in range(first, config.updates):
+        window = next(windows)
+        for group in optimiser.param_groups:
+            group["lr"] = config.learning_rate * _schedule(update / config.updates)
+        estimate, hidden = run_window(model, window, hidden)
+        loss = _loss(estimate, window, config.beta if update >= config.warm_start else None)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_norm)
+        optimiser.step()
+        hidden = hidden.detach()
+        now = time.monotonic()
+        if progress is not None and (now - told > 1.0 or update + 1 == config.updates):
+            told = now
+            error = _masked_mean((estimate.height - window.height).abs().mean(-1), window.valid)
+            progress(
+                Progress(
+                    update=update + 1,
+                    updates=config.updates,
+                    loss=float(loss.detach()),
+                    mae_m=float(error.detach()),
+                    seconds=now - began,
+                )
+            )
+        if now - saved > config.save_every_s or update + 1 == config.updates:
+            saved = now
+            _save(checkpoint, origin, update + 1, model, optimiser)
+    return model.cpu().eval()
+
+
+def split(episodes: list[Episode]) -> tuple[list[Episode], list[Episode]]:
+    """Episodes to fit and episodes to validate on; always the same ones of a dataset."""
+    fitted = [e for i, e in enumerate(episodes) if i % HELD_OUT != HELD_OUT - 1]
+    held_out = episodes[HELD_OUT - 1 :: HELD_OUT]
+    if not held_out:
+        raise DatasetError(f"{len(episodes)} episodes are too few: at least {HELD_OUT} are needed to hold one out")
+    return fitted, held_out
+
+
+def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
+    """The network of a checkpoint, on the CPU, and what it was made from."""
+    table = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    sizes = table["origin"]["config"]["model"]
+    shapes = {name: table["model"][name] for name in Normalisation._fields}
+    config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
+    model = HeightmapModel(config, Normalisation(**shapes))
+    model.load_state_dict(table["model"])
+    return model.eval(), {**table["origin"], "update": table["update"]}
+
+
+def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
+    """Runs a window; robots that begin a new episode begin without memory."""
+    batch, images = window.image.shape[:2]
+    encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))
+    rows = torch.arange(batch, device=hidden.device)
+    in_use = encoded[rows, window.in_use]  # (time, batch, features)
+    hidden = torch.where(window.starts[:, None], 0.0, hidden)
+    return model.ticks(in_use, window.age, window.new, window.proprioception, hidden)
+
+
+def _loss(estimate: Estimate, window: Window, beta: float | None) -> Tensor:
+    """Squared error, or the Gaussian negative log-likelihood weighted by the variance to the power `beta`."""
+    squared = (estimate.height - window.height).square()
+    if beta is None:
+        # Scaled to about 1 at the start, as the likelihood is.
+        return _masked_mean(squared.mean(-1), window.valid) * 100.0
+    variance = (2.0 * estimate.log_std).exp()
+    likelihood = estimate.log_std + 0.5 * squared / variance
+    weighted = likelihood * variance.detach().pow(beta)
+    return _masked_mean(weighted.mean(-1), window.valid) * 10.0
+
+
+def _masked_mean(value: Tensor, mask: Tensor) -> Tensor:
+    return (value * mask).sum() / mask.sum().clamp(min=1.0)
+
+
+def _schedule(share: float) -> float:
+    """Cosine from 1 to 0, after a short warm-up."""
+    return min(1.0, (share + 1e-3) / 0.02) * 0.5 * (1.0 + math.cos(math.pi * share))
+
+
+def _device(name: str) -> torch.device:
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)
+
+
+def _resume(checkpoint: Path, origin: dict[str, Any], model: HeightmapModel, optimiser: torch.optim.Optimizer) -> int:
+    if not checkpoint.exists():
+        return 0
+    table = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    if table["origin"] != origin:
+        _LOG.info("%s is of another training: starting anew", checkpoint)
+        return 0
+    model.load_state_dict(table["model"])
+    optimiser.load_state_dict(table["optimiser"])
+    return int(table["update"])
+
+
+def _save(
+    checkpoint: Path, origin: dict[str, Any], update: int, model: HeightmapModel, optimiser: torch.optim.Optimizer
+) -> None:
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    temporary = checkpoint.with_name(f".{checkpoint.name}.partial")
+    table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
+    torch.save(table, temporary)
+    temporary.replace(checkpoint)
