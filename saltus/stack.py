@@ -1,0 +1,281 @@
+"""THE table of processes, and the supervisor that starts, watches, records and stops them.
+
+The supervisor hosts the Zenoh router on a free port of loopback. `Stack.poll` is its whole work: whoever holds a stack
+calls `poll` at 10 Hz or more, or `wait`.
+"""
+
+import json
+import signal
+import socket
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from saltus import config
+from saltus.bus import Latest, Publisher, RawSample, Stream, ZenohBus, topic_of, unpack
+from saltus.child import Child, Program, name_exit
+from saltus.config import RunConfig
+from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
+from saltus.messages import Event, ProcessStatus
+from saltus.process import RUN_FILE
+from saltus.recorder import Recorder
+from saltus.resources import resource
+from saltus.ticker import RunClock
+
+PROGRAMS = (
+    Program(name="render", module="render", restart=True),
+    Program(name="heightmap", module="heightmap", restart=True),
+    Program(name="policy", module="policy", restart=True),
+    # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
+    Program(name="controller", module="controller", restart=False),
+)
+
+READY_TIMEOUT_S = 30.0
+HUNG_S = 1.0  # two periods of the proof of life
+STOP_TIMEOUT_S = 3.0
+POLL_S = 0.01
+PORT_ATTEMPTS = 5
+SUPERVISOR = "supervisor"
+RECORDING_FILE = "recording.mcap"
+
+
+class Stack:
+    """The processes of one run, as a context manager.
+
+    Args:
+        run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in.
+        run_dir: Gets `run.toml`, `recording.mcap` and `logs/<process>.log`.
+        programs: The process table; tests bring their own.
+
+    Raises:
+        StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
+    """
+
+    def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
+        self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
+        self.run_dir = run_dir
+        self.endpoint = ""
+        """Where the router listens."""
+        self.finished = False
+        """Whether the run came to its own end: the controller has returned."""
+        self.rejected: dict[str, dict[str, int]] = {}
+        """Messages that each process refused, by "topic/reason", from its last proof of life."""
+        self.overruns: dict[str, int] = {}
+        """Ticks that each process left out, from its last proof of life."""
+        self.recording_error: str | None = None
+        """Why the recording ended early."""
+        self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
+        self._clock = RunClock(self.config.epoch_ns)
+        self._resources = ExitStack()
+        self._bus: ZenohBus
+        self._stream: Stream
+        self._events: Publisher
+        self._recorder: Recorder
+
+    @property
+    def recording(self) -> Path:
+        """The recording of the run."""
+        return self.run_dir / RECORDING_FILE
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """How often each process was started again."""
+        return {name: child.restarts for name, child in self._children.items()}
+
+    def pid(self, name: str) -> int:
+        """Process id of a process.
+
+        Raises:
+            StackError: there is no such process, or it does not run now.
+        """
+        if name not in self._children:
+            raise StackError(f"no process '{name}': {nearest_hint(name, self._children)}")
+        pid = self._children[name].pid
+        if pid is None:
+            raise StackError(f"{name} is not running")
+        return pid
+
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """The newest message of a topic, to show progress."""
+        return self._bus.latest(topic, suffix)
+
+    def __enter__(self) -> "Stack":
+        logs = self.run_dir / "logs"
+        logs.mkdir(parents=True, exist_ok=True)
+        for old in logs.glob("*.log"):
+            old.unlink()
+        (self.run_dir / RUN_FILE).write_text(config.to_toml(self.config))
+        try:
+            self._open()
+            self._start_all()
+        except BaseException as error:
+            self._close(error)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self._close(error)
+
+    def poll(self) -> bool:
+        """Records what has arrived and looks after the processes. Returns whether the run goes on.
+
+        Raises:
+            StackError: the controller died; in lockstep any process; or a process does not become ready again.
+        """
+        self._drain()
+        for child in self._children.values():
+            self._look_after(child)
+        return not self.finished
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Polls until the run has come to its end; returns False where the timeout came first."""
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        while self.poll():
+            if deadline_s is not None and time.monotonic() >= deadline_s:
+                return False
+            time.sleep(POLL_S)
+        return True
+
+    def _open(self) -> None:
+        self.endpoint, router = open_router()
+        self._resources.callback(router.close)
+        self._bus = ZenohBus(self.endpoint, self.config.robot)
+        self._resources.callback(self._bus.close)
+        self._stream = self._bus.stream()
+        self._events = self._bus.publisher("event", SUPERVISOR)
+        self._recorder = Recorder(self.recording, self.config)
+
+    def _start_all(self) -> None:
+        for restart in (True, False):
+            group = [child for child in self._children.values() if child.program.restart == restart]
+            for child in group:
+                self._start(child)
+            while not all(child.ready for child in group) and self.poll():
+                time.sleep(POLL_S)
+
+    def _start(self, child: Child) -> None:
+        child.start(["--run-dir", str(self.run_dir), "--endpoint", self.endpoint])
+
+    def _look_after(self, child: Child) -> None:
+        if self.finished:
+            return
+        now_s = time.monotonic()
+        code = child.exit_code()
+        if code is not None:
+            self._ended(child, code)
+        elif child.running() and not child.ready and now_s - child.started_s > READY_TIMEOUT_S:
+            raise StackError(f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}")
+        elif child.alive_s is not None and now_s - child.alive_s > HUNG_S and self.config.pace == "realtime":
+            child.kill()
+            self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
+
+    def _ended(self, child: Child, code: int) -> None:
+        self._drain()  # its last words
+        if code == 0 and child.ready and not child.program.restart:
+            self.finished = True
+        else:
+            self._died(child, name_exit(code))
+
+    def _died(self, child: Child, how: str) -> None:
+        self._event("process_died", f"{child.name}: {how}")
+        replaceable = child.program.restart and self.config.pace == "realtime"
+        if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
+            raise StackError(f"{child.name} died ({how}){child.log_tail()}")
+        child.restarts += 1
+        self._start(child)
+
+    def _drain(self) -> None:
+        for raw in self._stream.drain():
+            self._note_status(raw)
+            if self.recording_error is None:
+                self._record(raw)
+        if self.recording_error is None:
+            self._record(None)
+
+    def _record(self, raw: RawSample | None) -> None:
+        """Writes a sample, or flushes. A full disk must not stop a robot."""
+        try:
+            if raw is None:
+                self._recorder.flush()
+            else:
+                self._recorder.write(raw)
+        except RecordingError as error:
+            self.recording_error = str(error)
+            self._event("recording_failed", str(error))
+
+    def _note_status(self, raw: RawSample) -> None:
+        topic = topic_of(raw.key)
+        if topic is None or topic.name != "status":
+            return
+        try:
+            _, status = unpack(topic, raw)
+        except MessageError:
+            return  # counted by the recorder
+        child = self._children.get(status.process) if isinstance(status, ProcessStatus) else None
+        arrival_s = 1e-9 * raw.arrival_ns
+        if child is None or not isinstance(status, ProcessStatus) or arrival_s < child.started_s:
+            return
+        if not child.ready:
+            self._event("process_ready", f"{child.name}: after {arrival_s - child.started_s:.2f} s")
+        child.alive_s = arrival_s
+        self.rejected[child.name] = status.rejected
+        self.overruns[child.name] = status.overruns
+
+    def _event(self, code: str, detail: str) -> None:
+        self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
+
+    def _close(self, error: BaseException | None) -> None:
+        with self._resources:
+            self._stop(restart=False)  # the robot first: it comes to a stand
+            self._stop(restart=True)
+            if "_recorder" in vars(self):
+                self._close_recorder(error)
+
+    def _close_recorder(self, error: BaseException | None) -> None:
+        self._drain()
+        summary = {
+            "restarts": json.dumps(self.restarts),
+            "rejected": json.dumps({**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}),
+            "overflowed": str(self._stream.overflowed),
+        }
+        if error is not None:
+            summary["error"] = str(error) or type(error).__name__
+        try:
+            self._recorder.close(summary)
+        except RecordingError as failure:
+            self.recording_error = self.recording_error or str(failure)
+
+    def _stop(self, *, restart: bool) -> None:
+        group = [child for child in self._children.values() if child.program.restart == restart]
+        for child in group:
+            child.signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + STOP_TIMEOUT_S
+        while any(child.running() for child in group) and time.monotonic() < deadline_s:
+            self._drain()
+            time.sleep(POLL_S)
+        for child in group:
+            child.kill()
+
+
+def open_router() -> tuple[str, Any]:
+    """Opens a Zenoh router on a free port of loopback; returns its endpoint and its session.
+
+    Raises:
+        StackError: no port could be had.
+    """
+    for _ in range(PORT_ATTEMPTS):
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
+        settings.insert_json5("listen/endpoints", f'["{endpoint}"]')
+        try:
+            return endpoint, zenoh.open(settings)
+        except zenoh.ZError as error:  # somebody else took the port in between
+            last = error
+    raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
