@@ -1,0 +1,44 @@
+"""What a planner decides ten milliseconds at a time, and how far it may go."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.messages import Floats
+
+# Bounds of the action: original.
+FREQUENCY_RANGE_HZ = (0.5, 4.0)
+VELOCITY_X_LIMIT = 3.0
+VELOCITY_Z_LIMIT = 3.0
+PITCH_RATE_LIMIT = 6.0
+RESIDUAL_LOW = np.array([-0.2, -0.07, 0.0])
+RESIDUAL_HIGH = np.array([0.2, 0.07, 0.4])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Action:
+    """The values of a motion plan, for a batch of robots; meaning and frames as in `saltus.messages.MotionPlan`."""
+
+    stepping_frequency_hz: Floats
+    """Shape (...)."""
+    velocity_x: Floats
+    """[m/s], shape (...)."""
+    velocity_z: Floats
+    """[m/s], shape (...)."""
+    pitch_rate: Floats
+    """[rad/s], shape (...)."""
+    foot_residual_front: Floats
+    """[m], shape (..., 3), y outward."""
+    foot_residual_rear: Floats
+    """[m], shape (..., 3), y outward."""
+
+    def bounded(self) -> "Action":
+        """The nearest action within the bounds."""
+        return Action(
+            stepping_frequency_hz=np.clip(self.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
+            velocity_x=np.clip(self.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
+            velocity_z=np.clip(self.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
+            pitch_rate=np.clip(self.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
+            foot_residual_front=np.clip(self.foot_residual_front, RESIDUAL_LOW, RESIDUAL_HIGH),
+            foot_residual_rear=np.clip(self.foot_residual_rear, RESIDUAL_LOW, RESIDUAL_HIGH),
+        )

@@ -1,0 +1,62 @@
+"""What a planner reads of the robot: quantities of the sagittal plane, derived from what a robot can know."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix, yaw_rotation
+from saltus.messages import Floats, RobotState
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observation:
+    """The robot in its yaw frame; all arrays share their leading batch dimensions."""
+
+    pitch: Floats
+    """Nose down positive [rad], shape (...)."""
+    velocity: Floats
+    """Estimated velocity of the base, yaw frame [m/s], shape (..., 3)."""
+    base_height: Floats
+    """Estimated height of the base above the feet in stance [m], shape (...)."""
+    foot: Floats
+    """Foot centres relative to the base, yaw frame [m], shape (..., 4, 3)."""
+    contact: NDArray[np.bool_]
+    """Scheduled contact, bool, shape (..., 4)."""
+    progress: Floats
+    """Of the present stance or swing, [0, 1], shape (..., 4)."""
+
+
+def observe(
+    *,
+    quaternion_base_in_world: Floats,
+    joint_position: Floats,
+    velocity_base_in_world: Floats,
+    base_height: Floats,
+    leg_contact: NDArray[np.bool_],
+    leg_progress: Floats,
+) -> Observation:
+    """Derives the observation from the fields of `RobotState` with the same names, with leading batch dimensions."""
+    rotation = rotation_matrix(quaternion_base_in_world)
+    _, pitch, yaw = roll_pitch_yaw(rotation)
+    world_in_yaw = yaw_rotation(yaw).mT
+    return Observation(
+        pitch=pitch,
+        velocity=(world_in_yaw @ velocity_base_in_world[..., None])[..., 0],
+        base_height=base_height,
+        foot=foot_position(joint_position) @ (world_in_yaw @ rotation).mT,
+        contact=leg_contact,
+        progress=leg_progress,
+    )
+
+
+def observe_message(state: RobotState) -> Observation:
+    """The observation of a single robot from its message."""
+    return observe(
+        quaternion_base_in_world=np.asarray(state.quaternion_base_in_world, dtype=np.float64),
+        joint_position=np.asarray(state.joint_position, dtype=np.float64),
+        velocity_base_in_world=np.asarray(state.velocity_base_in_world, dtype=np.float64),
+        base_height=np.asarray(state.base_height, dtype=np.float64),
+        leg_contact=np.asarray(state.leg_contact),
+        leg_progress=np.asarray(state.leg_progress, dtype=np.float64),
+    )

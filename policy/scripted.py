@@ -1,0 +1,185 @@
+"""A planner made by hand: bounding with rules that read the heightmap.
+
+Bodies: the reference of vertical velocity and pitch rate is a straight line over the progress of a stance, one for
+each contact mode, corrected towards a height above the ground and a pitch along its slope. Feet: each pair lands on
+the point nearest its neutral point that is away from edges and trenches, and clears what lies between. The planner
+has no memory: a plan follows from one observation and one heightmap.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policy.action import Action
+from policy.observation import Observation
+from policy.profile import height_at, highest_between, slope
+from saltus import go1
+from saltus.messages import Floats
+
+STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
+LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
+FRONT, REAR = 0, 2  # a leg of each pair
+
+Value = float | Floats
+"""A number, or in a search one number for each robot of a batch, shape (n,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScriptedParameters:
+    """All numbers of the planner."""
+
+    stepping_frequency_hz: Value = 3.01
+    velocity_x: Value = 1.79
+    """On level ground [m/s]."""
+    velocity_x_per_slope: Value = 0.0
+    """Change of speed with the slope ahead [m/s]."""
+    front_velocity_z: Value = 0.22
+    """Middle of the stance of the front legs [m/s]."""
+    front_velocity_z_slope: Value = -0.179
+    """Change over that stance [m/s]."""
+    rear_velocity_z: Value = 0.657
+    rear_velocity_z_slope: Value = 1.29
+    front_pitch_rate: Value = -2.38
+    """Middle of the stance of the front legs, nose down positive [rad/s]."""
+    front_pitch_rate_slope: Value = -4.29
+    """Change over that stance [rad/s]: the front legs push the nose up."""
+    rear_pitch_rate: Value = 0.627
+    rear_pitch_rate_slope: Value = 6.7
+    height_m: Value = 0.27
+    """Of the base above the ground."""
+    height_gain: Value = 4.41
+    """Vertical velocity by error of height [1/s]."""
+    climb_gain: Value = 1.0
+    """Vertical velocity by slope times speed."""
+    pitch: Value = -0.094
+    """On level ground [rad]."""
+    pitch_per_slope: Value = -0.7
+    """Pitch along the slope of the ground."""
+    pitch_gain: Value = 5.64
+    """Pitch rate by error of pitch [1/s]."""
+    front_landing_x: Value = -0.00489
+    """Shift of the landing point of the front feet [m]."""
+    rear_landing_x: Value = -0.0628
+    clearance_m: Value = 0.0785
+    """Of the sole above the highest terrain on the way."""
+    landing_depth_m: Value = 0.01
+    """How far below the ground a foot aims when it lands."""
+    lift_until: Value = 0.305
+    """Progress of the swing at which a foot is up."""
+    lower_from: Value = 0.621
+    """Progress of the swing at which a foot begins to come down."""
+    edge_margin_m: Value = 0.035
+    """Distance of a landing point from an edge."""
+    height_trust: Value = 0.5
+    """Share of the heightmap's offset to the ground under the standing feet that is believed."""
+
+
+# How landing points are weighed, in metres of detour.
+CANDIDATES = np.linspace(-0.15, 0.15, 13)
+EDGE_HEIGHT = 0.025  # height difference within the margin that makes an edge: half the lowest stair of the course
+EDGE_COST = 0.3  # an edge is worth the longest detour that there is
+TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
+TRENCH_COST = 3.0  # per metre of depth
+SLOPE_FROM, SLOPE_TO = -0.25, 0.55  # where the slope is measured: both foot pairs and the next landing [m]
+LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot counts as well [m]
+
+
+class ScriptedPlanner:
+    """Plans for any batch of robots."""
+
+    def __init__(self, parameters: ScriptedParameters | None = None) -> None:
+        self.parameters = parameters or ScriptedParameters()
+
+    def step(self, observation: Observation, heights: Floats) -> Action:
+        """Plans the next 10 ms.
+
+        Args:
+            observation: of the robots, leading dimensions (...).
+            heights: Terrain relative to the base [m], shape (..., 30).
+
+        Returns:
+            The action, within its bounds.
+        """
+        p = self.parameters
+        heights = heights + self._offset(observation, heights)[..., None]
+        incline = slope(heights, SLOPE_FROM, SLOPE_TO)
+        front = observation.contact[..., FRONT]
+        progress = np.where(front, observation.progress[..., FRONT], observation.progress[..., REAR])
+        moment = progress - 0.5
+        climb = p.climb_gain * incline * observation.velocity[..., 0]
+        rise = p.height_gain * (p.height_m - observation.base_height)
+        velocity_z = _by_mode(
+            front,
+            p.front_velocity_z + p.front_velocity_z_slope * moment,
+            p.rear_velocity_z + p.rear_velocity_z_slope * moment,
+        )
+        pitch_rate = _by_mode(
+            front,
+            p.front_pitch_rate + p.front_pitch_rate_slope * moment,
+            p.rear_pitch_rate + p.rear_pitch_rate_slope * moment,
+        )
+        pitch_error = p.pitch + p.pitch_per_slope * incline - observation.pitch
+        shape = observation.pitch.shape
+        return Action(
+            stepping_frequency_hz=np.broadcast_to(np.asarray(p.stepping_frequency_hz), shape),
+            velocity_x=np.broadcast_to(p.velocity_x + p.velocity_x_per_slope * np.abs(incline), shape),
+            velocity_z=velocity_z + rise + climb,
+            pitch_rate=pitch_rate + p.pitch_gain * pitch_error,
+            foot_residual_front=self._residual(observation, heights, FRONT, p.front_landing_x),
+            foot_residual_rear=self._residual(observation, heights, REAR, p.rear_landing_x),
+        ).bounded()
+
+    def _offset(self, observation: Observation, heights: Floats) -> Floats:
+        """What to add to the heights so that the ground under the standing feet is where those feet feel it."""
+        feet_x = observation.foot[..., 0]
+        standing = observation.contact.astype(np.float64)
+        count = standing.sum(axis=-1)
+        seen = (height_at(heights, feet_x) * standing).sum(axis=-1)
+        felt = ((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing).sum(axis=-1)
+        felt = np.where(count > 0, felt, -observation.base_height)
+        seen = np.where(count > 0, seen, height_at(heights, feet_x).mean(axis=-1))
+        return (1.0 - self.parameters.height_trust) * (felt - seen) / np.maximum(count, 1.0)
+
+    def _residual(self, observation: Observation, heights: Floats, leg: int, shift: Value) -> Floats:
+        """Residual of one pair of feet, shape (..., 3)."""
+        p = self.parameters
+        swing = observation.progress[..., leg]
+        forward = observation.velocity[..., 0]
+        frequency = np.asarray(p.stepping_frequency_hz)
+        step = np.clip(0.5 * forward * STANCE_RATIO / frequency, -LANDING_LIMIT, LANDING_LIMIT)
+        travel = forward * (1.0 - swing) * SWING_RATIO / frequency
+        neutral = go1.HIP_ANCHOR[leg, 0] * np.cos(observation.pitch) + step + shift + travel
+        landing = neutral + self._detour(observation, heights, neutral)
+        foot_x = observation.foot[..., leg : leg + 2, 0].mean(axis=-1)
+        start, end = np.minimum(foot_x, landing) - LIFT_MARGIN, np.maximum(foot_x, landing) + LIFT_MARGIN
+        nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
+        over = highest_between(heights, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
+        down = height_at(heights, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
+        up = _smooth(swing / p.lift_until)
+        low = _smooth((swing - p.lower_from) / (1.0 - np.asarray(p.lower_from)))
+        lift = up * (over + (down - over) * low)
+        zero = np.zeros_like(lift)
+        residual = np.stack([shift + landing - neutral + zero, zero, lift], axis=-1)
+        return np.where(observation.contact[..., leg, None], 0.0, residual)
+
+    def _detour(self, observation: Observation, heights: Floats, neutral: Floats) -> Floats:
+        """How far to land from the neutral point [m]."""
+        margin = np.broadcast_to(np.asarray(self.parameters.edge_margin_m), neutral.shape)[..., None]
+        x = neutral[..., None] + CANDIDATES
+        there = height_at(heights, x)
+        before, behind = height_at(heights, x - margin), height_at(heights, x + margin)
+        relief = np.maximum(np.abs(there - before), np.abs(there - behind))
+        depth = -observation.base_height[..., None] - there - TRENCH_DEPTH
+        cost = np.abs(CANDIDATES) + EDGE_COST * (relief > EDGE_HEIGHT) + TRENCH_COST * np.maximum(depth, 0.0)
+        return CANDIDATES[np.argmin(cost, axis=-1)]
+
+
+def _by_mode(front: NDArray[np.bool_], front_value: Value, rear_value: Value) -> Floats:
+    return np.where(front, front_value, rear_value)
+
+
+def _smooth(t: Floats) -> Floats:
+    """From 0 to 1, at rest at both ends."""
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
