@@ -1,0 +1,99 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.chain import ActuatorChain
+from saltus.effects.profile import GO1
+from saltus.messages import JointCommand
+from saltus.sim.batch import BatchPlant
+from saltus.sim.plant import Plant
+from saltus.sim.state import PlantState
+from saltus.terrain.curriculum import TABLE, make_terrain
+
+TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in TABLE]
+COUNT = len(TERRAINS)
+FRICTION = np.linspace(0.5, 1.0, COUNT)
+PAYLOAD = np.linspace(0.0, 1.5, COUNT)
+START = np.array([0.1, 1.4, 1.6, 1.3, 1.3])
+CHAIN = ActuatorChain((*GO1.actuator, ActuatorLag(time_constant=0.004)))
+
+
+def command_for(rng: np.random.Generator, count: int) -> JointCommand:
+    one = np.ones((count, 12))
+    torque = rng.normal(0.0, 2.0, (count, 12))
+    return JointCommand(
+        position=go1.STAND_POSE + rng.normal(0.0, 0.1, (count, 12)),
+        velocity=0 * one,
+        kp=50 * one,
+        kd=one,
+        torque=torque,
+    )
+
+
+def row(command: JointCommand, i: int) -> JointCommand:
+    return JointCommand(**{f.name: getattr(command, f.name)[i] for f in dataclasses.fields(command)})
+
+
+def assert_row_equals(batch: PlantState, i: int, single: PlantState) -> None:
+    for field in dataclasses.fields(PlantState):
+        both = getattr(batch, field.name)[i], getattr(single, field.name)
+        np.testing.assert_allclose(*both, atol=1e-9, err_msg=f"robot {i}, {field.name}")
+
+
+def test_a_batch_equals_single_plants_through_resets() -> None:
+    rng = np.random.default_rng(0)
+    batch = BatchPlant(TERRAINS, COUNT, friction=FRICTION, payload_kg=PAYLOAD, chain=CHAIN, threads=1)
+    singles = [
+        Plant(terrain, friction=friction, payload_kg=payload, chain=CHAIN)
+        for terrain, friction, payload in zip(TERRAINS, FRICTION, PAYLOAD, strict=True)
+    ]
+    batch.reset(position_x=START, yaw=0.1)
+    for plant, x in zip(singles, START, strict=True):
+        plant.reset(x, yaw=0.1)
+    for step in range(300):
+        if step == 120:
+            batch.reset(np.array([1, 3]), position_x=0.3)
+            singles[1].reset(0.3)
+            singles[3].reset(0.3)
+        command = command_for(rng, COUNT)
+        state = batch.step(command)
+        for i, plant in enumerate(singles):
+            assert_row_equals(state, i, plant.step(row(command, i)))
+
+
+def test_robots_can_be_given_another_world() -> None:
+    widest = max(len(terrain.column_top) for terrain in TERRAINS)
+    batch = BatchPlant(TERRAINS[0], 3, columns=widest, threads=1)
+    batch.set_terrains(np.array([0, 2]), [TERRAINS[2], TERRAINS[4]])
+    batch.set_bodies(np.array([2]), 0.6, 1.2)
+    singles = [Plant(TERRAINS[2]), Plant(TERRAINS[0]), Plant(TERRAINS[4], friction=0.6, payload_kg=1.2)]
+    batch.reset(position_x=1.4)
+    for plant in singles:
+        plant.reset(1.4)
+    rng = np.random.default_rng(1)
+    for _ in range(150):
+        command = command_for(rng, 3)
+        state = batch.step(command)
+        for i, plant in enumerate(singles):
+            assert_row_equals(state, i, plant.step(row(command, i)))
+    x = np.linspace(0.0, 5.0, 40)
+    np.testing.assert_array_equal(batch.terrains.height_at(np.tile(x, (3, 1)))[0], TERRAINS[2].height_at(x))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_and_neighbours_change_nothing(threads: int) -> None:
+    rng = np.random.default_rng(2)
+    batch = BatchPlant(TERRAINS[1], 7, threads=threads)
+    alone = BatchPlant(TERRAINS[1], 1, threads=1)
+    for _ in range(100):
+        command = command_for(rng, 7)
+        state = batch.step(command)
+        reference = alone.step(
+            JointCommand(**{f.name: getattr(command, f.name)[4:5] for f in dataclasses.fields(command)})
+        )
+    for field in dataclasses.fields(PlantState):
+        np.testing.assert_array_equal(getattr(state, field.name)[4], getattr(reference, field.name)[0])

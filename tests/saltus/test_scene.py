@@ -1,0 +1,97 @@
+import mujoco
+import numpy as np
+import pytest
+
+from saltus import go1
+from saltus.kinematics import foot_position
+from saltus.sim import links, scene
+from saltus.terrain import flat, stairs
+
+POSES = np.random.default_rng(0).uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (20, 12))
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return scene.build_spec(flat.make()).compile()
+
+
+def in_the_air(model: mujoco.MjModel, pose: np.ndarray) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qpos[2] = 5.0
+    data.qpos[7:] = pose
+    return data
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, 0.4, 1.5])
+def test_mass_is_the_published_one_and_the_payload(payload_kg: float) -> None:
+    model = scene.build_spec(flat.make(), payload_kg=payload_kg).compile()
+    assert model.body_mass.sum() == pytest.approx(go1.MASS + payload_kg, abs=1e-9)
+    assert pytest.approx(12.743, abs=1e-3) == go1.MASS
+
+
+def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
+    np.testing.assert_allclose(model.dof_armature[6:], go1.ARMATURE)
+    assert not model.dof_armature[:6].any()
+    assert not model.dof_damping.any()
+    assert not model.dof_frictionloss.any()
+    assert not model.actuator_ctrllimited.any()
+    assert not model.actuator_forcelimited.any()
+    assert model.opt.timestep == go1.PHYSICS_DT
+    assert [model.joint(i).name for i in range(1, 13)] == list(go1.JOINTS)
+    assert [model.actuator(i).name for i in range(12)] == list(go1.JOINTS)
+    np.testing.assert_allclose(model.jnt_range[1:], np.stack([go1.JOINT_LOWER, go1.JOINT_UPPER], axis=-1))
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_feet_are_where_the_kinematics_say(model: mujoco.MjModel, pose: np.ndarray) -> None:
+    data = in_the_air(model, pose)
+    mujoco.mj_kinematics(model, data)
+    feet = np.stack([data.geom(f"{leg}_foot").xpos for leg in go1.LEGS])
+    np.testing.assert_allclose(feet - data.qpos[:3], foot_position(pose), atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", range(12))
+def test_positive_torque_accelerates_a_joint_forward(model: mujoco.MjModel, joint: int) -> None:
+    data = in_the_air(model, go1.STAND_POSE)
+    data.ctrl[joint] = 1.0
+    mujoco.mj_forward(model, data)
+    assert data.qacc[6 + joint] > 0.0
+    assert data.qfrc_actuator[6 + joint] == 1.0
+
+
+@pytest.mark.parametrize("link", [links.trunk(), links.hip(1.0), links.hip(-1.0), links.thigh(), links.calf()])
+def test_inertia_tensors_belong_to_real_bodies(link: links.Inertia) -> None:
+    moments = np.linalg.eigvalsh(link.tensor)
+    assert np.all(moments > 0.0)
+    assert moments[2] <= moments[0] + moments[1]
+    np.testing.assert_allclose(link.tensor, link.tensor.T)
+
+
+def test_the_robot_is_symmetric_but_for_its_trunk(model: mujoco.MjModel) -> None:
+    for part in ("hip", "thigh", "calf"):
+        bodies = [model.body(f"{leg}_{part}") for leg in go1.LEGS]
+        for body in bodies:
+            np.testing.assert_allclose(body.mass, bodies[0].mass)
+            np.testing.assert_allclose(
+                body.ipos * [1, -1, 1], np.where(body.name[1] == "R", 1, [1, -1, 1]) * bodies[1].ipos
+            )
+
+
+def test_everything_touches_the_terrain_and_nothing_itself(model: mujoco.MjModel) -> None:
+    robot = model.geom_group == scene.ROBOT_GROUP
+    terrain = model.geom_group == scene.TERRAIN_GROUP
+    touches = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]) != 0
+    touches |= touches.T
+    assert robot.sum() == 17
+    assert touches[np.ix_(robot, terrain)].all()
+    assert not touches[np.ix_(robot, robot)].any()
+
+
+def test_options_reach_the_model() -> None:
+    shift = np.array([0.02, -0.01, 0.03])
+    model = scene.build_spec(
+        stairs.make(steps=3, rise_m=0.1, run_m=0.3), friction=0.33, com_shift=shift, columns=9
+    ).compile()
+    np.testing.assert_allclose(model.body(scene.TRUNK).ipos, links.TRUNK_COM + shift)
+    assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)
+    assert (model.geom_group == scene.TERRAIN_GROUP).sum() == 9
