@@ -93,7 +93,7 @@ class Estimator:
 
         measurement = self._legs(measured, rotation, trusted)
         gain = variance / (variance + self._measurement.like(mean))
-        gain = xp.where(xp.any(trusted, axis=-1, keepdims=True), gain, 0.0 * gain)
+        gain = xp.where(xp.any(trusted, axis=-1, keepdims=True), gain, xp.zeros_like(gain))
         return EstimatorState(mean=mean + gain * (measurement - mean), variance=variance * (1.0 - gain))
 
     def _legs(self, measured: Measurement, rotation: Array, trusted: Array) -> Array:

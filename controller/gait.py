@@ -69,7 +69,7 @@ class Gait:
         contact = stance | waiting
         in_stance = fraction * (1.0 / self._stance_ratio)
         in_swing = (fraction - self._stance_ratio) * (1.0 / self._swing_ratio)
-        progress = xp.where(stance, in_stance, xp.where(waiting, 0.0 * fraction, in_swing))
+        progress = xp.where(stance, in_stance, xp.where(waiting, xp.zeros_like(fraction), in_swing))
         middle = stance & (in_stance >= self._untrusted) & (in_stance <= 1.0 - self._untrusted)
         return GaitSignal(
             contact=contact,

@@ -162,9 +162,10 @@ class LegController:
             return state
         if mode in _MOVING and state.mode in _MOVING:
             return replace(state, mode=mode)
+        xp = namespace(sensed.joint_position)
         return replace(
             state,
-            gait=GaitState(phase=0.0 * state.gait.phase) if mode in _MOVING else state.gait,
+            gait=GaitState(phase=xp.zeros_like(state.gait.phase)) if mode in _MOVING else state.gait,
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
@@ -185,18 +186,18 @@ class LegController:
         """As running, but legs that have come down stay down, and the body is brought to rest in standing height."""
         xp = namespace(body.roll)
         config = self.config
-        frequency = xp.maximum(plan.stepping_frequency, 0.0 * body.roll + config.landing_frequency_hz)
+        frequency = xp.maximum(plan.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
         gait = self._gait.advance(state.gait, frequency, go1.PHYSICS_DT)
         signal = self._gait.read(gait, frequency)
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
-        zero = 0.0 * body.roll
+        zero = xp.zeros_like(body.roll)
         rise = xp.clip(config.landing_gain * (go1.STAND_HEIGHT - sensed.base_height), -0.5, 0.5)
         rest = Plan(
             stepping_frequency=frequency,
             velocity=xp.stack([zero, zero, rise], -1),
             angular_velocity=xp.stack([zero, -config.landing_gain * body.pitch, zero], -1),
-            foot_residual=0.0 * body.foot_yaw,
+            foot_residual=xp.zeros_like(body.foot_yaw),
             heading=body.yaw,
         )
         state = replace(state, gait=gait, landed=landed, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
@@ -223,7 +224,7 @@ class LegController:
         joint_velocity = self._feedback.joint_velocity(body, velocity, angular_velocity)
 
         stance = xp.broadcast_to(standing, body.foot_yaw.shape).reshape(sensed.joint_position.shape)
-        zero = 0.0 * sensed.joint_position
+        zero = xp.zeros_like(sensed.joint_position)
         command = JointCommand(
             position=xp.where(stance, sensed.joint_position, swing_joint),
             velocity=xp.where(stance, joint_velocity, zero),
@@ -253,10 +254,11 @@ class LegController:
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
     def _stand(self, sensed: Sensed, state: LawState) -> JointCommand:
+        xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
         share = min(1.0, (state.mode_time_s + go1.PHYSICS_DT) / self.config.stand_blend_s)
         share = share * share * (3.0 - 2.0 * share)
-        zero = 0.0 * measured
+        zero = xp.zeros_like(measured)
         return JointCommand(
             position=state.blend_from + share * (_STAND_POSE.like(measured) - state.blend_from),
             velocity=zero,
@@ -266,16 +268,18 @@ class LegController:
         )
 
     def _damp(self, sensed: Sensed) -> JointCommand:
-        zero = 0.0 * sensed.joint_position
+        xp = namespace(sensed.joint_position)
+        zero = xp.zeros_like(sensed.joint_position)
         return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self.config.damp_kd, torque=zero)
 
     def _at_rest(self, body: Body, state: LawState) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step without a schedule: every leg is in contact."""
+        xp = namespace(body.roll)
         down = state.landed | True
-        zero = 0.0 * body.roll
+        zero = xp.zeros_like(body.roll)
         signal = GaitSignal(
             contact=down,
-            progress=0.0 * body.foot_yaw[..., 0],
+            progress=xp.zeros_like(body.foot_yaw[..., 0]),
             trusted=down,
             cycle=self._gait.read(state.gait, zero + 1.0).cycle,
             stance_duration=zero,
@@ -283,10 +287,10 @@ class LegController:
         diagnostics = Diagnostics(
             gait=signal,
             body=body,
-            force=0.0 * body.foot_yaw.reshape((*body.foot_yaw.shape[:-2], 12)),
+            force=xp.zeros_like(body.foot_yaw.reshape((*body.foot_yaw.shape[:-2], 12))),
             tracking_cost=zero,
-            velocity_reference=0.0 * body.velocity,
-            angular_velocity_reference=0.0 * body.velocity,
+            velocity_reference=xp.zeros_like(body.velocity),
+            angular_velocity_reference=xp.zeros_like(body.velocity),
         )
         state = replace(state, liftoff=body.foot_yaw, landed=down, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
         return state, diagnostics

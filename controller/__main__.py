@@ -1,0 +1,126 @@
+"""The controller process: the leg controller and the robot behind it, wired to the bus."""
+
+import gc
+import json
+import sys
+from dataclasses import asdict
+
+from controller.course import Course, CourseState
+from controller.lockstep import Lockstep
+from controller.loop import ControlLoop
+from controller.plans import Plans
+from controller.robot.mujoco import MujocoRobot
+from saltus import go1
+from saltus.effects.profile import load_profile
+from saltus.messages import ControllerMode
+from saltus.process import ProcessContext, run_process
+from saltus.terrain.curriculum import make_terrain
+from saltus.ticker import Ticker
+from saltus.trial import Trial
+
+TICK_NS = round(1e9 * go1.PHYSICS_DT)
+STEP_NS = TICK_NS * go1.POLICY_STEPS
+
+
+def body(context: ProcessContext) -> None:
+    """Runs one trial, to its end or until the process is told to stop."""
+    trial = Trial.draw(context.config.seed)
+    profile = trial.applied_to(load_profile(context.config.profile))
+    robot = MujocoRobot(make_terrain(context.config.terrain), trial, profile.actuator_chain)
+    robot.reset()
+    try:
+        run = Run(context, robot)
+        if context.config.pace == "lockstep":
+            run.lockstep()
+        else:
+            run.realtime()
+    finally:
+        robot.close()
+
+
+class Run:
+    """One run of a simulated robot on the bus."""
+
+    def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
+        self._context = context
+        self._robot = robot
+        self._loop = ControlLoop()
+        self._course = Course(robot.terrain, context.config.time_limit_s)
+        self._progress = CourseState(outcome=None, halt=False, over=False)
+        self._plans = Plans(context)
+        self._joints = context.bus.publisher("controller/joints")
+        self._mode = ControllerMode.STAND
+        self._step = 0
+
+    def lockstep(self) -> None:
+        """Waits for the others at every policy step."""
+        exchange = Lockstep(self._context, self._plans)
+        self._context.ready()
+        while not self._finished():
+            start_ns = self._step * STEP_NS
+            self._context.clock.set(start_ns)
+            self._context.beat(ticks=self._step * go1.POLICY_STEPS)
+            self._loop.sense(self._robot.read())
+            truth = self._robot.truth(start_ns, self._step)
+            if not exchange.answered(truth, self._loop.state):
+                return
+            for tick in range(go1.POLICY_STEPS):
+                now_ns = start_ns + tick * TICK_NS
+                self._context.clock.set(now_ns)
+                if tick:
+                    self._loop.sense(self._robot.read())
+                self._act(now_ns)
+            self._close_step(start_ns)
+
+    def realtime(self) -> None:
+        """Runs at 500 Hz of the wall clock; the others answer when they can."""
+        states = self._context.bus.publisher("controller/state")
+        truths = self._context.bus.publisher("plant/truth")
+        ticker = Ticker(1.0 / go1.PHYSICS_DT)
+        gc.collect()
+        gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
+        self._context.ready()
+        while not self._finished():
+            start_ns = 0
+            for tick in range(go1.POLICY_STEPS):
+                ticker.wait()
+                now_ns = self._context.clock.now_ns()
+                self._loop.sense(self._robot.read())
+                if tick == 0:
+                    start_ns = now_ns
+                    truths.put(self._robot.truth(now_ns, self._step))
+                    states.put(self._loop.state(now_ns, self._step))
+                self._act(now_ns)
+            self._close_step(start_ns)
+            self._context.beat(ticks=ticker.ticks, overruns=ticker.overruns)
+
+    def _finished(self) -> bool:
+        return self._context.stopped or self._progress.over
+
+    def _act(self, now_ns: int) -> None:
+        plan, age_s = self._plans.newest(now_ns, halt=self._progress.halt)
+        self._robot.write(self._loop.act(plan, age_s))
+        if self._loop.mode != self._mode:
+            self._mode = self._loop.mode
+            self._context.event(f"mode_{self._mode.name.lower()}", self._plans.reason(now_ns))
+
+    def _close_step(self, start_ns: int) -> None:
+        self._joints.put(self._loop.take_joint_log(start_ns, self._step))
+        self._step += 1
+        state = self._robot.state
+        before = self._progress
+        self._progress = self._course.step(
+            self._step * go1.POLICY_STEPS * go1.PHYSICS_DT,
+            state.position_base_in_world,
+            state.quaternion_base_in_world,
+            self._robot.take_trunk_contact(),
+            self._mode,
+        )
+        outcome = self._progress.outcome
+        if outcome is not None and before.outcome is None:
+            code = {"": "finished", "time_limit": "timeout"}.get(outcome.cause, "fell")
+            self._context.event(code, json.dumps(asdict(outcome)))
+
+
+if __name__ == "__main__":
+    sys.exit(run_process("controller", body))

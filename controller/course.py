@@ -1,0 +1,55 @@
+"""When a run is over: the trial is judged, the robot comes to a stand behind the finish."""
+
+from dataclasses import dataclass
+
+from saltus.messages import ControllerMode, Floats
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Outcome, TrialMonitor
+
+STOP_AFTER_FINISH_M = 0.2
+"""The robot runs on so far, so that it passes the finish in full motion."""
+STAND_S = 0.5
+"""It then stands, or lies, this long before the run ends."""
+AFTERMATH_LIMIT_S = 3.0
+"""The run ends this long after its outcome at the latest: a landing and a stand take 1.5 s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CourseState:
+    """Where the robot is in its run."""
+
+    outcome: Outcome | None
+    """None while the trial goes on."""
+    halt: bool
+    """The robot is to stand now, whatever the plan says."""
+    over: bool
+
+
+class Course:
+    """Follows one run, one call for each policy step."""
+
+    def __init__(self, terrain: Terrain, time_limit_s: float) -> None:
+        self._monitor = TrialMonitor(terrain, time_limit_s)
+        self._halt_x = terrain.finish_x + STOP_AFTER_FINISH_M
+        self._halt = False
+        self._decided_s: float | None = None
+        self._resting_s: float | None = None
+
+    def step(
+        self, time_s: float, position: Floats, quaternion: Floats, trunk_contact: bool, mode: ControllerMode
+    ) -> CourseState:
+        """Takes in one sample; arguments as for `TrialMonitor.step`, and the mode of the controller."""
+        outcome = self._monitor.step(time_s, position, quaternion, trunk_contact)
+        if outcome is None:
+            return CourseState(outcome=None, halt=False, over=False)
+        if self._decided_s is None:
+            self._decided_s = time_s
+        self._halt = self._halt or not outcome.success or float(position[0]) >= self._halt_x
+        resting = mode in (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
+        if not (self._halt and resting):
+            self._resting_s = None
+        elif self._resting_s is None:
+            self._resting_s = time_s
+        rested = self._resting_s is not None and time_s - self._resting_s >= STAND_S
+        late = time_s - self._decided_s >= AFTERMATH_LIMIT_S
+        return CourseState(outcome=outcome, halt=self._halt, over=rested or late)

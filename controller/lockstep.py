@@ -1,0 +1,78 @@
+"""Lockstep from the side of the plant: one policy step is over when camera, heightmap and planner have answered."""
+
+import time
+from collections.abc import Callable
+
+from controller.plans import Plans
+from saltus.errors import StackError
+from saltus.messages import GroundTruth, RobotState
+from saltus.process import ProcessContext
+
+RESEND_S = 0.5
+SILENCE_LIMIT_S = 5.0
+POLL_S = 0.1  # how often a wait looks whether the process should stop
+
+
+class Lockstep:
+    """Asks the other processes and waits for their answers; all of them may be asked twice."""
+
+    def __init__(self, context: ProcessContext, plans: Plans) -> None:
+        self._context = context
+        self._plans = plans
+        self._truths = context.bus.publisher("plant/truth")
+        self._states = context.bus.publisher("controller/state")
+        self._render = context.bus.latest("done", "render")
+        self._heightmap = context.bus.latest("done", "heightmap")
+        self._heightmap_step = -1
+        self._depth_due = -1
+
+    def answered(self, truth: GroundTruth, state: Callable[[int, int, int], RobotState]) -> bool:
+        """Takes one policy step through camera, heightmap and planner.
+
+        Args:
+            truth: of this step, for the camera.
+            state: makes the robot state from time, step and the newest camera frame that is due.
+
+        Returns:
+            False if the process is to stop; else the plan of this step has been taken by `Plans`.
+
+        Raises:
+            StackError: one of them has not answered for 5 s.
+        """
+        step = truth.step
+        if not self._ask(lambda: self._truths.put(truth), lambda wait_s: self._rendered(step, wait_s), step):
+            return False
+        message = state(truth.time_ns, step, self._depth_due)
+        return self._ask(lambda: self._states.put(message), lambda wait_s: self._planned(step, wait_s), step)
+
+    def _ask(self, send: Callable[[], None], answer: Callable[[float], str], step: int) -> bool:
+        """Sends until nobody is owed for any more; `answer` names the process that is."""
+        begin = sent = time.monotonic()
+        send()
+        while (silent := answer(POLL_S)) and not self._context.stopped:
+            now = time.monotonic()
+            if now - begin > SILENCE_LIMIT_S:
+                raise StackError(
+                    f"process '{silent}' has not answered step {step} for {SILENCE_LIMIT_S:.0f} s: see its log"
+                )
+            if now - sent > RESEND_S:
+                send()
+                sent = now
+            self._context.beat(ticks=step)
+        return not self._context.stopped
+
+    def _rendered(self, step: int, wait_s: float) -> str:
+        sample = self._render.wait(wait_s)
+        if sample is None or sample.message.step != step:
+            return "render"
+        self._depth_due = sample.message.frame_id
+        return ""
+
+    def _planned(self, step: int, wait_s: float) -> str:
+        plan = self._plans.wait(wait_s)
+        if plan is not None and plan.step == step:
+            return ""
+        done = self._heightmap.take()
+        if done is not None:
+            self._heightmap_step = done.message.step
+        return "policy" if self._heightmap_step >= step else "heightmap"

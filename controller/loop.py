@@ -1,0 +1,192 @@
+"""The 500 Hz loop of one robot as a pure class: sense, decide, act. It knows no bus and no clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.estimator import Estimator
+from controller.law import LegController
+from controller.robot.backend import Reading
+from controller.signals import Plan, Sensed, plan_from_message
+from controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
+from saltus import go1
+from saltus.errors import SaltusError
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
+
+FIRST_STAND_S = 1.0
+"""Time for estimator, camera and heightmap to settle before the first GO is obeyed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Row:
+    reading: Reading
+    command: JointCommand
+
+
+class ControlLoop:
+    """Estimator, watchdog and law of one robot.
+
+    Each tick is `sense(reading)`, then `act(plan, age)`; `state` describes the robot between the two.
+    """
+
+    def __init__(
+        self,
+        law: LegController | None = None,
+        estimator: Estimator | None = None,
+        watchdog: WatchdogConfig | None = None,
+    ) -> None:
+        self._law = law or LegController()
+        self._estimator = estimator or Estimator()
+        self._watchdog = watchdog or WatchdogConfig()
+        self._estimate = self._estimator.init((), go1.STAND_POSE)
+        self._law_state = self._law.init((), go1.STAND_POSE)
+        self._watch = WatchdogState()
+        self._contact = self._trusted = np.ones(4, dtype=np.bool_)
+        self._progress = np.zeros(4)
+        self._cycle = 0
+        self._settled = False
+        self._ticks = 0
+        self._reading: Reading | None = None
+        self._attitude = (0.0, 0.0)
+        self._heading = 0.0
+        self._plan: tuple[MotionPlan, Plan] | None = None
+        self._rows: list[_Row] = []
+
+    @property
+    def mode(self) -> ControllerMode:
+        """What the controller is doing."""
+        return self._watch.mode
+
+    def sense(self, reading: Reading) -> None:
+        """Takes in what the robot measures now. The yaw of the first reading is the heading that it will hold."""
+        measured = reading.measurement
+        roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(measured.quaternion_base_in_world))
+        if self._reading is None:
+            self._heading = float(yaw)
+        self._reading = reading
+        self._attitude = (float(roll), float(pitch))
+        self._estimate = self._estimator.step(measured, self._trusted, self._estimate)
+
+    def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
+        """Decides the mode and computes the command.
+
+        Args:
+            plan: the newest plan; None before the first.
+            plan_age_s: its age; infinite before the first.
+        """
+        reading = self._sensed_reading()
+        self._watch = watch(
+            self._watch,
+            WatchdogInput(
+                plan_age_s=plan_age_s,
+                plan_status=PlanStatus.STAND if plan is None else plan.status,
+                roll=self._attitude[0],
+                pitch=self._attitude[1],
+                finite=_all_finite(reading) and bool(np.isfinite(self._estimate.mean).all()),
+                settled=self._settled,
+                may_start=self._ticks * go1.PHYSICS_DT >= FIRST_STAND_S,
+            ),
+            go1.PHYSICS_DT,
+            self._watchdog,
+        )
+        command = self._step_law(reading, self._reference(plan))
+        self._rows.append(_Row(reading=reading, command=command))
+        self._ticks += 1
+        return command
+
+    def state(self, time_ns: int, step: int, depth_due: int = -1) -> RobotState:
+        """The robot as of the last `sense`, with the contacts of the last `act`."""
+        reading = self._sensed_reading()
+        measured = reading.measurement
+        return RobotState(
+            time_ns=time_ns,
+            step=step,
+            quaternion_base_in_world=measured.quaternion_base_in_world,
+            angular_velocity_base=measured.angular_velocity_base,
+            acceleration_base=measured.acceleration_base,
+            joint_position=measured.joint_position,
+            joint_velocity=measured.joint_velocity,
+            joint_torque=reading.joint_torque,
+            velocity_base_in_world=self._estimate.velocity_base_in_world,
+            base_height=float(self._estimate.base_height),
+            leg_contact=self._contact,
+            leg_progress=self._progress,
+            leg_trusted=self._trusted,
+            cycle=self._cycle,
+            mode=self.mode,
+            depth_due=depth_due,
+        )
+
+    def take_joint_log(self, time_ns: int, step: int) -> JointLog:
+        """The ticks since the last call; `time_ns` is the time of the first of them."""
+        rows, self._rows = self._rows, []
+        measured = [row.reading.measurement for row in rows]
+        commands = [row.command for row in rows]
+        return JointLog(
+            time_ns=time_ns,
+            step=step,
+            dt_s=go1.PHYSICS_DT,
+            position=np.array([m.joint_position for m in measured]),
+            velocity=np.array([m.joint_velocity for m in measured]),
+            position_desired=np.array([c.position for c in commands]),
+            velocity_desired=np.array([c.velocity for c in commands]),
+            torque_feedforward=np.array([c.torque for c in commands]),
+            torque_estimated=np.array([row.reading.joint_torque for row in rows]),
+            kp=np.array([c.kp for c in commands]),
+            kd=np.array([c.kd for c in commands]),
+        )
+
+    def _sensed_reading(self) -> Reading:
+        if self._reading is None:
+            raise SaltusError("the control loop must sense before it acts")
+        return self._reading
+
+    def _reference(self, message: MotionPlan | None) -> Plan:
+        message = message or _NO_PLAN
+        if self._plan is None or self._plan[0] is not message:
+            self._plan = (message, plan_from_message(message, self._heading))
+        return self._plan[1]
+
+    def _step_law(self, reading: Reading, plan: Plan) -> JointCommand:
+        measured = reading.measurement
+        sensed = Sensed(
+            quaternion_base_in_world=measured.quaternion_base_in_world,
+            angular_velocity_base=measured.angular_velocity_base,
+            joint_position=measured.joint_position,
+            joint_velocity=measured.joint_velocity,
+            velocity_base_in_world=self._estimate.velocity_base_in_world,
+            base_height=self._estimate.base_height,
+        )
+        command, self._law_state, diagnostics = self._law.step(plan, sensed, self._law_state, self.mode)
+        gait = diagnostics.gait
+        self._contact, self._trusted, self._progress = gait.contact, gait.trusted, gait.progress
+        self._cycle = int(gait.cycle)
+        self._settled = bool(self._law.settled(self._law_state, diagnostics))
+        return command
+
+
+_NO_PLAN = MotionPlan(
+    time_ns=0,
+    step=0,
+    status=PlanStatus.STAND,
+    stepping_frequency_hz=1.0,
+    velocity_x=0.0,
+    velocity_z=0.0,
+    pitch_rate=0.0,
+    foot_residual_front=np.zeros(3),
+    foot_residual_rear=np.zeros(3),
+    reason="no plan yet",
+)
+
+
+def _all_finite(reading: Reading) -> bool:
+    measured = reading.measurement
+    total = (
+        measured.joint_position.sum()
+        + measured.joint_velocity.sum()
+        + measured.acceleration_base.sum()
+        + measured.angular_velocity_base.sum()
+        + measured.quaternion_base_in_world.sum()
+    )
+    return bool(np.isfinite(total))

@@ -1,0 +1,61 @@
+"""The newest plan and its age, and the word that goes out when plans stop coming."""
+
+from dataclasses import replace
+
+from controller.watchdog import WatchdogConfig
+from saltus.messages import MotionPlan, PlanStatus
+from saltus.process import ProcessContext
+
+
+class Plans:
+    """What the planner last said."""
+
+    def __init__(self, context: ProcessContext, watchdog: WatchdogConfig | None = None) -> None:
+        self._context = context
+        self._lost_age_s = (watchdog or WatchdogConfig()).lost_age_s
+        self._slot = context.bus.latest("policy/plan")
+        self._plan: MotionPlan | None = None
+        self._standing: MotionPlan | None = None
+        self._lost = False
+
+    def take(self) -> MotionPlan | None:
+        """The newest plan, if one has arrived since the last call."""
+        sample = self._slot.take()
+        return None if sample is None else self._keep(sample.message)
+
+    def wait(self, timeout_s: float) -> MotionPlan | None:
+        """The next plan, at most `timeout_s` from now."""
+        sample = self._slot.wait(timeout_s)
+        return None if sample is None else self._keep(sample.message)
+
+    def newest(self, now_ns: int, *, halt: bool) -> tuple[MotionPlan | None, float]:
+        """The newest plan and its age [s]; infinite before the first.
+
+        Args:
+            now_ns: in the run's clock.
+            halt: the run is over for the robot: its plan says STAND and is never late.
+        """
+        self.take()
+        age_s = self._age_s(now_ns)
+        lost = self._plan is not None and age_s > self._lost_age_s
+        if lost != self._lost:
+            self._lost = lost
+            self._context.event("plan_lost" if lost else "plan_back", f"the newest plan is {1e3 * age_s:.0f} ms old")
+        if halt and self._plan is not None:
+            self._standing = self._standing or replace(self._plan, status=PlanStatus.STAND)
+            return self._standing, 0.0
+        return self._plan, age_s
+
+    def reason(self, now_ns: int) -> str:
+        """Why the mode may just have changed, for a person."""
+        if self._plan is None:
+            return "no plan yet"
+        detail = f": {self._plan.reason}" if self._plan.reason else ""
+        return f"plan {self._plan.status.name}, {1e3 * self._age_s(now_ns):.0f} ms old{detail}"
+
+    def _keep(self, plan: MotionPlan) -> MotionPlan:
+        self._plan = plan
+        return plan
+
+    def _age_s(self, now_ns: int) -> float:
+        return float("inf") if self._plan is None else 1e-9 * (now_ns - self._plan.time_ns)

@@ -1,0 +1,83 @@
+"""The simulated robot: the plant of one trial behind the interface of a robot."""
+
+import numpy as np
+
+from controller.estimator import Measurement
+from controller.robot.backend import Reading, RobotBackend
+from saltus.effects.chain import ActuatorChain
+from saltus.grid import HEIGHTMAP_X
+from saltus.messages import GroundTruth, JointCommand
+from saltus.sim.plant import Plant
+from saltus.sim.state import PlantState
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+
+
+class MujocoRobot(RobotBackend):
+    """A Go1 in MuJoCo.
+
+    Args:
+        terrain: What it stands on.
+        trial: Start pose, friction, payload and seed.
+        chain: What its drives do to a command.
+    """
+
+    def __init__(self, terrain: Terrain, trial: Trial, chain: ActuatorChain) -> None:
+        self.terrain = terrain
+        self._trial = trial
+        self._plant = Plant(terrain, friction=trial.friction, payload_kg=trial.payload_kg, chain=chain, seed=trial.seed)
+        self._trunk_contact = False
+
+    @property
+    def state(self) -> PlantState:
+        """The true state, which a real robot does not have."""
+        return self._plant.state
+
+    def reset(self) -> None:
+        """Puts the robot where its trial starts."""
+        self._plant.reset(position_x=self._trial.position_x, yaw=self._trial.yaw)
+        self._trunk_contact = False
+
+    def read(self) -> Reading:
+        """The sensors, without noise: their errors are effects."""
+        state = self._plant.state
+        return Reading(
+            measurement=Measurement(
+                quaternion_base_in_world=state.quaternion_base_in_world,
+                angular_velocity_base=state.angular_velocity_base,
+                acceleration_base=state.acceleration_base,
+                joint_position=state.joint_position,
+                joint_velocity=state.joint_velocity,
+            ),
+            joint_torque=state.joint_torque,
+        )
+
+    def write(self, command: JointCommand) -> None:
+        """Advances by 2 ms."""
+        self._trunk_contact |= bool(self._plant.step(command).trunk_contact)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def take_trunk_contact(self) -> bool:
+        """Whether the trunk touched anything since the last call."""
+        touched, self._trunk_contact = self._trunk_contact, False
+        return touched
+
+    def truth(self, time_ns: int, step: int) -> GroundTruth:
+        """The true state and the true terrain ahead, for camera, labels and reports."""
+        state = self._plant.state
+        w, x, y, z = state.quaternion_base_in_world
+        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        position = state.position_base_in_world
+        return GroundTruth(
+            time_ns=time_ns,
+            step=step,
+            position_base_in_world=position,
+            quaternion_base_in_world=state.quaternion_base_in_world,
+            velocity_base_in_world=state.velocity_base_in_world,
+            angular_velocity_base=state.angular_velocity_base,
+            joint_position=state.joint_position,
+            foot_force=state.foot_force,
+            height=self.terrain.height_at(position[0] + np.cos(yaw) * HEIGHTMAP_X) - position[2],
+        )
