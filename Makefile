@@ -21,9 +21,10 @@ types: $(VENV)/.development
 imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
-# Two workers for two cores; one test file stays on one worker, so that its processes do not compete with each other.
+# Two workers for two cores; then, alone, the tests that run the real processes in real time.
 unit: $(VENV)/.development
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --ignore tests/processes
+	$(BIN)/pytest tests/processes
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries

@@ -7,11 +7,8 @@ time), all in the run's clock, so that a replay can check order and age as live.
 
 import json
 import platform
-import shutil
-import subprocess
 import time
 from collections import Counter
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 
@@ -23,6 +20,7 @@ from saltus.codec import Envelope
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
 from saltus.messages import GroundTruth, Message, RobotState
+from saltus.provenance import commit, package_version
 from saltus.schemas import TYPE_NAME
 
 CHUNK_BYTES = 256 * 1024
@@ -145,26 +143,6 @@ def describe(run_config: RunConfig) -> dict[str, str]:
         "config": config.to_toml(run_config),
         "seed": str(run_config.seed),
         "commit": commit(),
-        "versions": json.dumps({name: _version(name) for name in PACKAGES}),
+        "versions": json.dumps({name: package_version(name) for name in PACKAGES}),
         "python": platform.python_version(),
     }
-
-
-def commit() -> str:
-    """Commit of this checkout, with "+" where files differ from it; empty for an installed package."""
-    git = shutil.which("git")
-    root = Path(__file__).resolve().parent.parent
-    if git is None or not (root / ".git").exists():
-        return ""
-    answers = [
-        subprocess.run([git, "-C", str(root), *args], capture_output=True, text=True, check=False).stdout.strip()
-        for args in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
-    ]
-    return answers[0] + ("+" if answers[1] else "")
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return ""

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from saltus import go1
-from saltus.config import to_toml
+from saltus.config import RunConfig, to_toml
 from saltus.messages import Event, Floats, GroundTruth, Heightmap, HeightmapStatus, MotionPlan, RobotState
 from saltus.provenance import commit
 from saltus.recording import Recording
@@ -64,10 +64,11 @@ def collect(recording: Recording) -> RunData:
 
 def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     """Writes the report of a run; it opens without a network."""
+    config = recording.config or RunConfig()
     data = collect(recording)
-    terrain = make_terrain(recording.config.terrain)
+    terrain = make_terrain(config.terrain)
     parts = [
-        f"<h1>{html.escape(_headline(summary, terrain, recording))}</h1>",
+        f"<h1>{html.escape(_headline(summary, terrain, config))}</h1>",
         _numbers(summary),
         "<h2>Terrain, path of the base, and what the robot thought was ahead</h2>",
         '<p class="note">Dots: predicted heights, one profile in ten; zoom in to see single profiles.</p>',
@@ -78,14 +79,14 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         '<p class="note">Blue: a leg is scheduled to stand. Orange: its foot bears more than 5 N.</p>',
         _figure(_contact_figure(data)),
         "<h2>Heightmap error by distance ahead of the base</h2>",
-        '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: all that is nearer is memory.</p>',
+        '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
         _figure(_error_figure(data)),
         "<h2>Rates and ages</h2>",
         _timing_table(summary),
         "<h2>Events</h2>",
         _event_table(recording),
         "<h2>Provenance</h2>",
-        f"<pre>commit = {html.escape(commit())}\ndigest = {summary.digest}\n{html.escape(to_toml(recording.config))}</pre>",
+        f"<pre>commit = {html.escape(commit())}\ndigest = {summary.digest}\n{html.escape(to_toml(config))}</pre>",
     ]
     lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
     body = "\n".join(parts)
@@ -95,10 +96,10 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     )
 
 
-def _headline(summary: RunSummary, terrain: Terrain, recording: Recording) -> str:
+def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
     sizes = ", ".join(f"{name} {value:g}" for name, value in terrain.params.items())
     where = f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
-    run = f"seed {recording.config.seed}, {recording.config.pace}"
+    run = f"seed {config.seed}, {config.pace}"
     if summary.success:
         return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
     return f"Did not cross {where}: {summary.cause} after {summary.distance_m:.2f} m; {run}"
@@ -133,11 +134,17 @@ def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
         x=ground_x, y=terrain.height_at(ground_x), name="terrain", fill="tozeroy",
         line={"color": GREY, "width": 1.5}, fillcolor="rgba(120,120,120,0.25)",
     )  # fmt: skip
-    for status, colour in ((HeightmapStatus.OK, GREEN), (HeightmapStatus.WARMING, ORANGE), (HeightmapStatus.DEGRADED, RED)):
+    for status, colour in (
+        (HeightmapStatus.OK, GREEN),
+        (HeightmapStatus.WARMING, ORANGE),
+        (HeightmapStatus.DEGRADED, RED),
+    ):
         x, z = _predicted_points(data, status)
         if len(x):
             name = f"predicted heights ({status.name.lower()})"
-            figure.add_scattergl(x=x, y=z, mode="markers", name=name, marker={"color": colour, "size": 3, "opacity": 0.5})
+            figure.add_scattergl(
+                x=x, y=z, mode="markers", name=name, marker={"color": colour, "size": 3, "opacity": 0.5}
+            )
     figure.add_scatter(x=data.position[:, 0], y=data.position[:, 2], name="base", line={"color": BLUE, "width": 2})
     figure.update_xaxes(title="x [m]")
     figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)

@@ -35,9 +35,9 @@ class RunSummary:
 def summarise(recording: Recording) -> RunSummary:
     """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
     outcome = _outcome(recording)
-    rates, ages = rates_and_ages(recording)
+    timing = rates_and_ages(recording)
     return RunSummary(
-        terrain=recording.config.terrain.terrain,
+        terrain=recording.config.terrain.terrain if recording.config else "unknown",
         success=bool(outcome.get("success", False)),
         cause=str(outcome.get("cause", "the run was cut off")),
         distance_m=float(outcome.get("distance_m", np.nan)),
@@ -45,8 +45,8 @@ def summarise(recording: Recording) -> RunSummary:
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
         digest=digest(recording),
-        rates_hz=rates,
-        age_ms=ages,
+        rates_hz={topic: row.rate_hz for topic, row in timing.items()},
+        age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
         rejected=_rejected(recording),
     )
 

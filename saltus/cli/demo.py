@@ -1,7 +1,6 @@
 """`saltus demo`: the whole stack on one terrain, with recording, report and video."""
 
 import sys
-import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -87,10 +86,10 @@ def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
         Stack(config, directory) as stack,
         tqdm(total=round(finish_x, 2), unit="m", desc=config.terrain.terrain, file=sys.stderr, leave=False) as bar,
     ):
-        while not stack.poll():
-            truth = stack.newest("plant/truth")
-            if isinstance(truth, GroundTruth):
-                x = min(max(float(truth.position_base_in_world[0]), shown), finish_x)
+        truths = stack.latest("plant/truth")
+        while not stack.wait(PROGRESS_PERIOD_S):
+            sample = truths.take()
+            if sample is not None and isinstance(sample.message, GroundTruth):
+                x = min(max(float(sample.message.position_base_in_world[0]), shown), finish_x)
                 bar.update(round(x - shown, 2))
                 shown += round(x - shown, 2)
-            time.sleep(PROGRESS_PERIOD_S)

@@ -1,6 +1,5 @@
 """`saltus up`: the processes, until Ctrl-C."""
 
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,6 +40,5 @@ class Up:
         )  # fmt: skip
         with Stack(config, directory) as stack:
             print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")
-            while not stack.poll():
-                time.sleep(0.2)
+            stack.wait()
         return 0

@@ -1,0 +1,41 @@
+"""`saltus record`: record a stack that somebody else has started."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from saltus import config
+from saltus.cli.output import run_directory
+from saltus.config import RunConfig
+
+DRAIN_PERIOD_S = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """Records a running stack until Ctrl-C or until its router is gone."""
+
+    endpoint: str
+    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
+    run_dir: Path
+    """Folder with the run's run.toml: robot, clock and terrain are read from it."""
+    out: Path | None = None
+    """Folder for the recording; a new one under runs/ where it is not given."""
+
+    def run(self) -> int:
+        """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
+        from saltus.bus import ZenohBus
+        from saltus.process import RUN_FILE
+        from saltus.recorder import Recorder
+
+        run_config = config.load(RunConfig, self.run_dir / RUN_FILE)
+        path = run_directory("record", self.out) / "recording.mcap"
+        with ZenohBus(self.endpoint, run_config.robot) as bus, Recorder(path, run_config) as recorder:
+            stream = bus.stream()
+            print(f"recording to {path}; Ctrl-C ends it")
+            while bus.connected():
+                for raw in stream.drain():
+                    recorder.write(raw)
+                recorder.flush()
+                time.sleep(DRAIN_PERIOD_S)
+        return 0
