@@ -1,0 +1,59 @@
+"""A pin-hole camera on the robot: where it is and where its pixels look.
+
+Camera frame: x right in the image, y down in the image, z forward along the optical axis.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.depth import Intrinsics
+from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION
+from saltus.kinematics import rotation_matrix
+from saltus.messages import Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """Where a camera sits on the trunk; by default where the Go1's does."""
+
+    position: Floats = field(default_factory=CAMERA_POSITION.copy)
+    """Optical centre in the base frame [m], shape (3,)."""
+    pitch: float = CAMERA_PITCH
+    """Nose down positive [rad]."""
+
+    @property
+    def rotation(self) -> Floats:
+        """Camera frame to base frame, shape (3, 3)."""
+        c, s = math.cos(self.pitch), math.sin(self.pitch)
+        right, down, forward = (0.0, -1.0, 0.0), (-s, 0.0, -c), (c, 0.0, -s)
+        return np.array([right, down, forward]).T
+
+
+def camera_pose(mount: Mount, base_position: Floats, base_quaternion: Floats) -> tuple[Floats, Floats]:
+    """Pose of the camera in the world.
+
+    Args:
+        mount: on the trunk.
+        base_position: [m], world frame, shape (..., 3).
+        base_quaternion: (w, x, y, z), base to world, shape (..., 4).
+
+    Returns:
+        Optical centre [m], world frame, shape (..., 3), and rotation from camera to world, shape (..., 3, 3).
+    """
+    base_in_world = rotation_matrix(np.asarray(base_quaternion, dtype=np.float64))
+    centre = np.asarray(base_position, dtype=np.float64) + base_in_world @ mount.position
+    return centre, base_in_world @ mount.rotation
+
+
+def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Direction of each pixel in the camera frame, scaled to depth 1, so that a ray's parameter is depth.
+
+    Shape (height, width, 3).
+    """
+    x = (np.arange(intrinsics.width) + 0.5 - intrinsics.cx) / intrinsics.fx
+    y = (np.arange(intrinsics.height) + 0.5 - intrinsics.cy) / intrinsics.fy
+    grid_x, grid_y = np.meshgrid(x, y)
+    return np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)

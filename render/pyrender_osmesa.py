@@ -1,0 +1,114 @@
+"""Back end on pyrender and OSMesa: a rasteriser that shares nothing with the rays, so each checks the other."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from render._gl import load_pyrender
+from render.boxes import box_triangles
+from render.camera import Mount, camera_pose
+from render.legs import RADIUS, leg_capsules
+from render.renderer import Renderer
+from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.go1 import CALF_LENGTH, STAND_POSE, THIGH_LENGTH
+from saltus.kinematics import rotation_matrix
+from saltus.messages import Floats
+from saltus.terrain.terrain import Terrain
+
+# With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes nearer to the camera.
+NEAR = 0.02
+FAR = 100.0
+SIDES = 40  # of a round leg: its flats lie at most 0.06 mm under the true surface
+# pyrender's cameras look along -z with y up
+_GL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
+
+
+class PyrenderRenderer(Renderer):
+    """See `Renderer`. One image a call of OpenGL; keep to one per process, and `close` it before the next.
+
+    Raises:
+        SaltusError: OSMesa is missing.
+    """
+
+    name: ClassVar[str] = "pyrender"
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        intrinsics: Intrinsics = MODEL_CAMERA,
+        mount: Mount | None = None,
+        *,
+        legs: bool = True,
+    ) -> None:
+        super().__init__(terrain, intrinsics, mount, legs=legs)
+        self._pyrender: Any = load_pyrender()
+        self._scene = self._pyrender.Scene()
+        # a camera that has sunk into a box sees its inside, as rays do
+        self._material = self._pyrender.MetallicRoughnessMaterial(doubleSided=True)
+        vertices, triangles = box_triangles(terrain)
+        self._add(trimesh.Trimesh(vertices, triangles, process=False))
+        self._links = [self._add(mesh) for mesh in _leg_meshes()] if legs else []
+        camera = self._pyrender.IntrinsicsCamera(
+            intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, znear=NEAR, zfar=FAR
+        )
+        self._camera = self._scene.add(camera)
+        self._gl = self._pyrender.OffscreenRenderer(intrinsics.width, intrinsics.height)
+
+    def render_batch(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float32]:
+        """See `Renderer`."""
+        origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
+        links = self._link_poses(base_position, base_quaternion, joint_position)
+        images = np.empty((len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32)
+        for i in range(len(origin)):
+            self._scene.set_pose(self._camera, _pose(origin[i], rotation[i] @ _GL_FROM_CAMERA))
+            for node, pose in zip(self._links, links[i], strict=False):
+                self._scene.set_pose(node, pose)
+            images[i] = self._gl.render(self._scene, flags=self._pyrender.RenderFlags.DEPTH_ONLY)
+        return np.where(images > 0.0, images, np.float32(np.inf))  # pyrender's 0 is "nothing hit"
+
+    def close(self) -> None:
+        """See `Renderer`."""
+        self._gl.delete()
+
+    def _add(self, mesh: trimesh.Trimesh) -> Any:
+        return self._scene.add(self._pyrender.Mesh.from_trimesh(mesh, material=self._material, smooth=False))
+
+    def _link_poses(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> NDArray[np.float64]:
+        """Poses of the leg meshes, whose z axes run from start to end, shape (n, 12, 4, 4)."""
+        legs = leg_capsules(joint_position)
+        base = rotation_matrix(np.asarray(base_quaternion, dtype=np.float64))
+        start = base_position[:, None, :] + legs.start @ base.mT
+        axis = (legs.end - legs.start) @ base.mT
+        length = np.linalg.norm(axis, axis=-1, keepdims=True)
+        z = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
+        # any direction across will do; the lateral axis of the base is across a leg unless it is abducted by 90 degrees
+        x = np.cross(np.broadcast_to(base[:, None, :, 1], z.shape), z)
+        x /= np.linalg.norm(x, axis=-1, keepdims=True)
+        return _pose(start, np.stack([x, np.cross(z, x), z], axis=-1))
+
+
+def _pose(position: Floats, rotation: Floats) -> NDArray[np.float64]:
+    """Homogeneous matrices from (..., 3) and (..., 3, 3)."""
+    pose = np.zeros((*position.shape[:-1], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation, position, 1.0
+    return pose
+
+
+def _leg_meshes() -> list[trimesh.Trimesh]:
+    """Meshes in the order of `leg_capsules`, start at the origin, end on the z axis."""
+    shape = leg_capsules(STAND_POSE)
+    lengths = np.repeat([THIGH_LENGTH, CALF_LENGTH, 0.0], len(shape.radius) // 3)
+    return [_capsule(length, radius) for length, radius in zip(lengths, RADIUS, strict=True)]
+
+
+def _capsule(length: float, radius: float) -> trimesh.Trimesh:
+    """A capsule along z, from the origin; trimesh has moved the place of its origin between versions."""
+    mesh = trimesh.creation.capsule(height=length, radius=radius, count=[SIDES, SIDES])
+    mesh.apply_translation([0.0, 0.0, -radius - mesh.bounds[0, 2]])
+    return mesh
