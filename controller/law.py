@@ -19,6 +19,7 @@ from saltus.kinematics import foot_position
 from saltus.messages import ControllerMode, JointCommand
 
 _STAND_POSE = Constant(go1.STAND_POSE)
+_LANDING_SPEED = 0.5  # [m/s]: bounds of the corrections while landing, well within what a stance can brake
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
 
@@ -45,8 +46,8 @@ class LegControllerConfig:
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     landing_gain: float = 5.0
     """Speed by error of base height and pitch while landing [1/s]: half the velocity gain of stance."""
-    settled_speed_mps: float = 0.15
-    """A landing is over below this speed: the robot then needs v^2 / 2g = 1 mm of its own to stop."""
+    settled_speed_mps: float = 0.3
+    """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
     damp_kd: float = 3.0
     """Joint damping of a robot that is not upright: the fall of a leg (1.9 kg, 0.2 m) is slowed to about 1 rad/s."""
 
@@ -192,10 +193,13 @@ class LegController:
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
         zero = xp.zeros_like(body.roll)
-        rise = xp.clip(config.landing_gain * (go1.STAND_HEIGHT - sensed.base_height), -0.5, 0.5)
+        # Without a pull to the middle of its feet the body creeps off them until the friction cones hold it no more.
+        down = xp.all(landed, axis=-1)
+        pull = xp.clip(config.landing_gain * xp.mean(body.foot_yaw, axis=-2), -_LANDING_SPEED, _LANDING_SPEED)
+        rise = xp.clip(config.landing_gain * (go1.STAND_HEIGHT - sensed.base_height), -_LANDING_SPEED, _LANDING_SPEED)
         rest = Plan(
             stepping_frequency=frequency,
-            velocity=xp.stack([zero, zero, rise], -1),
+            velocity=xp.stack([xp.where(down, pull[..., 0], zero), xp.where(down, pull[..., 1], zero), rise], -1),
             angular_velocity=xp.stack([zero, -config.landing_gain * body.pitch, zero], -1),
             foot_residual=xp.zeros_like(body.foot_yaw),
             heading=body.yaw,
