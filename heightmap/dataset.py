@@ -90,15 +90,10 @@ class EpisodeStore:
                 if slot.position >= len(self.episodes[slot.episode].height):
                     slots[i] = self._slot(rng, delivery)
 
-    def whole(self, episode: int, delivery: DeliveryModel, rng: np.random.Generator) -> Window:
-        """One whole episode without noise, as a window of batch 1."""
-        ticks = len(self.episodes[episode].height)
-        return self._cut([self._slot(rng, delivery, episode)], ticks, np.array([True]))
-
-    def _slot(self, rng: np.random.Generator, model: DeliveryModel, episode: int | None = None) -> "_Slot":
-        chosen = int(rng.integers(len(self.episodes))) if episode is None else episode
-        e = self.episodes[chosen]
-        return _Slot(chosen, deliver(e.frame_tick, len(e.height), model, rng))
+    def _slot(self, rng: np.random.Generator, model: DeliveryModel) -> "_Slot":
+        chosen = int(rng.integers(len(self.episodes)))
+        episode = self.episodes[chosen]
+        return _Slot(chosen, deliver(episode.frame_tick, len(episode.height), model, rng))
 
     def _ticks(self, rows: list[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.concatenate(rows).astype(np.float32)).to(self.device)

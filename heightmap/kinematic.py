@@ -18,7 +18,7 @@ from saltus import go1, kinematics
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.messages import Floats
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain import TRENCH_DEPTH, Terrain
 
 STANCE = 0.4  # share of the cycle that a leg stands (original: swing ratio 0.6)
 PHASE = np.array([0.0, 0.0, 0.45, 0.45])  # the hind legs land this much of a cycle after the front legs (original)
@@ -111,7 +111,7 @@ class _Gait:
         x = self.distance
         ground, slope = _smooth_ground(terrain, x)
         cycle = 2.0 * np.pi * (self.phase[:, 0] + rng.uniform())
-        bob, swing = rng.uniform(0.0, 0.06), rng.uniform(0.0, 0.35)
+        bob, swing = rng.uniform(0.0, 0.12), rng.uniform(0.0, 0.35)
         height = go1.STAND_HEIGHT + rng.uniform(-0.03, 0.05) * self.moving + bob * self.moving * np.sin(cycle)
         pitch = -np.arctan(slope) * rng.uniform(0.6, 1.0) + swing * self.moving * np.sin(cycle + rng.uniform(0.0, 6.3))
         y = rng.uniform(-0.3, 0.3) + _wander(rng, len(x), 0.05, 1.0)
@@ -131,6 +131,7 @@ class _Gait:
         following = held + self.cycle_m
         swing = np.clip((within - STANCE) / (1.0 - STANCE), 0.0, 1.0)
         blend = swing * swing * (3.0 - 2.0 * swing)
+        held, following = _foothold(terrain, held), _foothold(terrain, following)
         x = held + blend * (following - held)
         ground, ahead = terrain.height_at(held), terrain.height_at(following)
         lift = rng.uniform(0.03, 0.12) * np.sin(np.pi * swing)
@@ -157,6 +158,13 @@ def _smooth_ground(terrain: Terrain, x: Floats) -> tuple[Floats, Floats]:
         top = maximum_filter1d(top, 1 + 2 * int(0.6 / _GRID_M))
     smooth = gaussian_filter1d(top, 0.15 / _GRID_M)
     return np.interp(x, grid, smooth), np.interp(x, grid, np.gradient(smooth, _GRID_M))
+
+
+def _foothold(terrain: Terrain, x: Floats) -> Floats:
+    """The nearest place to `x` that is not in a trench, within a hand's breadth or two."""
+    offsets = 0.05 * np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5])
+    fit = terrain.height_at(x[..., None] + offsets) > -0.5 * TRENCH_DEPTH
+    return x + offsets[np.argmax(fit, axis=-1)]
 
 
 def _hold_per_cycle(value: Floats, cycle: Floats) -> Floats:

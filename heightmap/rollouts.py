@@ -1,13 +1,16 @@
 """Turns the motion of robots into episodes to train on: what they felt, saw, and should have known."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from heightmap.shards import Episode
-from saltus import kinematics
+from heightmap.shards import Episode, ShardRecord, write_shard
+from render.camera import Mount
+from render.embree import EmbreeRenderer
+from saltus import go1, kinematics
 from saltus.depth import depth_in_millimetres
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
@@ -41,31 +44,30 @@ class MotionSource(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
-class MountError:
-    """How a robot's camera sits against the drawing, base frame."""
+def collect(directory: Path, source: MotionSource, *, count: int, seed: int, config: dict[str, Any]) -> ShardRecord:
+    """Adds a round of `count` episodes to a dataset.
 
-    pitch: float
-    """[rad], nose down positive."""
-    position: tuple[float, float, float]
-    """[m]."""
-
-    @staticmethod
-    def draw(rng: np.random.Generator) -> "MountError":
-        """Draws the error of one robot."""
-        x, y, z = rng.uniform(-MOUNT_POSITION_ERROR_M, MOUNT_POSITION_ERROR_M, 3)
-        return MountError(pitch=float(rng.uniform(-MOUNT_PITCH_ERROR, MOUNT_PITCH_ERROR)), position=(x, y, z))
+    Args:
+        directory: The dataset.
+        source: What moves the robots.
+        count: Number of episodes.
+        seed: Of everything that is drawn.
+        config: What made them, for the manifest; plain JSON values.
+    """
+    return write_shard(directory, episodes(source, np.random.default_rng(seed), count), seed=seed, config=config)
 
 
-RenderDepth = Callable[[Terrain, MountError, Floats, Floats, Floats], Floats]
-"""Terrain, mount error, base positions (n, 3), quaternions (n, 4) and joint positions (n, 12) to depth along the
-optical axis [m], infinite where nothing is hit, shape (n, 48, 16)."""
-
-
-def episodes(source: MotionSource, render: RenderDepth, rng: np.random.Generator, count: int) -> Iterator[Episode]:
+def episodes(source: MotionSource, rng: np.random.Generator, count: int) -> Iterator[Episode]:
     """Lets `source` move `count` robots, takes their pictures and writes down the true heights."""
     for trajectory in source.trajectories(rng, count):
-        yield _episode(trajectory, render, MountError.draw(rng))
+        yield _episode(trajectory, random_mount(rng))
+
+
+def random_mount(rng: np.random.Generator) -> Mount:
+    """The camera of one robot, as it really sits."""
+    offset = rng.uniform(-MOUNT_POSITION_ERROR_M, MOUNT_POSITION_ERROR_M, 3)
+    pitch = rng.uniform(-MOUNT_PITCH_ERROR, MOUNT_PITCH_ERROR)
+    return Mount(position=go1.CAMERA_POSITION + offset, pitch=go1.CAMERA_PITCH + pitch)
 
 
 def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floats:
@@ -75,15 +77,15 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floa
     return terrain.height_at(x) - position[..., 2:]
 
 
-def _episode(trajectory: Trajectory, render: RenderDepth, mount: MountError) -> Episode:
+def _episode(trajectory: Trajectory, mount: Mount) -> Episode:
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
-    ticks = np.arange(0, len(position), FRAME_TICKS)
-    joints = trajectory.joint_position[ticks]
-    depth = render(trajectory.terrain, mount, position[ticks], quaternion[ticks], joints)
+    taken = np.arange(0, len(position), FRAME_TICKS)
+    camera = EmbreeRenderer(trajectory.terrain, mount=mount)
+    depth = camera.render_batch(position[taken], quaternion[taken], trajectory.joint_position[taken])
     return Episode(
         terrain=trajectory.terrain.kind,
         proprioception=trajectory.proprioception.astype(np.float32),
         height=true_heights(trajectory.terrain, position, quaternion).astype(np.float32),
         depth=depth_in_millimetres(depth),
-        frame_tick=ticks.astype(np.int32),
+        frame_tick=taken.astype(np.int32),
     )

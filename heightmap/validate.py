@@ -1,24 +1,24 @@
-"""How good a network is on episodes that it was not fitted to: errors by region and terrain, and its warm-up."""
+"""How good a model file is on episodes that it was not fitted to: errors by region and terrain, and its warm-up."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from heightmap.dataset import EpisodeStore
-from heightmap.delivery import DeliveryModel
-from heightmap.model import Estimate, HeightmapModel
+from heightmap.delivery import DeliveryModel, deliver
+from heightmap.network import HeightmapNetwork
 from heightmap.shards import Episode
-from heightmap.train import run_window
+from saltus.depth import MILLIMETRE, NOTHING, model_images
 from saltus.grid import HEIGHTMAP_X
+from saltus.messages import Floats
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
-UNDER_X = 0.2  # in front of the hips: seen some time ago, or felt
+UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
-_WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
+WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
 _FRAME_TICKS = 2
+_AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,62 +37,81 @@ class Accuracy:
     ticks: int
 
 
-def accuracy(model: HeightmapModel, episodes: list[Episode], delivery: DeliveryModel) -> Accuracy:
-    """Errors over whole episodes without image noise."""
-    errors: list[Tensor] = []
-    covered: list[Tensor] = []
+def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
+    """Errors of a model file over whole episodes, images without noise.
+
+    Args:
+        model_path: ONNX file.
+        episodes: Held out of the training.
+        delivery: How images travel; by default 50 ms late and none lost.
+    """
+    network = HeightmapNetwork(model_path)
+    errors: list[Floats] = []
+    covered: list[float] = []
     by_terrain: dict[str, list[float]] = {}
-    for episode, estimate, truth in _runs(model, episodes, delivery):
-        error = (estimate.height - truth).abs()[SETTLED_TICKS:]
+    for episode in episodes:
+        height, std = run_episode(network, episode, delivery or DeliveryModel())
+        error = np.abs(height - episode.height)[SETTLED_TICKS:]
         errors.append(error)
-        covered.append((error < estimate.log_std[SETTLED_TICKS:].exp()).float())
+        covered.append(float((error < std[SETTLED_TICKS:]).mean()))
         by_terrain.setdefault(episode.terrain, []).append(float(error.mean()))
-    error = torch.cat(errors)
-    ahead, under = torch.from_numpy(HEIGHTMAP_X >= AHEAD_X), torch.from_numpy(HEIGHTMAP_X <= UNDER_X)
+    every = np.concatenate(errors)
     return Accuracy(
-        mae_m=float(error.mean()),
-        ahead_m=float(error[:, ahead].mean()),
-        between_m=float(error[:, ~ahead & ~under].mean()),
-        under_m=float(error[:, under].mean()),
-        within_one_std=float(torch.cat(covered).mean()),
+        mae_m=float(every.mean()),
+        ahead_m=float(every[:, _AHEAD].mean()),
+        between_m=float(every[:, ~_AHEAD & ~_UNDER].mean()),
+        under_m=float(every[:, _UNDER].mean()),
+        within_one_std=float(np.mean(covered)),
         terrain_mae_m={kind: float(np.mean(values)) for kind, values in sorted(by_terrain.items())},
-        ticks=len(error),
+        ticks=len(every),
     )
 
 
-def warmup_frames(model: HeightmapModel, episodes: list[Episode], delivery: DeliveryModel, limit: int = 100) -> int:
-    """Images after a loss of memory until the visible part is as good as with memory: within 10 %.
+def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50) -> int:
+    """Images after a loss of memory until the visible part is as good as with memory, within 10 %; at most `limit`.
 
-    Each episode runs once undisturbed and once with its memory lost in the middle; their errors are compared tick by
-    tick, averaged over the episodes.
+    Each episode runs once undisturbed and once with its memory lost in the middle; errors ahead are compared image by
+    image, averaged over the episodes.
     """
-    ahead = torch.from_numpy(HEIGHTMAP_X >= AHEAD_X)
-    with_memory, without = [], []
-    for episode, estimate, truth in _runs(model, episodes, delivery):
+    network = HeightmapNetwork(model_path)
+    ticks = limit * _FRAME_TICKS
+    warm, cold = np.zeros(limit), np.zeros(limit)
+    for episode in episodes:
         lost_at = len(episode.height) // 2
-        if len(episode.height) - lost_at < 2 * limit:
+        span = slice(lost_at, lost_at + ticks)
+        truth = episode.height[span][:, _AHEAD]
+        if len(truth) < ticks:
             continue
-        window = EpisodeStore([episode], torch.device("cpu")).whole(0, delivery, np.random.default_rng(0))
-        late = window._replace(
-            **{name: getattr(window, name)[lost_at:] for name in ("in_use", "age", "new", "proprioception", "height")}
-        )
-        with torch.no_grad():
-            cold, _ = run_window(model, late, torch.zeros(1, model.config.hidden))
-        span = slice(lost_at, lost_at + 2 * limit)
-        with_memory.append((estimate.height - truth).abs()[span][:, ahead].mean(-1))
-        without.append((cold.height[:, 0] - truth[lost_at:]).abs()[: 2 * limit][:, ahead].mean(-1))
-    warm, cold_error = torch.stack(with_memory).mean(0), torch.stack(without).mean(0)
-    bad = torch.nonzero(cold_error > _WARM * warm)
-    return 1 + (int(bad.max()) // _FRAME_TICKS if len(bad) else 0)
+        for total, forget_at in ((warm, None), (cold, lost_at)):
+            height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
+            total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, _FRAME_TICKS).mean(-1)
+    late = np.flatnonzero(cold > WARM * warm)
+    return min(limit, int(late[-1]) + 2) if len(late) else 1
 
 
-def _runs(
-    model: HeightmapModel, episodes: list[Episode], delivery: DeliveryModel
-) -> Iterator[tuple[Episode, Estimate, Tensor]]:
-    """Each episode with its estimates and truth, without batch axis."""
-    store = EpisodeStore(episodes, torch.device("cpu"))
-    for i, episode in enumerate(episodes):
-        window = store.whole(i, delivery, np.random.default_rng(0))
-        with torch.no_grad():
-            estimate, _ = run_window(model, window, torch.zeros(1, model.config.hidden))
-        yield episode, Estimate(estimate.height[:, 0], estimate.log_std[:, 0]), window.height[:, 0]
+def run_episode(
+    network: HeightmapNetwork, episode: Episode, delivery: DeliveryModel, forget_at: int | None = None
+) -> tuple[Floats, Floats]:
+    """Heights and standard deviations [m] at every tick, each of shape (ticks, 30).
+
+    Args:
+        network: Runs tick by tick, as in the service.
+        episode: What it gets.
+        delivery: How images travel; drawn from a seed of its own, so always the same.
+        forget_at: Tick before which the memory is lost once.
+    """
+    depth_m = np.where(episode.depth == NOTHING, np.inf, episode.depth * MILLIMETRE)
+    seen = model_images(depth_m)
+    images = np.stack([seen.depth, seen.valid], 1).astype(np.float32)
+    blank = np.zeros_like(images[0])
+    blank[0] = 1.0
+    ticks = len(episode.height)
+    delivered = deliver(episode.frame_tick, ticks, delivery, np.random.default_rng(0))
+    height, std = np.empty_like(episode.height), np.empty_like(episode.height)
+    hidden = np.zeros(network.hidden_size, np.float32)
+    for i, (frame, age_s, new) in enumerate(zip(*delivered, strict=True)):
+        if i == forget_at:
+            hidden = np.zeros_like(hidden)
+        image = images[frame] if frame >= 0 else blank
+        height[i], std[i], hidden = network.tick(image, age_s, bool(new), episode.proprioception[i], hidden)
+    return height, std
