@@ -1,0 +1,43 @@
+"""The command line: what is wrong is said in one line, with exit code 2."""
+
+import json
+
+import pytest
+
+from saltus.cli.main import main
+from saltus.cli.output import finite
+
+BAD = {
+    "no command": ([], "demo"),
+    "unknown command": (["dem"], "demo"),
+    "unknown flag": (["demo", "--sead", "3"], "--seed"),
+    "unknown terrain": (["demo", "--terrain", "stair"], "stairs"),
+    "not a number": (["demo", "--seed", "three"], "three"),
+    "size out of range": (["demo", "--rise-m", "-1"], "-1"),
+    "difficulty out of range": (["demo", "--difficulty", "2"], "2"),
+    "no such recording": (["replay", "missing.mcap"], "missing.mcap"),
+}
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_bad_input_is_one_line_that_helps_and_exit_code_2(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, hint = BAD[case]
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("saltus: ")
+    assert hint in captured.err
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize("command", [[], ["demo"], ["heightmap"], ["replay"], ["doctor"], ["bench"]], ids=str)
+def test_help_exits_with_0(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main([*command, "--help"])
+    assert stopped.value.code == 0
+    assert "usage: saltus" in capsys.readouterr().out
+
+
+def test_json_has_no_infinities() -> None:
+    table = finite({"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": (2.0, float("-inf"))}})
+    assert json.loads(json.dumps(table, allow_nan=False)) == {"a": None, "b": [None, 1.0], "c": {"d": [2.0, None]}}
