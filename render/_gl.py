@@ -48,7 +48,7 @@ def load_pyrender() -> ModuleType:
         ) from error
 
 
-def _mend(platform: ModuleType) -> None:
+def _mend(platform: Any) -> None:
     library = platform.PLATFORM.OSMesa
     _add_missing(importlib.import_module("OpenGL.osmesa"), library)
     current = library.OSMesaGetCurrentContext

@@ -40,7 +40,7 @@ class EmbreeRenderer(Renderer):
         vertices, triangles = box_triangles(terrain)
         self._threads = threads
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
-        self._scene.add_triangles(open3d.core.Tensor(vertices), open3d.core.Tensor(triangles))
+        self._scene.add_triangles(open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles))
         self._directions = ray_directions(intrinsics)
 
     def render_batch(
@@ -65,5 +65,5 @@ class EmbreeRenderer(Renderer):
         rays = np.empty((len(origin), len(flat), 6), dtype=np.float32)
         rays[..., :3] = origin[:, None, :]
         rays[..., 3:] = flat @ rotation.mT
-        hit = self._scene.cast_rays(open3d.core.Tensor(rays), nthreads=self._threads)["t_hit"].numpy()
+        hit = self._scene.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=self._threads)["t_hit"].numpy()
         return hit.reshape(len(origin), *self._directions.shape[:2])

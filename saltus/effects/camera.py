@@ -1,10 +1,12 @@
 """From an image that is exposed now to the image that a robot has now: the effects of a camera in order."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
 from saltus.effects.order import ordered
 from saltus.effects.signals import DepthImage
@@ -42,3 +44,11 @@ class CameraChain:
             image, memory = effect.apply(image, time_s, memory)
             states.append(memory)
         return image, tuple(states)
+
+    def next_arrival_s(self, time_s: float, state: tuple[Any, ...]) -> float:
+        """When the next image arrives [s], for those who wait for it; infinite where none is under way."""
+        pairs = zip(self.effects, state, strict=True)
+        arrivals = [
+            effect.next_arrival_s(time_s, memory) for effect, memory in pairs if isinstance(effect, CameraLatency)
+        ]
+        return min(arrivals, default=math.inf)

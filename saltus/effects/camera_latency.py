@@ -48,10 +48,20 @@ class CameraLatency(Effect[DepthImage]):
     def apply(self, signal: DepthImage, time_s: float, state: Memory) -> tuple[DepthImage, Memory]:
         """Returns the newest image that has arrived at `time_s`."""
         keys, past = state
-        length = math.ceil(float(np.max(np.add(self.latency, self.jitter))) / self.dt_s) + 1
-        images = (signal, *past)[:length]
+        images = past
+        # the same image may be shown again while the next one is awaited: it takes no place in memory
+        if not past or bool(namespace(signal.time_s).any(signal.time_s != past[0].time_s)):
+            length = math.ceil(float(np.max(np.add(self.latency, self.jitter))) / self.dt_s) + 1
+            images = (signal, *past)[:length]
         newest = nothing_yet(signal)
         for image in images[::-1]:
             arrived = self.arrival_s(image.time_s, keys) <= time_s + ROUNDING_S
             newest = chosen(arrived & (image.time_s >= newest.time_s), image, newest)
         return newest, (keys, images)
+
+    def next_arrival_s(self, time_s: float, state: Memory) -> float:
+        """When the next image arrives, of any robot's [s]; infinite where none is under way."""
+        keys, images = state
+        arrivals = [np.asarray(self.arrival_s(image.time_s, keys)) for image in images]
+        coming = [float(np.min(a[a > time_s + ROUNDING_S])) for a in arrivals if np.any(a > time_s + ROUNDING_S)]
+        return min(coming, default=math.inf)

@@ -1,0 +1,79 @@
+"""The camera process: python -m render --run-dir DIR --endpoint ENDPOINT."""
+
+import sys
+
+import numpy as np
+
+from render.backends import make_renderer
+from render.process import CameraProcess
+from saltus.effects.profile import load_profile
+from saltus.messages import Done
+from saltus.process import ProcessContext, run_process
+from saltus.terrain.curriculum import make_terrain
+from saltus.ticker import freshness
+from saltus.trial import Trial
+
+WAIT_S = 0.1  # how often an idle process gives proof of life
+NOTHING_DUE = -1
+RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of its own
+
+
+def build(context: ProcessContext) -> CameraProcess:
+    """The camera of a run."""
+    config = context.config
+    renderer = make_renderer(config.renderer, make_terrain(config.terrain))
+    profile = Trial.draw(config.seed).applied_to(load_profile(config.profile))
+    rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
+    return CameraProcess(renderer, profile.camera_chain, rng)
+
+
+def body(context: ProcessContext) -> None:
+    """Wires the camera to the bus."""
+    camera = build(context)
+    if context.config.pace == "lockstep":
+        run_lockstep(context, camera)
+    else:
+        run_realtime(context, camera)
+
+
+def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
+    """Answers every step of the plant; a step that is asked again gets its frame again."""
+    truths = context.bus.latest("plant/truth")
+    frames = context.bus.publisher("camera/depth")
+    done = context.bus.publisher("done", context.name)
+    context.ready()
+    last_step = -1
+    while not context.stopped:
+        context.beat(ticks=camera.exposures, overruns=camera.overruns)
+        sample = truths.wait(timeout_s=WAIT_S)
+        if sample is None:
+            continue
+        truth = sample.message
+        context.clock.set(truth.time_ns)
+        frame = camera.step(truth, truth.time_ns) if truth.step > last_step else camera.due
+        last_step = max(last_step, truth.step)
+        if frame is not None:
+            frames.put(frame)
+        frame_id = NOTHING_DUE if camera.due is None else camera.due.frame_id
+        done.put(Done(time_ns=truth.time_ns, step=truth.step, process=context.name, frame_id=frame_id))
+
+
+def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
+    """Exposes on the newest truth and publishes by the clock."""
+    truths = context.bus.latest("plant/truth")
+    frames = context.bus.publisher("camera/depth")
+    context.ready()
+    while not context.stopped:
+        context.beat(ticks=camera.exposures, overruns=camera.overruns)
+        sample = truths.wait(timeout_s=camera.wait_s(context.clock.now_ns(), WAIT_S))
+        now_ns = context.clock.now_ns()
+        truth = None
+        if sample is not None and freshness(truths.topic, sample.message.time_ns, now_ns).usable:
+            truth = sample.message
+        frame = camera.step(truth, now_ns)
+        if frame is not None:
+            frames.put(frame)
+
+
+if __name__ == "__main__":
+    sys.exit(run_process("render", body))

@@ -1,0 +1,86 @@
+"""The camera as a process: truth in, late depth frames out."""
+
+import numpy as np
+
+from render.renderer import Renderer
+from saltus.depth import MILLIMETRE, depth_in_millimetres
+from saltus.effects.camera import CameraChain
+from saltus.effects.signals import DepthImage
+from saltus.messages import DepthFrame, GroundTruth
+
+EXPOSURE_STEPS = 2  # policy steps at 100 Hz: 50 Hz
+
+
+class CameraProcess:
+    """Exposes at every second policy step and hands out each frame when it is due.
+
+    Args:
+        renderer: makes the images.
+        effects: of the camera, its latency among them.
+        rng: draws what is random in the effects.
+    """
+
+    def __init__(self, renderer: Renderer, effects: CameraChain, rng: np.random.Generator) -> None:
+        self._renderer = renderer
+        self._effects = effects
+        self._state = effects.init((), rng)
+        self._exposed: DepthImage | None = None
+        self._exposed_step = -EXPOSURE_STEPS
+        self._frame_ids: dict[int, int] = {}
+        self.due: DepthFrame | None = None
+        """The newest frame that is due."""
+        self.exposures = 0
+        self.overruns = 0
+        """Exposures that were left out because truth came late or not at all."""
+
+    def step(self, truth: GroundTruth | None, now_ns: int) -> DepthFrame | None:
+        """Takes in truth and returns the frame that has become due, if one has.
+
+        Args:
+            truth: the newest; None where nothing new is known. A repeated one changes nothing.
+            now_ns: now, in the run's clock.
+        """
+        if truth is not None and truth.step >= self._exposed_step + EXPOSURE_STEPS:
+            self._expose(truth)
+        if self._exposed is None:
+            return None
+        image, self._state = self._effects.step(self._exposed, 1e-9 * now_ns, self._state)
+        if not np.isfinite(image.time_s):
+            return None
+        time_ns = round(1e9 * float(image.time_s))
+        if self.due is not None and time_ns <= self.due.time_ns:
+            return None
+        self.due = self._frame(time_ns, image)
+        return self.due
+
+    def wait_s(self, now_ns: int, limit_s: float) -> float:
+        """How long to wait for the next frame to become due; `limit_s` at most."""
+        arrival = self._effects.next_arrival_s(1e-9 * now_ns, self._state)
+        return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
+
+    def _expose(self, truth: GroundTruth) -> None:
+        depth = self._renderer.render(
+            truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
+        )
+        if self._exposed is not None:
+            self.overruns += (truth.step - self._exposed_step) // EXPOSURE_STEPS - 1
+        self._exposed = DepthImage(depth=depth, time_s=np.asarray(1e-9 * truth.time_ns))
+        self._exposed_step = truth.step
+        self._frame_ids[truth.time_ns] = self.exposures
+        self.exposures += 1
+
+    def _frame(self, time_ns: int, image: DepthImage) -> DepthFrame:
+        """Packs an image; frames that are older will not be asked for again."""
+        frame_id = self._frame_ids[time_ns]
+        self._frame_ids = {time: known for time, known in self._frame_ids.items() if time >= time_ns}
+        camera = self._renderer.intrinsics
+        return DepthFrame(
+            time_ns=time_ns,
+            frame_id=frame_id,
+            depth=depth_in_millimetres(image.depth),
+            depth_unit_m=MILLIMETRE,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx,
+            cy=camera.cy,
+        )
