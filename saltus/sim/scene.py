@@ -104,7 +104,6 @@ def _add_column(spec: mujoco.MjSpec, i: int, center: np.ndarray, size: np.ndarra
         contype=1,
         conaffinity=0,
         group=TERRAIN_GROUP,
-        rgba=(0.62, 0.64, 0.66, 1.0),
     )
 
 

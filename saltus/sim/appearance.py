@@ -1,0 +1,138 @@
+"""What the robot, the terrain and the light look like in a video. No effect on physics.
+
+Shapes and colours are free inventions in the proportions of a Go1; nothing here comes from a measurement.
+"""
+
+import mujoco
+import numpy as np
+
+from saltus import go1
+from saltus.sim import scene
+from saltus.sim.scene import VISUAL_GROUP
+from saltus.terrain.terrain import BOTTOM, Terrain
+
+Rgba = tuple[float, float, float, float]
+
+SHELL: Rgba = (0.90, 0.91, 0.93, 1.0)
+DARK: Rgba = (0.13, 0.14, 0.17, 1.0)
+JOINT: Rgba = (0.30, 0.32, 0.36, 1.0)
+ACCENT: Rgba = (0.95, 0.45, 0.12, 1.0)
+LENS: Rgba = (0.05, 0.25, 0.45, 1.0)
+NOSING: Rgba = (0.98, 0.93, 0.80, 1.0)
+RISER: Rgba = (0.36, 0.42, 0.50, 1.0)
+HAZE: Rgba = (0.86, 0.91, 0.96, 1.0)
+
+SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
+CAPSULE = mujoco.mjtGeom.mjGEOM_CAPSULE
+CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
+ELLIPSOID = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+BOX = mujoco.mjtGeom.mjGEOM_BOX
+ACROSS = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # turns a cylinder's axis from z to y
+ALONG = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # turns it from z to x
+
+CHECKER_M = 0.25  # side of a square of the ground's pattern [m]
+STRIP_M = 0.012  # half-width of the bright strip along an edge [m]
+
+
+def decorate(spec: mujoco.MjSpec, terrain: Terrain) -> None:
+    """Adds looks to what `scene.build_spec` made; draw the groups of terrain and visual shapes only."""
+    _add_sky_and_light(spec)
+    _add_ground(spec, terrain)
+    _add_trunk(spec.body(scene.TRUNK))
+    for leg in range(4):
+        _add_leg(spec, leg)
+
+
+def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
+    gradient = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=gradient, width=256, height=1536)
+    sky.rgb1, sky.rgb2 = (0.45, 0.65, 0.88), HAZE[:3]
+    spec.visual.headlight.ambient = (0.38, 0.38, 0.40)
+    spec.visual.headlight.diffuse = (0.22, 0.22, 0.22)
+    spec.visual.headlight.specular = (0.0, 0.0, 0.0)
+    spec.visual.rgba.haze = HAZE
+    spec.visual.quality.shadowsize = 2048
+    spec.visual.map.shadowclip = 3.0  # the light's shadow covers this far around the robot [m]
+    spec.body(scene.TRUNK).add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=(0.0, 0.0, 3.0),
+        dir=(0.45, 0.35, -1.0),
+        diffuse=(0.62, 0.60, 0.56),
+        specular=(0.15, 0.15, 0.15),
+        castshadow=True,
+    )
+
+
+def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
+    texture = spec.add_texture(
+        name="checker",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        width=256,
+        height=256,
+    )
+    texture.rgb1, texture.rgb2 = (0.66, 0.70, 0.74), (0.56, 0.61, 0.67)
+    material = spec.add_material(name="ground", texrepeat=(0.5 / CHECKER_M, 0.5 / CHECKER_M), texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "checker"
+    for geom in spec.geoms:
+        if geom.group == scene.TERRAIN_GROUP:
+            geom.material = "ground"
+    world = spec.worldbody
+    _add(world, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, BOTTOM), size=(0.0, 0.0, 1.0))
+    half = 0.5 * terrain.width
+    for x, low, high in _walls(terrain):
+        side = 1.0 if terrain.height_at(x + 1e-6) == high else -1.0
+        middle, tall = 0.5 * (low + high), 0.5 * (high - low)
+        _add(world, BOX, RISER, pos=(x, 0.0, middle), size=(0.002, half, tall - 0.002))
+        _add(world, BOX, NOSING, pos=(x + side * STRIP_M, 0.0, high - 0.001), size=(STRIP_M, half, 0.002))
+
+
+def _walls(terrain: Terrain) -> list[tuple[float, float, float]]:
+    """Where the height changes by more than what can be drawn: x, lower and upper end [m]."""
+    tops = terrain.column_top
+    walls = zip(terrain.column_x[1:-1], np.minimum(tops[1:], tops[:-1]), np.maximum(tops[1:], tops[:-1]), strict=True)
+    return [(float(x), float(low), float(high)) for x, low, high in walls if high - low > 0.005]
+
+
+def _add_trunk(trunk: mujoco.MjsBody) -> None:
+    length, _, height = go1.TRUNK_SIZE
+    front = 0.5 * length
+    _add(trunk, BOX, DARK, pos=(0.0, 0.0, -0.012), size=(front - 0.02, 0.052, 0.036))
+    for y in (-0.026, 0.026):
+        _add(trunk, CAPSULE, SHELL, pos=(-0.01, y, 0.022), size=(0.036, front - 0.045, 0.0), quat=ALONG)
+    _add(trunk, BOX, SHELL, pos=(-0.01, 0.0, 0.036), size=(front - 0.045, 0.03, 0.022))
+    _add(trunk, BOX, ACCENT, pos=(-0.01, 0.0, 0.0585), size=(0.09, 0.012, 0.001))
+    for side in (-1.0, 1.0):
+        _add(trunk, BOX, ACCENT, pos=(0.0, side * 0.0525, -0.008), size=(0.07, 0.001, 0.006))
+    _add(trunk, ELLIPSOID, SHELL, pos=(front + 0.03, 0.0, 0.02), size=(0.062, 0.058, 0.044))
+    _add(trunk, ELLIPSOID, DARK, pos=(front + 0.052, 0.0, 0.016), size=(0.048, 0.046, 0.032))
+    _add(trunk, ELLIPSOID, DARK, pos=(-front - 0.005, 0.0, 0.012), size=(0.03, 0.052, 0.036))
+    tilt = (np.cos(0.5 * go1.CAMERA_PITCH), 0.0, np.sin(0.5 * go1.CAMERA_PITCH), 0.0)
+    camera = go1.CAMERA_POSITION
+    _add(trunk, BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
+    _add(trunk, BOX, (0.75, 0.77, 0.8, 1.0), pos=camera - [0.012, 0.0075, 0.0], size=(0.011, 0.045, 0.0125), quat=tilt)
+    for y in (-0.03, 0.0, 0.03):
+        _add(trunk, SPHERE, LENS, pos=camera + [-0.003, y - 0.0075, 0.0], size=(0.0075, 0.0, 0.0))
+
+
+def _add_leg(spec: mujoco.MjSpec, leg: int) -> None:
+    name, side, fore = go1.LEGS[leg], float(go1.SIDE[leg]), float(np.sign(go1.HIP_ANCHOR[leg, 0]))
+    hip, thigh, calf = (spec.body(f"{name}_{part}") for part in ("hip", "thigh", "calf"))
+    _add(hip, CYLINDER, JOINT, pos=(-0.01 * fore, 0.0, 0.0), size=(0.04, 0.035, 0.0), quat=ALONG)
+    _add(hip, CYLINDER, SHELL, pos=(0.0, 0.5 * side * go1.ABDUCTION_LENGTH, 0.0), size=(0.043, 0.028, 0.0), quat=ACROSS)
+    _add(thigh, CYLINDER, DARK, pos=(0.0, 0.004 * side, 0.0), size=(0.044, 0.019, 0.0), quat=ACROSS)
+    _add(thigh, CYLINDER, ACCENT, pos=(0.0, 0.024 * side, 0.0), size=(0.018, 0.002, 0.0), quat=ACROSS)
+    length = go1.THIGH_LENGTH
+    _add(thigh, CAPSULE, SHELL, fromto=(0.008, 0.0, -0.02, 0.004, 0.0, -0.75 * length), size=(0.022, 0.0, 0.0))
+    _add(thigh, CAPSULE, SHELL, fromto=(-0.006, 0.0, -0.02, 0.0, 0.0, -length), size=(0.017, 0.0, 0.0))
+    _add(calf, CYLINDER, JOINT, size=(0.02, 0.017, 0.0), quat=ACROSS)
+    _add(calf, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, 0.0, 0.0, -0.55 * go1.CALF_LENGTH), size=(0.0125, 0.0, 0.0))
+    _add(calf, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, 0.0, 0.0, -go1.CALF_LENGTH), size=(0.0095, 0.0, 0.0))
+    _add(calf, SPHERE, JOINT, pos=(0.0, 0.0, -go1.CALF_LENGTH), size=(go1.FOOT_RADIUS, 0.0, 0.0))
+
+
+def _add(body: mujoco.MjsBody, shape: mujoco.mjtGeom, rgba: Rgba, **how: object) -> None:
+    """Adds a shape that is only seen."""
+    body.add_geom(type=shape, rgba=rgba, group=VISUAL_GROUP, contype=0, conaffinity=0, **how)

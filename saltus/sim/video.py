@@ -1,0 +1,172 @@
+"""A recorded run as a video: the robot, the terrain, and on it what the robot believed the terrain to be."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.errors import SaltusError
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.messages import Floats
+from saltus.sim import scene
+from saltus.sim.appearance import decorate
+from saltus.sim.osmesa import drawing_context, read_pixels
+from saltus.terrain.terrain import Terrain
+
+Frame = NDArray[np.uint8]
+
+FPS = 30
+SIZE = (640, 480)
+MULTISAMPLES = 2  # smooths edges; four samples halve the speed of a software renderer
+# Camera: from behind and the right, so that risers, which face the robot, face the camera too.
+AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 62.0, -17.0, 1.75
+LOOK_AHEAD_M = 0.35
+SMOOTHING_S = 0.4  # the camera follows the mean of the trunk over this time to either side, not every bounce
+HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
+POINT_RADIUS, LINE_RADIUS = 0.011, 0.004  # [m]
+MAX_SHAPES = 1000
+
+
+def render_run(
+    terrain: Terrain,
+    time_s: Floats,
+    base_pose: Floats,
+    joint_position: Floats,
+    heightmap_x: Floats,
+    heightmap: Floats,
+    *,
+    size: tuple[int, int] = SIZE,
+    fps: int = FPS,
+) -> Iterator[Frame]:
+    """Draws a run at an even rate, each frame from the newest sample at its time.
+
+    Args:
+        terrain: Where it took place.
+        time_s: Of the samples, rising [s], shape (n,).
+        base_pose: Position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7).
+        joint_position: [rad], shape (n, 12).
+        heightmap_x: Distance ahead of the base along its yaw [m], shape (points,).
+        heightmap: Height relative to the base [m], shape (n, points); NaN where there was none.
+        size: Width and height [px].
+        fps: Frames per second of simulated time.
+
+    Yields:
+        Pictures, shape (height, width, 3), uint8, first row on top.
+
+    Raises:
+        SaltusError: there is no sample, or no way to draw.
+    """
+    if len(time_s) == 0:
+        raise SaltusError("a video needs at least one sample of the robot's pose")
+    model = _model(terrain)
+    data = mujoco.MjData(model)
+    shapes = mujoco.MjvScene(model, MAX_SHAPES)
+    shapes.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    shapes.flags[mujoco.mjtRndFlag.mjRND_HAZE] = True
+    option, camera = _option(), _camera()
+    aim = _aim(time_s, base_pose[:, :3])
+    view = mujoco.MjrRect(0, 0, *size)
+    frame_times = np.arange(time_s[0], time_s[-1] + 1e-9, 1.0 / fps)
+    with drawing_context(model, *size) as context:
+        for i in np.searchsorted(time_s, frame_times + 1e-9, side="right") - 1:
+            data.qpos[:] = np.concatenate([base_pose[i], joint_position[i]])
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            camera.lookat[:] = aim[i]
+            mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes)
+            _draw_heightmap(shapes, heightmap_in_world(base_pose[i], heightmap_x, heightmap[i]))
+            mujoco.mjr_render(view, shapes, context)
+            yield read_pixels(context, *size)
+
+
+def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
+    """Writes frames as H.264 in an MP4 that browsers play; returns how many there were.
+
+    Args:
+        path: Of the file, which is replaced.
+        frames: Pictures of shape (height, width, 3), uint8.
+        size: Width and height [px], multiples of 16.
+        fps: Frames per second.
+    """
+    writer: Any = imageio_ffmpeg.write_frames(
+        str(path), size, fps=fps, codec="libx264", quality=7, ffmpeg_log_level="error", output_params=OUTPUT
+    )
+    writer.send(None)
+    count = 0
+    try:
+        for frame in frames:
+            writer.send(frame)
+            count += 1
+    finally:
+        writer.close()
+    return count
+
+
+OUTPUT = ["-preset", "veryfast", "-movflags", "+faststart"]  # the index first, so that a browser can start at once
+
+
+def heightmap_in_world(base_pose: Floats, x: Floats, height: Floats) -> Floats:
+    """Points of a heightmap in the world [m], shape (points, 3).
+
+    Args:
+        base_pose: Position and quaternion of the base, shape (7,).
+        x: Distance ahead of the base along its yaw [m], shape (points,).
+        height: Relative to the base [m], shape (points,).
+    """
+    _, _, yaw = roll_pitch_yaw(rotation_matrix(base_pose[3:7]))
+    ahead = np.stack([np.cos(yaw) * x, np.sin(yaw) * x, height], axis=-1)
+    return base_pose[:3] + ahead
+
+
+def _model(terrain: Terrain) -> mujoco.MjModel:
+    spec = scene.build_spec(terrain)
+    decorate(spec, terrain)
+    spec.visual.quality.offsamples = MULTISAMPLES
+    spec.stat.extent, spec.stat.center = 3.0, (0.0, 0.0, 0.0)  # scales clipping planes and haze
+    return spec.compile()
+
+
+def _option() -> mujoco.MjvOption:
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = 0
+    option.geomgroup[scene.TERRAIN_GROUP] = option.geomgroup[scene.VISUAL_GROUP] = 1
+    return option
+
+
+def _camera() -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M
+    return camera
+
+
+def _aim(time_s: Floats, position: Floats) -> Floats:
+    """Where the camera looks at each sample: a moving mean of the base, a little ahead of it, shape (n, 3)."""
+    first = np.searchsorted(time_s, time_s - SMOOTHING_S, side="left")
+    last = np.searchsorted(time_s, time_s + SMOOTHING_S, side="right")
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(position, axis=0)])
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    return mean + np.array([LOOK_AHEAD_M, 0.0, -0.05])
+
+
+def _draw_heightmap(shapes: mujoco.MjvScene, points: Floats) -> None:
+    """Adds a sphere for each finite point and a line between neighbours."""
+    points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    for point in points:
+        size = np.full(3, POINT_RADIUS)
+        _add_shape(shapes, mujoco.mjtGeom.mjGEOM_SPHERE, size, point)
+    for start, end in zip(points[:-1], points[1:], strict=True):
+        line = _add_shape(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3))
+        mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
+
+
+def _add_shape(shapes: mujoco.MjvScene, kind: mujoco.mjtGeom, size: Floats, position: Floats) -> mujoco.MjvGeom:
+    shape = shapes.geoms[shapes.ngeom]
+    rgba = np.array(HEIGHTMAP_RGBA, dtype=np.float32)
+    mujoco.mjv_initGeom(shape, kind, size, position, np.eye(3).ravel(), rgba)
+    shape.emission = 0.6
+    shapes.ngeom += 1
+    return shape
