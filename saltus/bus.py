@@ -26,6 +26,7 @@ SLEEP_MIN_S = 50e-6  # the kernel's own timer slack
 SLEEP_MAX_S = 1e-3
 SLEEP_SHARE = 1 / 8  # of the time waited so far: an answer is noticed at most 1/8 of its own delay late
 RETIRED_SENDERS = 16
+RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
 STREAM_CAPACITY = 20_000  # samples; 20 s of a run
 
 
@@ -60,10 +61,10 @@ class Publisher(Protocol):
 
 
 class Source(Protocol):
-    """Newest-value slot of one key, below `Latest`."""
+    """The last samples of one key, below `Latest`; older ones than `RING` are gone."""
 
-    def newest(self) -> RawSample | None:
-        """Returns the newest sample that was not yet returned."""
+    def next(self) -> RawSample | None:
+        """Returns the oldest sample that was not yet returned."""
 
 
 class Stream:
@@ -105,8 +106,10 @@ class Latest:
 
     def take(self) -> Sample | None:
         """Returns the newest message that was not yet taken. Never waits, never raises."""
-        raw = self._source.newest()
-        return None if raw is None else self._check(raw)
+        newest: Sample | None = None
+        while (raw := self._source.next()) is not None:
+            newest = self._check(raw) or newest
+        return newest
 
     def wait(self, timeout_s: float) -> Sample | None:
         """Waits for the next message, at most `timeout_s`."""
@@ -242,8 +245,8 @@ class ZenohBus(Bus):
     def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
         key = self._key(topic, suffix)
-        # The default FIFO of 256 lets a slow consumer fall seconds behind and then blocks the session
-        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        # A ring: the default FIFO lets a slow consumer fall seconds behind and then blocks the session
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(RING))
         return Latest(TOPICS[topic], _ZenohSource(subscriber, key.removeprefix(f"{self.prefix}/")), self.rejected)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
@@ -292,7 +295,7 @@ class _ZenohSource:
         self._subscriber = subscriber
         self._key = key
 
-    def newest(self) -> RawSample | None:
+    def next(self) -> RawSample | None:
         sample = self._subscriber.try_recv()
         return None if sample is None else _raw(sample, self._key)
 

@@ -1,9 +1,10 @@
 """A bus inside one process, for tests and replay: the same codec, checks and counters as over Zenoh."""
 
 import time
+from collections import deque
 
 from saltus import codec
-from saltus.bus import STREAM_CAPACITY, Bus, Latest, RawSample, Stream
+from saltus.bus import RING, STREAM_CAPACITY, Bus, Latest, RawSample, Stream
 from saltus.codec import Envelope
 from saltus.messages import Message
 from saltus.topics import TOPICS
@@ -28,22 +29,21 @@ class MemoryHub:
         """Delivers bytes as they are, malformed ones too."""
         now_ns = time.monotonic_ns()
         for slot in self._slots.get(key, ()):
-            slot.sample = RawSample(key, payload, attachment, now_ns)
+            slot.samples.append(RawSample(key, payload, attachment, now_ns))
         for prefix, stream in self._streams:
             if key.startswith(prefix):
                 stream.push(RawSample(key.removeprefix(prefix), payload, attachment, now_ns))
 
 
 class MemorySlot:
-    """Holds the newest sample of one key."""
+    """Holds the last samples of one key."""
 
     def __init__(self) -> None:
-        self.sample: RawSample | None = None
+        self.samples: deque[RawSample] = deque(maxlen=RING)
 
-    def newest(self) -> RawSample | None:
-        """Takes the sample out of the slot."""
-        sample, self.sample = self.sample, None
-        return sample
+    def next(self) -> RawSample | None:
+        """Takes the oldest sample out."""
+        return self.samples.popleft() if self.samples else None
 
 
 class MemoryBus(Bus):

@@ -5,6 +5,7 @@ metadata hold the sender's boot id. A record keeps the sequence, the capture tim
 time), all in the run's clock, so that a replay can check order and age as live.
 """
 
+import contextlib
 import json
 import platform
 import time
@@ -95,7 +96,8 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
         finally:
-            self._file.close()
+            with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
+                self._file.close()
 
     def __enter__(self) -> "Recorder":
         return self

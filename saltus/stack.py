@@ -38,6 +38,7 @@ PROGRAMS = (
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.0  # two periods of the proof of life
 STOP_TIMEOUT_S = 3.0
+LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
 PORT_ATTEMPTS = 5
 SUPERVISOR = "supervisor"
@@ -71,6 +72,7 @@ class Stack:
         """Why the recording ended early."""
         self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
         self._clock = RunClock(self.config.epoch_ns)
+        self._events_sent = self._events_seen = 0
         self._resources = ExitStack()
         self._bus: ZenohBus
         self._stream: Stream
@@ -114,12 +116,14 @@ class Stack:
             self._open()
             self._start_all()
         except BaseException as error:
-            self._close(error)
+            self._resources.__exit__(type(error), error, error.__traceback__)
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        self._close(error)
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._resources.__exit__(kind, error, trace)
 
     def poll(self) -> bool:
         """Records what has arrived and looks after the processes. Returns whether the run goes on.
@@ -149,6 +153,9 @@ class Stack:
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
         self._recorder = Recorder(self.recording, self.config)
+        self._resources.push(self._close_recorder)
+        self._resources.callback(self._stop, restart=True)
+        self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand
 
     def _start_all(self) -> None:
         for restart in (True, False):
@@ -191,6 +198,7 @@ class Stack:
 
     def _drain(self) -> None:
         for raw in self._stream.drain():
+            self._events_seen += raw.key == f"event/{SUPERVISOR}"
             self._note_status(raw)
             if self.recording_error is None:
                 self._record(raw)
@@ -227,16 +235,14 @@ class Stack:
         self.overruns[child.name] = status.overruns
 
     def _event(self, code: str, detail: str) -> None:
+        self._events_sent += 1
         self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
 
-    def _close(self, error: BaseException | None) -> None:
-        with self._resources:
-            self._stop(restart=False)  # the robot first: it comes to a stand
-            self._stop(restart=True)
-            if "_recorder" in vars(self):
-                self._close_recorder(error)
-
-    def _close_recorder(self, error: BaseException | None) -> None:
+    def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
+        deadline_s = time.monotonic() + LAST_WORDS_S
+        while self._events_seen < self._events_sent and time.monotonic() < deadline_s:
+            self._drain()
+            time.sleep(POLL_S)
         self._drain()
         summary = {
             "restarts": json.dumps(self.restarts),

@@ -1,0 +1,210 @@
+"""What the bus promises, in memory and over Zenoh alike."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import pytest
+import zenoh
+
+from saltus import codec
+from saltus.bus import RING, Bus, Sample, ZenohBus
+from saltus.codec import Envelope
+from saltus.errors import MessageError, StackError
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import Done
+from saltus.resources import resource
+from saltus.stack import open_router
+
+PREFIX = "go1/0"
+KEY = f"{PREFIX}/done/render"
+TIMEOUT_S = 10.0
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    endpoint, router = open_router()
+    yield endpoint
+    router.close()
+
+
+@pytest.fixture(params=["memory", "zenoh"])
+def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Bus, Bus]]:
+    if request.param == "memory":
+        hub = MemoryHub()
+        yield MemoryBus(PREFIX, hub), MemoryBus(PREFIX, hub)
+    else:
+        endpoint = request.getfixturevalue("endpoint")
+        with ZenohBus(endpoint, PREFIX) as a, ZenohBus(endpoint, PREFIX) as b:
+            yield a, b
+
+
+def done(step: int) -> Done:
+    return Done(time_ns=10_000_000 * step, step=step, process="render", frame_id=step)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + TIMEOUT_S
+    while not condition():
+        assert time.monotonic() < deadline, "nothing came"
+        time.sleep(0.001)
+
+
+def first(send: Callable[[], None], receive: Callable[[], Sample | None]) -> Sample:
+    """Sends until the subscription is known."""
+    deadline = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < deadline:
+        send()
+        if (sample := receive()) is not None:
+            return sample
+    raise AssertionError("nothing came")
+
+
+def test_what_is_put_is_taken_once(pair: tuple[Bus, Bus]) -> None:
+    a, b = pair
+    publisher, latest = a.publisher("done", "render"), b.latest("done", "render")
+    assert latest.take() is None
+    assert latest.silent_s() == float("inf")
+    sample = first(lambda: publisher.put(done(1)), lambda: latest.wait(0.1))
+    assert sample.message.step == 1
+    assert sample.envelope.capture_ns == sample.message.time_ns
+    assert sample.envelope.boot_id == a.boot_id
+    assert latest.silent_s() < TIMEOUT_S
+    assert latest.wait(0.02) is None
+    assert not b.rejected
+
+
+def test_the_newest_is_taken_and_nothing_older_after_it(pair: tuple[Bus, Bus]) -> None:
+    a, b = pair
+    publisher, latest, stream = a.publisher("done", "render"), b.latest("done", "render"), b.stream()
+    first(lambda: publisher.put(done(0)), lambda: latest.wait(0.1))
+    until(lambda: bool(stream.drain()))
+    for step in range(1, 201):
+        publisher.put(done(step))
+    seen = 0
+
+    def arrived() -> int:
+        nonlocal seen
+        seen += len(stream.drain())
+        return seen
+
+    until(lambda: arrived() >= 200)
+    until(lambda: (sample := latest.take()) is not None and sample.message.step == 200)
+    assert latest.take() is None
+    assert stream.overflowed == 0
+
+
+def test_topics_and_suffixes_are_keys_of_their_own(pair: tuple[Bus, Bus]) -> None:
+    a, b = pair
+    publisher, other = a.publisher("done", "render"), b.latest("done", "policy")
+    latest = b.latest("done", "render")
+    first(lambda: publisher.put(done(1)), lambda: latest.wait(0.1))
+    assert other.take() is None
+
+
+def test_unknown_topics_name_the_nearest(pair: tuple[Bus, Bus]) -> None:
+    for make in (pair[0].publisher, pair[0].latest):
+        with pytest.raises(MessageError, match="did you mean 'camera/depth'"):
+            make("camera/dept")
+
+
+def test_the_stream_counts_what_nobody_drained(pair: tuple[Bus, Bus]) -> None:
+    a, b = pair
+    publisher, latest, stream = a.publisher("done", "render"), b.latest("done", "render"), b.stream(capacity=3)
+    first(lambda: publisher.put(done(0)), lambda: latest.wait(0.1))
+    for step in range(10):
+        publisher.put(done(step))
+    until(lambda: stream.overflowed >= 7)
+    assert [sample.key for sample in stream.drain()] == ["done/render"] * 3
+
+
+class Wire:
+    """Bytes on one key of a memory bus."""
+
+    def __init__(self) -> None:
+        self.bus = MemoryBus(PREFIX)
+        self.latest = self.bus.latest("done", "render")
+
+    def send(
+        self, step: int, envelope: Envelope, payload: bytes | None = None, attachment: bytes | None = None
+    ) -> None:
+        message = done(step)
+        capture = replace(envelope, capture_ns=message.time_ns) if envelope.capture_ns == 0 else envelope
+        self.bus.hub.inject(
+            KEY,
+            codec.encode(message) if payload is None else payload,
+            capture.to_bytes() if attachment is None else attachment,
+        )
+
+    def steps(self) -> list[int]:
+        sample = self.latest.take()
+        return [] if sample is None else [sample.message.step]
+
+
+OLD, NEW = b"a" * 16, b"b" * 16
+
+
+def test_duplicates_and_late_messages_are_dropped_and_counted() -> None:
+    wire = Wire()
+    wire.send(5, Envelope(5, 0, OLD))
+    assert wire.steps() == [5]
+    for sequence, reason in ((5, "duplicate"), (4, "out_of_order"), (1, "out_of_order")):
+        wire.send(sequence, Envelope(sequence, 0, OLD))
+        before = wire.bus.rejected[f"done/{reason}"]
+        assert wire.steps() == []
+        assert wire.bus.rejected[f"done/{reason}"] == before + 1
+    wire.send(9, Envelope(9, 0, OLD))
+    assert wire.steps() == [9]
+
+
+def test_a_new_process_takes_over_and_the_old_one_is_heard_no_more() -> None:
+    wire = Wire()
+    wire.send(500, Envelope(500, 0, OLD))
+    assert wire.steps() == [500]
+    wire.send(1, Envelope(1, 0, NEW))
+    assert wire.steps() == [1]
+    wire.send(501, Envelope(501, 0, OLD))
+    assert wire.steps() == []
+    assert wire.bus.rejected == {"done/old_sender": 1}
+
+
+def test_malformed_messages_are_counted_and_do_not_hide_a_good_one() -> None:
+    wire = Wire()
+    wire.send(1, Envelope(1, 0, OLD))
+    good = codec.encode(done(2))
+    wire.send(2, Envelope(2, 0, OLD), payload=b"")
+    wire.send(2, Envelope(2, 0, OLD), payload=good[:-1])
+    wire.send(2, Envelope(2, 0, OLD), payload=bytes(codec.PAYLOAD_MAX + 1))
+    wire.send(2, Envelope(2, 0, OLD), attachment=b"")
+    wire.send(2, Envelope(2, 1, OLD))
+    assert wire.steps() == [1]
+    expected = dict.fromkeys(("empty", "malformed", "size", "envelope", "capture_time"), 1)
+    assert wire.bus.rejected == {f"done/{reason}": count for reason, count in expected.items()}
+
+
+def test_a_slow_consumer_gets_the_newest_not_a_backlog() -> None:
+    wire = Wire()
+    for step in range(1, 10 * RING):
+        wire.send(step, Envelope(step, 0, OLD))
+    assert wire.steps() == [10 * RING - 1]
+    assert wire.steps() == []
+
+
+@pytest.mark.parametrize("name", ["router", "client", "robot"])
+def test_configurations_are_closed(name: str) -> None:
+    """Zenoh refuses unknown keys when it loads a file."""
+    settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{name}.json5")))
+    assert settings.get_json("scouting/multicast/enabled") == "false"
+    assert settings.get_json("scouting/gossip/enabled") == "false"
+    assert settings.get_json("transport/shared_memory/enabled") == "false"
+    assert settings.get_json("transport/link/tx/lease") == "500"
+    assert settings.get_json("adminspace/enabled") == "false"
+
+
+def test_a_bus_without_router_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    endpoint, router = open_router()
+    router.close()
+    started = time.monotonic()
+    with pytest.raises(StackError, match="no Zenoh router at tcp/127"):
+        ZenohBus(endpoint, PREFIX)
+    assert time.monotonic() - started < TIMEOUT_S

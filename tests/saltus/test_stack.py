@@ -1,0 +1,148 @@
+"""The supervisor with real processes over a real router."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from saltus import stack as module
+from saltus.child import Program
+from saltus.config import Pace, RunConfig
+from saltus.errors import StackError
+from saltus.recording import read_recording
+from saltus.stack import PROGRAMS, Stack
+
+PROCESSES = Path(__file__).resolve().parents[1] / "processes"
+CONSUMER = Program(name="consumer", module="consumer", restart=True)
+STATES = Program(name="states", module="states", restart=False)
+BROKEN = """
+    import sys
+    from saltus.errors import ModelError
+    from saltus.process import run_process
+
+    def body(context):
+        raise ModelError("the model file is damaged")
+
+    sys.exit(run_process("consumer", body))
+"""
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{PROCESSES}")
+
+
+def run_config(pace: Pace = "realtime", time_limit_s: float = 60.0) -> RunConfig:
+    return RunConfig(pace=pace, time_limit_s=time_limit_s)
+
+
+def poll_until(stack: Stack, condition: Callable[[], bool], timeout_s: float) -> float:
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < timeout_s, "too late"
+        assert stack.poll()
+        time.sleep(0.01)
+    return time.monotonic() - start
+
+
+def strike_consumer_then_robot(stack: Stack) -> None:
+    for restarts, number in enumerate((signal.SIGKILL, signal.SIGSTOP), start=1):
+        old = stack.pid("consumer")
+        os.kill(old, number)
+        poll_until(stack, lambda n=restarts: stack.restarts["consumer"] == n, 5.0)  # type: ignore[misc]
+        assert stack.pid("consumer") != old
+        poll_until(stack, lambda: stack._children["consumer"].ready, 10.0)
+    os.kill(stack.pid("states"), signal.SIGKILL)
+    stack.wait(5.0)
+
+
+def test_the_table_has_the_four_processes_and_the_robot_comes_last() -> None:
+    assert [p.name for p in PROGRAMS] == ["render", "heightmap", "policy", "controller"]
+    assert [p.restart for p in PROGRAMS] == [True, True, True, False]
+
+
+def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(tmp_path: Path) -> None:
+    run_dir = tmp_path / "run"
+    with (
+        pytest.raises(StackError, match=r"states died .signal SIGKILL"),
+        Stack(run_config(), run_dir, (CONSUMER, STATES)) as stack,
+    ):
+        strike_consumer_then_robot(stack)
+    recording = read_recording(stack.recording)
+    assert recording.complete, recording.lost
+    assert recording.summary["restarts"] == '{"consumer": 2, "states": 0}'
+    assert "SIGKILL" in recording.summary["error"]
+    events = [(m.code, m.detail) for _, _, m in recording.messages("event")]  # type: ignore[union-attr]
+    assert [code for code, _ in events].count("process_ready") == 4
+    died = [detail for code, detail in events if code == "process_died"]
+    assert [d.split(":")[1].split()[0] for d in died] == ["signal", "hung", "signal"]
+    boots = {envelope.boot_id for _, envelope, _ in recording.messages("status/consumer")}
+    assert len(boots) == 3
+    assert not psutil.Process().children()
+
+
+def test_the_run_ends_when_the_robot_returns(tmp_path: Path) -> None:
+    with Stack(run_config("lockstep", time_limit_s=0.3), tmp_path, (CONSUMER, STATES)) as stack:
+        assert stack.wait(10.0)
+        assert stack.finished
+    recording = read_recording(stack.recording)
+    assert recording.complete, recording.lost
+    assert sum(1 for _ in recording.messages("controller/state")) == 30
+    assert not psutil.Process().children()
+
+
+def test_a_process_that_cannot_start_is_named_with_its_last_words(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text(textwrap.dedent(BROKEN))
+    broken = Program(name="consumer", module="broken", restart=True)
+    with (
+        pytest.raises(StackError, match=r"(?s)consumer died .exit code 2.*the model file is damaged"),
+        Stack(run_config(), tmp_path / "run", (broken,)),
+    ):
+        pass
+    events = [m for _, _, m in read_recording(tmp_path / "run" / "recording.mcap").messages("event")]
+    assert [e.code for e in events] == ["error", "process_died"]  # type: ignore[union-attr]
+
+
+def test_a_process_that_is_never_ready_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "idle.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setattr(module, "READY_TIMEOUT_S", 0.3)
+    idle = Program(name="idle", module="idle", restart=True)
+    with (
+        pytest.raises(StackError, match=r"idle is not ready after 0.3 s.*idle.log is empty"),
+        Stack(run_config(), tmp_path / "run", (idle,)),
+    ):
+        pass
+    assert not psutil.Process().children()
+
+
+def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
+    script = (
+        "import sys\nfrom pathlib import Path\nfrom saltus.child import Program\n"
+        "from saltus.config import RunConfig\nfrom saltus.stack import Stack\n"
+        "programs = (Program(name='consumer', module='consumer', restart=True),)\n"
+        "with Stack(RunConfig(pace='realtime'), Path(sys.argv[1]), programs) as stack:\n"
+        "    sys.stdout.write(f'{stack.pid(\"consumer\")}\\n')\n"
+        "    sys.stdout.flush()\n"
+        "    stack.wait()\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "run")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as supervisor:
+        assert supervisor.stdout is not None
+        child = psutil.Process(int(supervisor.stdout.readline()))
+        supervisor.kill()
+    child.wait(timeout=10.0)
+
+
+def test_a_full_disk_does_not_stop_the_run(tmp_path: Path) -> None:
+    (tmp_path / "recording.mcap").symlink_to("/dev/full")
+    with Stack(run_config(time_limit_s=1.5), tmp_path, (CONSUMER, STATES)) as stack:
+        assert stack.wait(10.0)
+    assert stack.recording_error is not None
+    assert "No space left" in stack.recording_error

@@ -1,0 +1,116 @@
+"""Laws of clocks, ages and fixed rates."""
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saltus import ticker as module
+from saltus.errors import ConfigError
+from saltus.ticker import Freshness, RunClock, Ticker, freshness
+from saltus.topics import TOPICS
+
+MS = 1_000_000
+
+
+class FakeTime:
+    """A monotonic clock that sleeping advances."""
+
+    def __init__(self) -> None:
+        self.now_ns = 5_000
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds > 0
+        self.now_ns += max(1, round(1e9 * seconds))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    fake = FakeTime()
+    monkeypatch.setattr(module, "time", fake)
+    return fake
+
+
+@pytest.mark.parametrize("topic", TOPICS.values(), ids=lambda topic: topic.name)
+@given(age_ns=st.integers(-(10**9), 3 * 10**9))
+def test_freshness_is_a_staircase_of_age(topic: module.Topic, age_ns: int) -> None:
+    answer = freshness(topic, 10**12, 10**12 + age_ns)
+    if age_ns < -5 * MS:
+        expected = Freshness.FUTURE
+    elif age_ns <= 1e9 * topic.degraded_age_s:
+        expected = Freshness.OK
+    else:
+        expected = Freshness.DEGRADED if age_ns <= 1e9 * topic.invalid_age_s else Freshness.INVALID
+    assert answer is expected
+    assert answer.usable == (answer in (Freshness.OK, Freshness.DEGRADED))
+
+
+def test_depth_is_degraded_50_ms_and_lost_100_ms_beyond_its_nominal_age() -> None:
+    depth = TOPICS["camera/depth"]
+    ages_ms = {70: "ok", 119: "ok", 121: "degraded", 169: "degraded", 171: "invalid"}
+    assert {ms: freshness(depth, 0, ms * MS).value for ms in ages_ms} == ages_ms
+
+
+@given(busy_ms=st.lists(st.integers(0, 95), max_size=60))
+def test_ticks_stay_on_the_grid_and_never_burst(busy_ms: list[int]) -> None:
+    fake = FakeTime()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "time", fake)
+        ticker = Ticker(100.0)
+        ticker.wait()
+        start = fake.now_ns
+        previous = start
+        for busy in busy_ms:
+            fake.now_ns += busy * MS
+            ticker.wait()
+            # late by less than a period, and on average never faster than the rate
+            assert (fake.now_ns - start) // (10 * MS) == ticker.ticks + ticker.overruns - 1
+            assert fake.now_ns >= previous
+            previous = fake.now_ns
+        assert ticker.ticks == len(busy_ms) + 1
+
+
+def test_a_long_stall_is_counted_not_made_up_for(clock: FakeTime) -> None:
+    ticker = Ticker(500.0)
+    ticker.wait()
+    clock.now_ns += 1_000 * MS
+    assert ticker.wait() == 499
+    before = clock.now_ns
+    assert ticker.wait() == 0
+    assert clock.now_ns - before == 2 * MS
+    assert ticker.overruns == 499
+    assert ticker.late_max_ns < 2 * MS
+
+
+def test_rate_of_a_real_loop() -> None:
+    ticker = Ticker(200.0)
+    start = time.monotonic()
+    for _ in range(21):
+        ticker.wait()
+    elapsed = time.monotonic() - start
+    assert elapsed >= 20 / 200 - 1e-3
+    assert sum(ticker.late_counts) == ticker.ticks == 21
+    assert 0 <= ticker.late_us(0.5) <= ticker.late_us(0.99) <= 1e-3 * ticker.late_max_ns
+
+
+def test_real_time_counts_from_the_epoch(clock: FakeTime) -> None:
+    clock.now_ns = 12 * MS
+    run = RunClock(epoch_ns=2 * MS)
+    assert run.now_ns() == 10 * MS
+    assert run.of_monotonic(7 * MS) == 5 * MS
+    with pytest.raises(ConfigError, match="lockstep"):
+        run.set(0)
+
+
+@given(times=st.lists(st.integers(0, 10**12)))
+def test_lockstep_time_is_what_was_set_and_never_goes_back(times: list[int]) -> None:
+    run = RunClock(epoch_ns=123, lockstep=True)
+    highest = 0
+    for time_ns in times:
+        run.set(time_ns)
+        highest = max(highest, time_ns)
+        assert run.now_ns() == highest
