@@ -1,0 +1,41 @@
+"""Frames and states for the tests of the heightmap service."""
+
+import numpy as np
+
+from heightmap.replay import AssumeLevel
+from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from saltus.messages import DepthFrame, RobotState
+
+MS = 1_000_000
+WARMUP = 4
+"""Images that the model of the tests needs."""
+
+
+def frame(frame_id: int, time_ms: float, depth: np.ndarray | None = None) -> DepthFrame:
+    """An image of the model's camera; random but always the same for one id."""
+    if depth is None:
+        depth = np.random.default_rng(frame_id).integers(300, 2500, (48, 16)).astype(np.uint16)
+    camera = MODEL_CAMERA
+    return DepthFrame(
+        time_ns=round(time_ms * MS),
+        frame_id=frame_id,
+        depth=depth,
+        depth_unit_m=MILLIMETRE,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+    )
+
+
+def states(count: int) -> list[RobotState]:
+    """A robot that stands, one state every 10 ms."""
+    ticks = [frame(step, 10.0 * step - 50.0) for step in range(count)]
+    return AssumeLevel().states(ticks)
+
+
+def on_time(step: int) -> DepthFrame | None:
+    """The image that arrives at a step of a run without faults: 50 Hz, 50 ms late."""
+    if step < 5 or step % 2 == 0:
+        return None
+    return frame((step - 5) // 2, 10.0 * (step - 5))

@@ -1,0 +1,112 @@
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+from heightmap.network import HeightmapNetwork
+from saltus.errors import ModelError
+
+
+def mutated(model_path: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    model = onnx.load(model_path)
+    table = {p.key: json.loads(p.value) for p in model.metadata_props}
+    change(table)
+    onnx.helper.set_model_props(model, {name: json.dumps(value) for name, value in table.items()})
+    onnx.save(model, target)
+    return target
+
+
+def at(path: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(table: dict[str, Any]) -> None:
+        *parents, last = path.split("/")
+        node: Any = table
+        for name in parents:
+            node = node[int(name) if isinstance(node, list) else name]
+        node[int(last) if isinstance(node, list) else last] = value
+
+    return change
+
+
+def without(name: str) -> Callable[[dict[str, Any]], None]:
+    def change(table: dict[str, Any]) -> None:
+        del table[name]
+
+    return change
+
+
+MUTATIONS = {
+    "format": at("format", "other"),
+    "grid_m[3]": at("grid_m/3", 0.3),
+    "grid_m": at("grid_m", [0.0, 1.0]),
+    "camera.width": at("camera/width", 60),
+    "camera.fx": at("camera/fx", 42.3),
+    "camera.cy": at("camera/cy", 23.9),
+    "camera.range_m": at("camera/range_m", 4.0),
+    "camera.pitch_rad": at("camera/pitch_rad", 0.5),
+    "camera.position_m[2]": at("camera/position_m/2", 0.08),
+    "camera": at("camera", {}),
+    "proprioception[0]": at("proprioception/0", "yaw"),
+    "proprioception": at("proprioception", ["roll"]),
+    "warmup_frames": at("warmup_frames", 0),
+    "nominal_delay_s": at("nominal_delay_s", "soon"),
+}
+
+
+@pytest.mark.parametrize("field", MUTATIONS)
+def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
+    path = mutated(model_path, tmp_path / "changed.onnx", MUTATIONS[field])
+    with pytest.raises(ModelError, match=f"'{field}'".replace("[", r"\[")) as caught:
+        HeightmapNetwork(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("field", ["format", "grid_m", "camera", "proprioception", "warmup_frames", "nominal_delay_s"])
+def test_missing_metadata_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
+    path = mutated(model_path, tmp_path / "changed.onnx", without(field))
+    with pytest.raises(ModelError, match=f"'{field}' is missing"):
+        HeightmapNetwork(path)
+
+
+@pytest.mark.parametrize("name", ["image", "age", "proprioception", "hidden", "height", "std", "hidden_out"])
+def test_shapes_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, name: str) -> None:
+    model = onnx.load(model_path)
+    for value in (*model.graph.input, *model.graph.output):
+        if value.name == name:
+            value.name = f"{name}_renamed"
+    for node in model.graph.node:
+        for names in (node.input, node.output):
+            renamed = [f"{name}_renamed" if entry == name else entry for entry in names]
+            del names[:]
+            names.extend(renamed)
+    onnx.save(model, tmp_path / "changed.onnx")
+    with pytest.raises(ModelError, match=f"'{name}'"):
+        HeightmapNetwork(tmp_path / "changed.onnx")
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00" * 100, b"not a model", "truncated"])
+def test_files_that_are_no_models_are_refused(model_path: Path, tmp_path: Path, content: bytes | str) -> None:
+    path = tmp_path / "broken.onnx"
+    path.write_bytes(model_path.read_bytes()[:5000] if isinstance(content, str) else content)
+    with pytest.raises(ModelError, match=r"broken\.onnx") as caught:
+        HeightmapNetwork(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="nowhere"):
+        HeightmapNetwork(tmp_path / "nowhere.onnx")
+
+
+def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None:
+    network = HeightmapNetwork(model_path)
+    rng = np.random.default_rng(0)
+    arguments = (rng.uniform(size=(2, 48, 16)), 0.05, True, rng.normal(size=21), np.zeros(256))
+    before = copy.deepcopy(arguments)
+    first, second = network.tick(*arguments), network.tick(*arguments)
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(arguments, before, strict=True))

@@ -1,0 +1,200 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heightmap_inputs import MS, WARMUP, frame, on_time, states
+
+from heightmap.network import Tick
+from heightmap.service import HeightmapService
+from saltus.messages import DepthFrame, Heightmap, HeightmapStatus
+
+OK, WARMING = HeightmapStatus.OK, HeightmapStatus.WARMING
+DEGRADED, INVALID = HeightmapStatus.DEGRADED, HeightmapStatus.INVALID
+
+
+def run(service: HeightmapService, frames: dict[int, DepthFrame | None], steps: int) -> list[Heightmap]:
+    return [service.step(state, frames.get(state.step), state.time_ns) for state in states(steps)]
+
+
+def clean(steps: int) -> dict[int, DepthFrame | None]:
+    return {step: on_time(step) for step in range(steps)}
+
+
+def same(left: list[Heightmap], right: list[Heightmap]) -> bool:
+    return all(
+        np.array_equal(a.height, b.height) and np.array_equal(a.std, b.std) and a.status == b.status
+        for a, b in zip(left, right, strict=True)
+    )
+
+
+def test_warms_up_and_stays_ok(model_path: Path) -> None:
+    statuses = [h.status for h in run(HeightmapService(model_path), clean(60), 60)]
+    first_ok = 5 + 2 * (WARMUP - 1)
+    assert statuses[:first_ok] == [WARMING] * first_ok
+    assert statuses[first_ok:] == [OK] * (60 - first_ok)
+
+
+def test_answers_name_state_image_and_model(model_path: Path) -> None:
+    service = HeightmapService(model_path)
+    answers = run(service, clean(40), 40)
+    assert [h.step for h in answers] == list(range(40))
+    assert [h.time_ns for h in answers] == [10 * MS * step for step in range(40)]
+    assert {h.model_id for h in answers} == {service.model_id}
+    assert answers[0].frame_id == -1
+    assert answers[0].depth_age_s == math.inf
+    assert [answers[i].depth_age_s for i in (21, 22)] == pytest.approx([0.05, 0.06])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -5.0, 1e30])
+@pytest.mark.parametrize("pixels", [1, 230, 768])
+def test_bad_pixels_do_not_poison(model_path: Path, value: float, pixels: int) -> None:
+    frames = clean(80)
+    good = frames[31]
+    assert good is not None
+    depth = good.depth.astype(np.float32)
+    depth.flat[np.random.default_rng(0).permutation(768)[:pixels]] = value
+    frames[31] = frame(good.frame_id, good.time_ns / MS, depth)
+    with np.errstate(all="ignore"):
+        answers = run(HeightmapService(model_path), frames, 80)
+    assert all(np.isfinite(h.height).all() and np.isfinite(h.std).all() for h in answers)
+    assert answers[33].status == OK  # one image later
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.0, OK), (0.25, OK), (0.35, DEGRADED), (0.75, DEGRADED), (0.85, INVALID)])
+def test_invalid_pixels_are_counted(model_path: Path, share: float, status: HeightmapStatus) -> None:
+    frames = clean(41)
+    depth = np.full(768, 900, np.uint16)
+    depth[: int(share * 768)] = 0
+    frames[39] = frame(17, 340.0, depth.reshape(48, 16))
+    assert run(HeightmapService(model_path), frames, 41)[39].status == status
+
+
+def test_duplicates_and_overtaken_frames_have_no_effect(model_path: Path) -> None:
+    frames = clean(80)
+    disturbed = dict(frames)
+    for step in range(20, 80, 2):  # steps without a frame of their own
+        disturbed[step] = frames[step - 1] if step % 4 else frames[step - 7]
+    reference = run(HeightmapService(model_path), frames, 80)
+    assert same(run(HeightmapService(model_path), disturbed, 80), reference)
+
+
+def test_frames_too_old_or_from_the_future_are_not_used(model_path: Path) -> None:
+    frames = {step: None if step >= 40 else on_time(step) for step in range(80)}
+    disturbed = dict(frames)
+    disturbed[41] = frame(100, 410.0 - 171.0)
+    disturbed[43] = frame(101, 430.0 + 6.0)
+    reference = run(HeightmapService(model_path), frames, 80)
+    assert same(run(HeightmapService(model_path), disturbed, 80), reference)
+
+
+def test_a_state_is_answered_once(model_path: Path) -> None:
+    service = HeightmapService(model_path)
+    answers = run(service, clean(40), 40)
+    again = service.step(states(40)[-1], frame(99, 345.0), 395 * MS)
+    older = service.step(states(40)[7], None, 395 * MS)
+    assert again is answers[-1]
+    assert older is answers[-1]
+    following = service.step(states(41)[40], on_time(40), 400 * MS)
+    assert same([following], run(HeightmapService(model_path), clean(41), 41)[-1:])
+
+
+def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path) -> None:
+    last = 61
+    frames = {step: frame_ for step, frame_ in clean(100).items() if step <= last}
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 100)]
+    assert set(statuses[20 : last + 6]) == {OK}
+    assert statuses[last + 6] == DEGRADED
+    assert statuses[last + 10] == DEGRADED
+    assert set(statuses[last + 11 :]) == {INVALID}
+
+
+@pytest.mark.parametrize(("extra_ms", "status"), [(0, OK), (40, OK), (60, DEGRADED), (90, DEGRADED), (130, INVALID)])
+def test_late_frames_switch_the_status_at_the_thresholds(
+    model_path: Path, extra_ms: int, status: HeightmapStatus
+) -> None:
+    frames = {step: on_time(step - extra_ms // 10) for step in range(100)}
+    answers = run(HeightmapService(model_path), frames, 100)
+    assert {h.status for h in answers[60:]} <= {status, OK} if status == DEGRADED else {status}
+    assert answers[-1].status >= status or status == DEGRADED
+
+
+def test_resumes_after_a_gap_with_a_new_memory(model_path: Path) -> None:
+    frames = {step: frame_ for step, frame_ in clean(120).items() if not 40 <= step < 70}
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 120)]
+    back = 71
+    assert statuses[back - 1] == INVALID
+    assert statuses[back] == WARMING
+    assert statuses[back + 2 * (WARMUP - 1)] == OK
+
+
+def test_short_gaps_do_not_cost_the_memory(model_path: Path) -> None:
+    frames = {step: frame_ for step, frame_ in clean(80).items() if not 41 <= step < 50}
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 80)]
+    assert WARMING not in statuses[41:]
+
+
+def test_without_any_frame_it_becomes_invalid(model_path: Path) -> None:
+    statuses = [h.status for h in run(HeightmapService(model_path), {}, 30)]
+    assert statuses[17] == WARMING
+    assert statuses[18:] == [INVALID] * 12
+
+
+class Faulty:
+    """A network whose output is bad at chosen ticks."""
+
+    def __init__(self, service: HeightmapService, bad: dict[int, Tick]) -> None:
+        self._network, self._bad, self._count = service._network, bad, -1
+        self.hidden_size, self.warmup_frames = self._network.hidden_size, self._network.warmup_frames
+        self.model_id = self._network.model_id
+        self.hidden_seen: list[np.ndarray] = []
+
+    def tick(self, *arguments: object) -> Tick:
+        self._count += 1
+        self.hidden_seen.append(arguments[-1])  # type: ignore[arg-type]
+        return self._bad.get(self._count) or self._network.tick(*arguments)  # type: ignore[arg-type]
+
+
+def bad_tick(where: str, value: float) -> Tick:
+    arrays = {"height": np.zeros(30), "std": np.full(30, 0.1), "hidden": np.zeros(256)}
+    arrays[where][3] = value
+    return Tick(**arrays)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [bad_tick(w, v) for w in ("height", "std", "hidden") for v in (np.nan, np.inf, -2.0)] + [bad_tick("height", 1.6)],
+)
+def test_a_bad_output_is_bridged_and_its_memory_dropped(model_path: Path, bad: Tick) -> None:
+    service = HeightmapService(model_path)
+    service._network = faulty = Faulty(service, {50: bad})  # type: ignore[assignment]
+    answers = run(service, clean(60), 60)
+    assert answers[50].status == DEGRADED
+    assert np.array_equal(answers[50].height, answers[49].height)
+    assert faulty.hidden_seen[51] is faulty.hidden_seen[50]
+    assert {h.status for h in answers[51:]} == {OK}
+
+
+def test_three_bad_outputs_are_invalid_and_reset(model_path: Path) -> None:
+    service = HeightmapService(model_path)
+    service._network = faulty = Faulty(service, {50 + i: bad_tick("height", np.nan) for i in range(5)})  # type: ignore[assignment]
+    statuses = [h.status for h in run(service, clean(80), 80)]
+    assert statuses[50:55] == [DEGRADED, DEGRADED, INVALID, INVALID, INVALID]
+    assert not faulty.hidden_seen[53].any()
+    assert statuses[55] == WARMING
+    assert statuses[-1] == OK
+
+
+def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path) -> None:
+    service = HeightmapService(model_path)
+    service.step(states(1)[0], None, 0)
+    for state in states(60)[1:]:
+        if state.step == 30:
+            state.joint_position[4] = np.nan
+        answer = service.step(state, on_time(state.step), state.time_ns)
+        assert np.isfinite(answer.height).all()
+        if state.step == 30:
+            assert answer.status == DEGRADED
+            state.joint_position[4] = -1.8
+    assert answer.status == OK
