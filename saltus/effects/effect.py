@@ -91,8 +91,6 @@ def map_arrays(function: Callable[[Any], Any], value: Any) -> Any:
 
 def _check(label: str, value: Any, metadata: Any) -> None:
     """Checks a parameter against its declaration; the null value is always allowed."""
-    if "null" in metadata and _equal(value, metadata["null"]):
-        return
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:

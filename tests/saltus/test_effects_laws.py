@@ -1,0 +1,217 @@
+"""Laws that every effect obeys."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.effect import Effect, map_arrays
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.registry import EFFECTS
+from saltus.effects.sample_and_hold import SampleAndHold
+from saltus.effects.signals import DepthImage, Drive, HeightQuery
+from saltus.effects.torque_gain import TorqueGain
+from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.errors import ConfigError
+from saltus.messages import JointCommand
+
+ROBOTS = 5
+STEPS = 12
+PERIOD_S = {"command": 0.002, "torque": 0.002, "depth": 0.01, "heightmap": 0.01}
+PER_JOINT = tuple(0.5 + 0.1 * j for j in range(12))
+
+EXAMPLES: tuple[Effect[Any], ...] = (
+    CommandDelay(delay=0.009),
+    CommandDelay(delay=0.006),
+    FeedforwardDelay(delay=0.010),
+    FeedforwardDelay(delay=0.0033),
+    ActuatorLag(time_constant=0.004),
+    ActuatorLag(time_constant=(0.0, 0.002, 0.004) * 4),
+    TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),
+    TorqueSpeedLimit(corner=10.0, no_load=21.0),
+    TorqueSaturation(curve=GO1_CURVE),
+    TorqueSaturation(knee=14.2, plateau=(17.2, 17.2, 25.9) * 4),
+    TorqueGain(gain=0.9),
+    TorqueGain(gain=PER_JOINT),
+    SampleAndHold(period=0.03),
+    FrameDrop(fraction=0.4),
+    CameraLatency(latency=0.034),
+    CameraLatency(latency=0.045, jitter=0.02),
+    HeightmapShift(x=0.03, z=-0.02),
+    HeightmapShift(x_range=0.08, z_range=0.05),
+)
+NULLS = tuple(kind() for kind in EFFECTS.values())
+
+
+def name(effect: Effect[Any]) -> str:
+    return effect.name
+
+
+def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[Any]:
+    """What an effect of a site gets at successive times."""
+    rng = np.random.default_rng(7)
+
+    def array(*shape: int, scale: float = 1.0) -> Any:
+        return (scale * rng.standard_normal((*batch, *shape))).astype(dtype)
+
+    def one(k: int) -> Any:
+        if site == "command":
+            return JointCommand(
+                position=array(12), velocity=array(12), kp=array(12), kd=array(12), torque=array(12, scale=20.0)
+            )
+        if site == "torque":
+            return Drive(torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0))
+        if site == "depth":
+            return DepthImage(depth=abs(array(6, 4)), time_s=np.full(batch, PERIOD_S[site] * k))
+        return HeightQuery(x=array(30), offset=array(1))
+
+    if site == "depth":  # a camera at half the rate of those who look
+        return [image for k in range(0, STEPS, 2) for image in [one(k)] * 2]
+    return [one(k) for k in range(STEPS)]
+
+
+def run(effect: Effect[Any], inputs: list[Any], state: Any) -> list[Any]:
+    outputs = []
+    for k, signal in enumerate(inputs):
+        out, state = effect.apply(signal, k * PERIOD_S[effect.site], state)
+        outputs.append(out)
+    return outputs
+
+
+def arrays(signal: Any) -> list[Any]:
+    return [getattr(signal, f.name) for f in fields(signal)]
+
+
+def started(effect: Effect[Any], batch: tuple[int, ...], seed: int = 3) -> Any:
+    return effect.init(batch, np.random.default_rng(seed))
+
+
+def test_every_effect_has_an_example() -> None:
+    assert {e.name for e in EXAMPLES} == set(EFFECTS)
+    assert {e.site for e in EXAMPLES} <= set(PARTS)
+
+
+@pytest.mark.parametrize("batch", [(), (ROBOTS,)])
+@pytest.mark.parametrize("effect", NULLS, ids=name)
+def test_identity_at_null_to_the_bit(effect: Effect[Any], batch: tuple[int, ...]) -> None:
+    assert effect.is_null()
+    inputs = signals(effect.site, batch)
+    for before, after in zip(inputs, run(effect, inputs, started(effect, batch)), strict=True):
+        for a, b in zip(arrays(before), arrays(after), strict=True):
+            assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
+
+
+@pytest.mark.parametrize("effect", EXAMPLES, ids=name)
+def test_examples_change_something(effect: Effect[Any]) -> None:
+    assert not effect.is_null()
+    inputs = signals(effect.site, (ROBOTS,))
+    outputs = run(effect, inputs, started(effect, (ROBOTS,)))
+    assert any(
+        not np.array_equal(a, b)
+        for before, after in zip(inputs, outputs, strict=True)
+        for a, b in zip(arrays(before), arrays(after), strict=True)
+    )
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("effect", EXAMPLES, ids=name)
+def test_shape_and_dtype_are_kept_and_inputs_left_alone(effect: Effect[Any], dtype: Any) -> None:
+    inputs = signals(effect.site, (2, 3), dtype)
+    copies = [map_arrays(np.copy, signal) for signal in inputs]
+    outputs = run(effect, inputs, started(effect, (2, 3)))
+    for before, copy, after in zip(inputs, copies, outputs, strict=True):
+        for a, c, b in zip(arrays(before), arrays(copy), arrays(after), strict=True):
+            np.testing.assert_array_equal(a, c)
+            assert (b.shape, b.dtype) == (a.shape, a.dtype)
+
+
+@pytest.mark.parametrize("effect", EXAMPLES, ids=name)
+def test_batched_is_one_by_one(effect: Effect[Any]) -> None:
+    inputs = signals(effect.site, (ROBOTS,))
+    state = started(effect, (ROBOTS,))
+    together = run(effect, inputs, state)
+    for i in range(ROBOTS):
+        single = [map_arrays(lambda a, i=i: np.asarray(a[i]), signal) for signal in inputs]
+        alone = run(effect, single, map_arrays(lambda a, i=i: np.asarray(a[i]), state))
+        for batch_out, out in zip(together, alone, strict=True):
+            for a, b in zip(arrays(batch_out), arrays(out), strict=True):
+                np.testing.assert_array_equal(a[i], b)
+
+
+@pytest.mark.parametrize("effect", EXAMPLES, ids=name)
+def test_torch_is_numpy(effect: Effect[Any]) -> None:
+    inputs = signals(effect.site, (ROBOTS,))
+    state = started(effect, (ROBOTS,))
+    outputs = run(effect, [map_arrays(torch.as_tensor, s) for s in inputs], map_arrays(torch.as_tensor, state))
+    for ours, theirs in zip(run(effect, inputs, state), outputs, strict=True):
+        for a, b in zip(arrays(ours), arrays(theirs), strict=True):
+            assert isinstance(b, torch.Tensor)
+            np.testing.assert_allclose(a, b.numpy(), rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("effect", EXAMPLES, ids=name)
+def test_deterministic_by_seed(effect: Effect[Any]) -> None:
+    inputs = signals(effect.site, (ROBOTS,))
+    first, again = (run(effect, inputs, started(effect, (ROBOTS,))) for _ in range(2))
+    for one, two in zip(first, again, strict=True):
+        for a, b in zip(arrays(one), arrays(two), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("effect", EXAMPLES + NULLS, ids=name)
+def test_toml_round_trip(effect: Effect[Any]) -> None:
+    part = PARTS[effect.site]
+    profile = Profile(**{part: (effect,)})
+    assert profile_from_toml(profile_to_toml(profile)) == profile
+
+
+@pytest.mark.parametrize("bad", [-1e6, 1e6, float("nan"), "fast", (0.1, 0.2), None])
+@pytest.mark.parametrize("kind", EFFECTS.values(), ids=lambda kind: kind.name)
+def test_parameters_out_of_bounds_are_errors(kind: type[Effect[Any]], bad: Any) -> None:
+    for parameter in fields(kind):
+        with pytest.raises(ConfigError, match=f"{kind.name}.*{parameter.name}"):
+            kind(**{parameter.name: bad})
+
+
+@dataclass(frozen=True)
+class Batched:
+    effect: Effect[Any]
+    parameter: str
+    values: tuple[float, ...]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        Batched(CommandDelay(), "delay", (0.0, 0.002, 0.0051, 0.009, 0.01)),
+        Batched(FeedforwardDelay(), "delay", (0.01, 0.002, 0.0051, 0.009, 0.0)),
+        Batched(ActuatorLag(), "time_constant", (0.0, 0.001, 0.002, 0.004, 0.008)),
+        Batched(TorqueGain(), "gain", (0.9, 0.95, 1.0, 1.05, 1.1)),
+        Batched(CameraLatency(), "latency", (0.0, 0.03, 0.04, 0.052, 0.06)),
+        Batched(FrameDrop(), "fraction", (0.0, 0.2, 0.4, 0.6, 1.0)),
+    ],
+    ids=lambda case: case.effect.name,
+)
+def test_robots_of_a_batch_may_differ(case: Batched) -> None:
+    """One effect with a value for each robot is that many effects."""
+    site = case.effect.site
+    column = np.array(case.values) if site == "depth" else np.array(case.values)[:, None]
+    effect = replace(case.effect, **{case.parameter: column})
+    inputs, state = signals(site, (ROBOTS,)), started(effect, (ROBOTS,))
+    together = run(effect, inputs, state)
+    for i, value in enumerate(case.values):
+        single = [map_arrays(lambda a, i=i: np.asarray(a[i]), signal) for signal in inputs]
+        own = replace(case.effect, **{case.parameter: value})
+        alone = run(own, single, map_arrays(lambda a, i=i: np.asarray(a[i]), state))
+        for batch_out, out in zip(together, alone, strict=True):
+            for a, b in zip(arrays(batch_out), arrays(out), strict=True):
+                np.testing.assert_allclose(a[i], b, rtol=1e-13)
