@@ -45,14 +45,14 @@ def decorate(spec: mujoco.MjSpec, terrain: Terrain) -> None:
 
 def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
     gradient = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
-    sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=gradient, width=256, height=1536)
+    sky = spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=gradient, width=256, height=1536
+    )
     sky.rgb1, sky.rgb2 = (0.45, 0.65, 0.88), HAZE[:3]
     spec.visual.headlight.ambient = (0.38, 0.38, 0.40)
     spec.visual.headlight.diffuse = (0.22, 0.22, 0.22)
     spec.visual.headlight.specular = (0.0, 0.0, 0.0)
     spec.visual.rgba.haze = HAZE
-    spec.visual.quality.shadowsize = 2048
-    spec.visual.map.shadowclip = 3.0  # the light's shadow covers this far around the robot [m]
     spec.body(scene.TRUNK).add_light(
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -61,7 +61,7 @@ def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
         dir=(0.45, 0.35, -1.0),
         diffuse=(0.62, 0.60, 0.56),
         specular=(0.15, 0.15, 0.15),
-        castshadow=True,
+        castshadow=False,
     )
 
 
@@ -97,8 +97,7 @@ def _walls(terrain: Terrain) -> list[tuple[float, float, float]]:
 
 
 def _add_trunk(trunk: mujoco.MjsBody) -> None:
-    length, _, height = go1.TRUNK_SIZE
-    front = 0.5 * length
+    front = 0.5 * go1.TRUNK_SIZE[0]
     _add(trunk, BOX, DARK, pos=(0.0, 0.0, -0.012), size=(front - 0.02, 0.052, 0.036))
     for y in (-0.026, 0.026):
         _add(trunk, CAPSULE, SHELL, pos=(-0.01, y, 0.022), size=(0.036, front - 0.045, 0.0), quat=ALONG)
@@ -112,9 +111,16 @@ def _add_trunk(trunk: mujoco.MjsBody) -> None:
     tilt = (np.cos(0.5 * go1.CAMERA_PITCH), 0.0, np.sin(0.5 * go1.CAMERA_PITCH), 0.0)
     camera = go1.CAMERA_POSITION
     _add(trunk, BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
-    _add(trunk, BOX, (0.75, 0.77, 0.8, 1.0), pos=camera - [0.012, 0.0075, 0.0], size=(0.011, 0.045, 0.0125), quat=tilt)
+    _add(
+        trunk,
+        BOX,
+        (0.75, 0.77, 0.8, 1.0),
+        pos=camera - np.array([0.012, 0.0075, 0.0]),
+        size=(0.011, 0.045, 0.0125),
+        quat=tilt,
+    )
     for y in (-0.03, 0.0, 0.03):
-        _add(trunk, SPHERE, LENS, pos=camera + [-0.003, y - 0.0075, 0.0], size=(0.0075, 0.0, 0.0))
+        _add(trunk, SPHERE, LENS, pos=camera + np.array([-0.003, y - 0.0075, 0.0]), size=(0.0075, 0.0, 0.0))
 
 
 def _add_leg(spec: mujoco.MjSpec, leg: int) -> None:

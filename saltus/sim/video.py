@@ -4,15 +4,16 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import imageio_ffmpeg
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus import go1
 from saltus.errors import SaltusError
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.messages import Floats
-from saltus.sim import scene
+from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.terrain.terrain import Terrain
@@ -21,13 +22,12 @@ Frame = NDArray[np.uint8]
 
 FPS = 30
 SIZE = (640, 480)
-MULTISAMPLES = 2  # smooths edges; four samples halve the speed of a software renderer
+SUPERSAMPLING = 1.5  # frames are drawn larger and averaged: half the price of multi-sampling in a software renderer
+ENCODING = ["-preset", "veryfast", "-movflags", "+faststart"]  # the index first, so that a browser can start at once
 # Camera: from behind and the right, so that risers, which face the robot, face the camera too.
 AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 62.0, -17.0, 1.75
 LOOK_AHEAD_M = 0.35
 SMOOTHING_S = 0.4  # the camera follows the mean of the trunk over this time to either side, not every bounce
-HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
-POINT_RADIUS, LINE_RADIUS = 0.011, 0.004  # [m]
 MAX_SHAPES = 1000
 
 
@@ -66,21 +66,25 @@ def render_run(
     data = mujoco.MjData(model)
     shapes = mujoco.MjvScene(model, MAX_SHAPES)
     shapes.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    shapes.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False  # triples the time of a frame; see `overlay.draw_shadow`
     shapes.flags[mujoco.mjtRndFlag.mjRND_HAZE] = True
     option, camera = _option(), _camera()
     aim = _aim(time_s, base_pose[:, :3])
-    view = mujoco.MjrRect(0, 0, *size)
+    drawn = (round(SUPERSAMPLING * size[0]), round(SUPERSAMPLING * size[1]))
+    feet = [model.geom(f"{leg}_foot").id for leg in go1.LEGS]
     frame_times = np.arange(time_s[0], time_s[-1] + 1e-9, 1.0 / fps)
-    with drawing_context(model, *size) as context:
+    with drawing_context(model, *drawn) as context:
         for i in np.searchsorted(time_s, frame_times + 1e-9, side="right") - 1:
             data.qpos[:] = np.concatenate([base_pose[i], joint_position[i]])
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = aim[i]
             mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes)
-            _draw_heightmap(shapes, heightmap_in_world(base_pose[i], heightmap_x, heightmap[i]))
-            mujoco.mjr_render(view, shapes, context)
-            yield read_pixels(context, *size)
+            overlay.draw_shadow(shapes, terrain, base_pose[i], data.geom_xpos[feet])
+            overlay.draw_heightmap(shapes, base_pose[i], heightmap_x, heightmap[i])
+            mujoco.mjr_render(mujoco.MjrRect(0, 0, *drawn), shapes, context)
+            picture = read_pixels(context, *drawn)
+            yield cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
@@ -93,7 +97,7 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
         fps: Frames per second.
     """
     writer: Any = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec="libx264", quality=7, ffmpeg_log_level="error", output_params=OUTPUT
+        str(path), size, fps=fps, codec="libx264", quality=7, ffmpeg_log_level="error", output_params=ENCODING
     )
     writer.send(None)
     count = 0
@@ -106,26 +110,11 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
     return count
 
 
-OUTPUT = ["-preset", "veryfast", "-movflags", "+faststart"]  # the index first, so that a browser can start at once
-
-
-def heightmap_in_world(base_pose: Floats, x: Floats, height: Floats) -> Floats:
-    """Points of a heightmap in the world [m], shape (points, 3).
-
-    Args:
-        base_pose: Position and quaternion of the base, shape (7,).
-        x: Distance ahead of the base along its yaw [m], shape (points,).
-        height: Relative to the base [m], shape (points,).
-    """
-    _, _, yaw = roll_pitch_yaw(rotation_matrix(base_pose[3:7]))
-    ahead = np.stack([np.cos(yaw) * x, np.sin(yaw) * x, height], axis=-1)
-    return base_pose[:3] + ahead
-
-
 def _model(terrain: Terrain) -> mujoco.MjModel:
     spec = scene.build_spec(terrain)
     decorate(spec, terrain)
-    spec.visual.quality.offsamples = MULTISAMPLES
+    spec.visual.quality.offsamples = 0
+    spec.visual.quality.numslices, spec.visual.quality.numstacks = 20, 10  # round enough at this size
     spec.stat.extent, spec.stat.center = 3.0, (0.0, 0.0, 0.0)  # scales clipping planes and haze
     return spec.compile()
 
@@ -150,23 +139,3 @@ def _aim(time_s: Floats, position: Floats) -> Floats:
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(position, axis=0)])
     mean = (total[last] - total[first]) / (last - first)[:, None]
     return mean + np.array([LOOK_AHEAD_M, 0.0, -0.05])
-
-
-def _draw_heightmap(shapes: mujoco.MjvScene, points: Floats) -> None:
-    """Adds a sphere for each finite point and a line between neighbours."""
-    points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
-    for point in points:
-        size = np.full(3, POINT_RADIUS)
-        _add_shape(shapes, mujoco.mjtGeom.mjGEOM_SPHERE, size, point)
-    for start, end in zip(points[:-1], points[1:], strict=True):
-        line = _add_shape(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3))
-        mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
-
-
-def _add_shape(shapes: mujoco.MjvScene, kind: mujoco.mjtGeom, size: Floats, position: Floats) -> mujoco.MjvGeom:
-    shape = shapes.geoms[shapes.ngeom]
-    rgba = np.array(HEIGHTMAP_RGBA, dtype=np.float32)
-    mujoco.mjv_initGeom(shape, kind, size, position, np.eye(3).ravel(), rgba)
-    shape.emission = 0.6
-    shapes.ngeom += 1
-    return shape

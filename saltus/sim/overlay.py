@@ -1,0 +1,94 @@
+"""What a video shows on top of the scene: the predicted heightmap, and a simple shadow."""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from saltus import go1
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix, yaw_rotation
+from saltus.messages import Floats
+from saltus.terrain.terrain import Terrain
+
+HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
+POINT_RADIUS, LINE_RADIUS = 0.012, 0.005  # [m]
+SHADOW_RGBA = (0.05, 0.07, 0.10, 0.30)
+SHADOW_LENGTH = go1.TRUNK_SIZE[0] + 0.12  # trunk and head [m]
+SHADOW_WIDTH = 0.17  # trunk and hips [m]
+FOOT_SHADOW_RADIUS = 0.028  # [m]
+LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
+
+
+def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, x: Floats, height: Floats) -> None:
+    """Adds a ball for each finite point of a heightmap and a line between neighbours.
+
+    Args:
+        shapes: What is drawn; shapes are added to it.
+        base_pose: Position and quaternion of the base, shape (7,).
+        x: Distance ahead of the base along its yaw [m], shape (points,).
+        height: Relative to the base [m], shape (points,).
+    """
+    points = heightmap_in_world(base_pose, x, height)
+    points = points[np.isfinite(points).all(axis=1)]
+    for point in points:
+        _add(shapes, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, POINT_RADIUS), point, HEIGHTMAP_RGBA)
+    for start, end in pairwise(points):
+        line = _add(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), HEIGHTMAP_RGBA)
+        mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
+
+
+def heightmap_in_world(base_pose: Floats, x: Floats, height: Floats) -> Floats:
+    """Points of a heightmap in the world [m], shape (points, 3); arguments as for `draw_heightmap`."""
+    ahead = np.stack([x, np.zeros_like(x), height], axis=-1).astype(np.float64)
+    return base_pose[:3] + ahead @ _heading(base_pose).T
+
+
+def draw_shadow(shapes: mujoco.MjvScene, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:
+    """Darkens the ground right below trunk and feet: shows how high the robot is, at no cost.
+
+    Args:
+        shapes: What is drawn; shapes are added to it.
+        terrain: The ground.
+        base_pose: Position and quaternion of the base, shape (7,).
+        feet: Centres of the feet in the world [m], shape (4, 3).
+    """
+    heading = _heading(base_pose)
+    along = max(abs(float(heading[0, 0])), 0.3)  # a robot that has turned sideways gets a shadow that is too long
+    reach = 0.5 * SHADOW_LENGTH * along
+    low, high = base_pose[0] - reach, base_pose[0] + reach
+    cuts = np.array([low, *(x for x in terrain.column_x if low < x < high), high])
+    for start, end in pairwise(cuts):  # one piece on each column of the terrain
+        x = 0.5 * (start + end)
+        y = base_pose[1] + (x - base_pose[0]) * heading[1, 0] / along
+        size = np.array([0.5 * (end - start) / along, 0.5 * SHADOW_WIDTH, 0.001])
+        _add(shapes, mujoco.mjtGeom.mjGEOM_BOX, size, _on_ground(terrain, x, y), SHADOW_RGBA, heading)
+    for foot in feet:
+        size = np.array([FOOT_SHADOW_RADIUS, 0.0005, 0.0])  # radius, half of the height
+        center = _on_ground(terrain, foot[0], foot[1]) + np.array([0.0, 0.0, LIFT])  # above the trunk's shadow
+        _add(shapes, mujoco.mjtGeom.mjGEOM_CYLINDER, size, center, SHADOW_RGBA)
+
+
+def _heading(base_pose: Floats) -> Floats:
+    """Rotation from the yaw frame of the base to the world, shape (3, 3)."""
+    _, _, yaw = roll_pitch_yaw(rotation_matrix(np.asarray(base_pose[3:7], dtype=np.float64)))
+    return yaw_rotation(yaw)
+
+
+def _on_ground(terrain: Terrain, x: float, y: float) -> Floats:
+    return np.array([x, y, float(terrain.height_at(np.asarray(x))) + LIFT])
+
+
+def _add(
+    shapes: mujoco.MjvScene,
+    kind: mujoco.mjtGeom,
+    size: Floats,
+    position: Floats,
+    rgba: tuple[float, ...],
+    rotation: Floats | None = None,
+) -> mujoco.MjvGeom:
+    shape = shapes.geoms[shapes.ngeom]
+    turn = np.eye(3) if rotation is None else rotation
+    mujoco.mjv_initGeom(shape, kind, size, position, turn.ravel(), np.array(rgba, dtype=np.float32))
+    shape.emission = 0.6 if rgba == HEIGHTMAP_RGBA else 0.0
+    shapes.ngeom += 1
+    return shape
