@@ -19,7 +19,7 @@ from saltus import codec, config
 from saltus.bus import topic_of
 from saltus.codec import Envelope
 from saltus.config import RunConfig
-from saltus.errors import MessageError, RecordingError
+from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.messages import Message
 from saltus.recorder import METADATA, METADATA_END
 from saltus.topics import TOPICS
@@ -169,7 +169,10 @@ class _Reader:
             self.recording.summary = record.metadata
         elif record.name == METADATA:
             self.recording.metadata = record.metadata
-            self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
+            try:
+                self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
+            except ConfigError as error:
+                self.recording.lost.append(f"the configuration: {error}")
 
 
 def _reason(error: Exception) -> str:

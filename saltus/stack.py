@@ -4,11 +4,12 @@ The supervisor hosts the Zenoh router on a free port of loopback. `Stack.poll` i
 calls `poll` at 10 Hz or more, or `wait`.
 """
 
+import contextlib
 import json
 import signal
 import socket
+import statistics
 import time
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -21,7 +22,7 @@ from saltus.bus import Latest, Publisher, RawSample, Stream, ZenohBus, topic_of,
 from saltus.child import Child, Program, name_exit
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
-from saltus.messages import Event, ProcessStatus
+from saltus.messages import Done, Event, ProcessStatus
 from saltus.process import RUN_FILE
 from saltus.recorder import Recorder
 from saltus.resources import resource
@@ -40,6 +41,7 @@ HUNG_S = 1.0  # two periods of the proof of life
 STOP_TIMEOUT_S = 3.0
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
+ANSWER_TIMEOUT_S = 0.1
 PORT_ATTEMPTS = 5
 SUPERVISOR = "supervisor"
 RECORDING_FILE = "recording.mcap"
@@ -73,7 +75,7 @@ class Stack:
         self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
         self._clock = RunClock(self.config.epoch_ns)
         self._events_sent = self._events_seen = 0
-        self._resources = ExitStack()
+        self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
         self._stream: Stream
         self._events: Publisher
@@ -285,3 +287,26 @@ def open_router() -> tuple[str, Any]:
         except zenoh.ZError as error:  # somebody else took the port in between
             last = error
     raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
+
+
+def loopback_round_trip(messages: int = 50) -> float:
+    """Median time of a small message from one client to another and back, through a router on loopback [s].
+
+    Raises:
+        StackError: no router can be had, or nothing arrives.
+    """
+    endpoint, router = open_router()
+    times = []
+    with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:
+        ping, pong = here.publisher("done", "ping"), there.publisher("done", "pong")
+        ping_in, pong_in = there.latest("done", "ping"), here.latest("done", "pong")
+        for step in range(messages):
+            start = time.perf_counter()
+            ping.put(Done(time_ns=0, step=step, process="ping"))
+            if ping_in.wait(ANSWER_TIMEOUT_S) is not None:
+                pong.put(Done(time_ns=0, step=step, process="pong"))
+                if pong_in.wait(ANSWER_TIMEOUT_S) is not None:
+                    times.append(time.perf_counter() - start)
+    if len(times) < messages // 2:  # the first are lost while the subscriptions travel
+        raise StackError(f"of {messages} messages over loopback {len(times)} came back")
+    return statistics.median(times)

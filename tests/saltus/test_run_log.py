@@ -1,0 +1,124 @@
+"""Run logs: a recording exported to plain tables reads back to the bit, and bad tables are named."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_recording import STEPS, run_samples, write
+
+from saltus.errors import RecordingError
+from saltus.messages import DepthFrame, GroundTruth, JointLog, RobotState
+from saltus.recording import Recording
+from saltus.run_log import export_run_log, read_run_log
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return write(tmp_path_factory.mktemp("run") / "recording.mcap", list(run_samples()))
+
+
+@pytest.fixture
+def directory(recording: Recording, tmp_path: Path) -> Path:
+    export_run_log(recording, tmp_path / "log")
+    return tmp_path / "log"
+
+
+def test_export_reads_back_to_the_bit(recording: Recording, directory: Path) -> None:
+    log = read_run_log(directory)
+    rows = [m for _, _, m in recording.messages("controller/joints") if isinstance(m, JointLog)]
+    np.testing.assert_array_equal(log.joints.q, np.concatenate([m.position for m in rows]))
+    assert log.joints.tau_est is not None
+    np.testing.assert_array_equal(log.joints.tau_est, np.concatenate([m.torque_estimated for m in rows]))
+    np.testing.assert_allclose(np.diff(log.joints.time_s), 0.002, atol=1e-9)
+    states = [m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)]
+    truths = [m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)]
+    assert log.imu is not None
+    assert log.base is not None
+    assert log.feet is not None
+    np.testing.assert_array_equal(log.imu.values[:, 4:7], [m.angular_velocity_base for m in states])
+    np.testing.assert_array_equal(log.base.values[:, :3], [m.position_base_in_world for m in truths])
+    np.testing.assert_array_equal(log.feet.values, [m.foot_force for m in truths])
+    assert len(log.base.time_s) == STEPS
+
+
+def test_depth_is_in_millimetres_and_what_is_not_measured_is_zero(recording: Recording, directory: Path) -> None:
+    depth = read_run_log(directory).depth
+    assert depth is not None
+    assert depth.capture_s is not None
+    assert depth.depth_mm.dtype == np.uint16
+    frames = [m for _, _, m in recording.messages("camera/depth") if isinstance(m, DepthFrame)]
+    for image, frame in zip(depth.depth_mm, frames, strict=True):
+        np.testing.assert_array_equal(image, np.where(frame.depth == 65535, 0, frame.depth))
+    assert (depth.arrival_s >= depth.capture_s).all()
+
+
+def test_meta_claims_what_the_run_was(directory: Path) -> None:
+    meta = read_run_log(directory).meta
+    assert meta["schema"] == "saltus-run/1"
+    assert meta["base"] == "free"
+    assert len(meta["joints"]) == len(meta["kp"]) == len(meta["kd"]) == 12
+    assert all(len(box["size"]) == 3 for box in meta["terrain"])
+    assert meta["camera"]["latency"] == 0.05
+
+
+def test_everything_but_meta_and_joints_may_be_missing(directory: Path) -> None:
+    for name in ("imu.csv", "base.csv", "feet.csv", "depth.npz"):
+        (directory / name).unlink()
+    table = (directory / "joints.csv").read_text().splitlines()
+    keep = [i for i, name in enumerate(table[0].split(",")) if name == "t" or name.startswith("q_")]
+    lines = [",".join(line.split(",")[i] for i in keep) for line in table]
+    (directory / "joints.csv").write_text("\n".join(lines))
+    log = read_run_log(directory)
+    assert log.imu is log.base is log.feet is log.depth is None
+    assert log.joints.dq is log.joints.tau_ff is None
+    assert log.joints.q_des.shape == (5 * STEPS, 12)
+
+
+def _drop_column(directory: Path) -> None:
+    path = directory / "joints.csv"
+    path.write_text(path.read_text().replace("q_FR_hip", "q_XX_hip", 1))
+
+
+def _backwards(directory: Path) -> None:
+    lines = (directory / "imu.csv").read_text().splitlines()
+    (directory / "imu.csv").write_text("\n".join([lines[0], *reversed(lines[1:])]))
+
+
+def _text(directory: Path) -> None:
+    path = directory / "base.csv"
+    path.write_text(path.read_text() + "1,2,spam\n")
+
+
+def _schema(directory: Path) -> None:
+    (directory / "meta.json").write_text(json.dumps({"schema": "saltus-run/9"}))
+
+
+def _cut_archive(directory: Path) -> None:
+    path = directory / "depth.npz"
+    path.write_bytes(path.read_bytes()[:100])
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (_drop_column, "q_FR_hip' is missing"),
+        (_backwards, "runs backwards"),
+        (_text, "cannot read .*base.csv"),
+        (_schema, "saltus-run/9"),
+        (_cut_archive, "depth.npz"),
+        (lambda directory: (directory / "joints.csv").unlink(), "joints.csv"),
+        (lambda directory: (directory / "meta.json").unlink(), "not a run log"),
+    ],
+)
+def test_what_is_wrong_with_a_log_is_said(directory: Path, damage: object, says: str) -> None:
+    assert callable(damage)
+    damage(directory)
+    with pytest.raises(RecordingError, match=says):
+        read_run_log(directory)
+
+
+def test_a_recording_without_joints_has_no_log(tmp_path: Path) -> None:
+    samples = [s for s in run_samples(3) if s.key != "controller/joints"]
+    with pytest.raises(RecordingError, match="controller/joints"):
+        export_run_log(write(tmp_path / "recording.mcap", samples), tmp_path / "log")
