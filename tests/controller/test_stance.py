@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+import quadprog
+import torch
+
+from controller.signals import observe
+from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus import go1
+
+CONFIG = StanceConfig()
+STANCE = StanceLegs(CONFIG)
+SOLVER = ExactSolver(CONFIG)
+PROBLEMS = 1000
+
+
+@pytest.fixture
+def problems(draw):
+    rng = np.random.default_rng(1)
+    plan, sensed = draw(rng, (PROBLEMS,))
+    body = observe(sensed)
+    acceleration = STANCE.acceleration_reference(body, plan.velocity, plan.angular_velocity)
+    contact = rng.random((PROBLEMS, 4)) < 0.6
+    return body, STANCE.build_qp(body, acceleration, contact)
+
+
+def independent(hessian, gradient, contact):
+    """The same problem with all twelve forces, feet in the air held at zero by equations, by another solver."""
+    rows, bounds, equations = [], [], []
+    low, high = CONFIG.force_z_range_n
+    for leg in range(4):
+        x, y, z = np.eye(12)[3 * leg : 3 * leg + 3]
+        if contact[leg]:
+            rows += [z, -z] + [CONFIG.friction * z + sign * t for t in (x, y) for sign in (1.0, -1.0)]
+            bounds += [low, -high, 0.0, 0.0, 0.0, 0.0]
+        else:
+            equations += [x, y, z]
+    constraints = np.array(equations + rows).T
+    right = np.array([0.0] * len(equations) + bounds)
+    return quadprog.solve_qp(hessian, -gradient, constraints, right, len(equations))[0]
+
+
+def test_forces_equal_an_independent_solver(problems):
+    _, qp = problems
+    force = SOLVER.solve(qp)
+    worst = 0.0
+    for k in range(PROBLEMS):
+        worst = max(worst, np.abs(force[k] - independent(qp.hessian[k], qp.gradient[k], qp.contact[k])).max())
+    assert worst < 1e-3
+
+
+def test_forces_obey_schedule_cone_and_limits(problems):
+    _, qp = problems
+    force = SOLVER.solve(qp).reshape(PROBLEMS, 4, 3)
+    assert (force[~qp.contact] == 0.0).all()
+    standing = force[qp.contact]
+    low, high = CONFIG.force_z_range_n
+    assert (standing[:, 2] >= low - 1e-6).all()
+    assert (standing[:, 2] <= high + 1e-6).all()
+    assert (np.abs(standing[:, :2]) <= CONFIG.friction * standing[:, 2:] + 1e-6).all()
+
+
+def test_problem_is_the_tracking_cost(problems, draw):
+    _, qp = problems
+    force = np.random.default_rng(2).normal(scale=50.0, size=(PROBLEMS, 12))
+    quadratic = 0.5 * np.sum(force * (qp.hessian @ force[..., None])[..., 0], -1) + np.sum(qp.gradient * force, -1)
+    weight = np.asarray(CONFIG.acceleration_weight)
+    constant = 0.5 * np.sum(qp.target**2 * weight, -1)
+    cost = 0.5 * STANCE.tracking_cost(qp, force) ** 2 + 0.5 * CONFIG.force_weight * np.sum(force**2, -1)
+    np.testing.assert_allclose(quadratic + constant, cost, rtol=1e-9)
+
+
+def test_a_level_robot_at_rest_carries_its_weight(draw):
+    _, sensed = draw(np.random.default_rng(3), ())
+    level = type(sensed)(
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        joint_velocity=np.zeros(12),
+        velocity_base_in_world=np.zeros(3),
+        base_height=np.asarray(go1.STAND_HEIGHT),
+    )
+    body = observe(level)
+    acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
+    force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
+    np.testing.assert_allclose(force[:, 2].sum(), go1.MASS * 9.81, rtol=2e-3)
+    np.testing.assert_allclose(force[:, :2].sum(axis=0), 0.0, atol=0.1)
+    torque = STANCE.torque(body, force.reshape(12)).reshape(4, 3)
+    assert (torque[:, 2] > 0.0).all()  # knees are stretched
+
+
+def test_torques_do_the_work_of_the_forces_and_keep_the_limits(problems):
+    body, qp = problems
+    force = SOLVER.solve(qp)
+    torque = STANCE.torque(body, force)
+    assert (np.abs(torque) <= go1.TORQUE_LIMIT).all()
+    small = 0.02 * force
+    velocity = np.random.default_rng(4).normal(size=(PROBLEMS, 4, 3))
+    foot_velocity = (body.jacobian @ velocity[..., None])[..., 0] @ body.base_in_yaw.mT
+    joint_power = np.sum(STANCE.torque(body, small).reshape(PROBLEMS, 4, 3) * velocity, axis=(-1, -2))
+    foot_power = -np.sum(small.reshape(PROBLEMS, 4, 3) * foot_velocity, axis=(-1, -2))
+    np.testing.assert_allclose(joint_power, foot_power, atol=1e-9)
+
+
+def test_torch_problems_give_the_same_forces(problems):
+    _, qp = problems
+    tensors = StanceQP(**{name: torch.as_tensor(getattr(qp, name)) for name in StanceQP.__dataclass_fields__})
+    np.testing.assert_array_equal(SOLVER.solve(tensors).numpy(), SOLVER.solve(qp))

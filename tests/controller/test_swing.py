@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from controller.signals import observe
+from controller.swing import SwingConfig, SwingLegs
+from saltus import go1
+from saltus.kinematics import foot_position
+
+SWING = SwingLegs(SwingConfig())
+ROBOTS = 200
+
+
+@pytest.fixture
+def robots(draw):
+    plan, sensed = draw(np.random.default_rng(5), (ROBOTS,))
+    return plan, sensed, observe(sensed)
+
+
+def path(body, sensed, progress, stance_s=0.2):
+    duration = np.full(ROBOTS, stance_s)
+    return SWING.nominal_path(body, body.foot_yaw, np.full((ROBOTS, 4), progress), duration, sensed.base_height)
+
+
+def test_path_goes_from_liftoff_under_the_hip_to_a_landing_on_the_ground(robots):
+    _, sensed, body = robots
+    np.testing.assert_allclose(path(body, sensed, 0.0), body.foot_yaw)
+    hip = np.array([[0.1881, -0.13, 0], [0.1881, 0.13, 0], [-0.1881, -0.13, 0], [-0.1881, 0.13, 0]])
+    hip = hip @ body.base_in_yaw.mT
+    middle, landing = path(body, sensed, 0.5), path(body, sensed, 1.0)
+    np.testing.assert_allclose(middle[..., :2], hip[..., :2])
+    for point in (middle, landing):
+        np.testing.assert_allclose(point[..., 2], np.broadcast_to(-sensed.base_height[:, None], (ROBOTS, 4)))
+    step = landing - middle
+    assert (np.abs(step[..., :2]) <= np.array([0.15, 0.08]) + 1e-12).all()
+    velocity = body.velocity[:, None] + np.cross(body.angular_velocity[:, None], hip)
+    expected = np.clip(velocity[..., :2] * 0.1, [-0.15, -0.08], [0.15, 0.08])
+    np.testing.assert_allclose(step[..., :2], expected, atol=1e-12)
+
+
+def test_path_is_continuous_and_at_rest_at_its_three_points(robots):
+    _, sensed, body = robots
+    progress = np.linspace(0.0, 1.0, 201)
+    points = np.array([path(body, sensed, p) for p in progress])
+    jumps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    extent = np.linalg.norm(points - points[0], axis=-1).max()
+    assert jumps.max() < 4.0 * extent / 200
+    for still in (0, 99, 100, 199):
+        assert jumps[still].max() < 0.02 * jumps.max()
+
+
+def test_targets_keep_every_clip(robots):
+    plan, sensed, body = robots
+    target = SWING.joint_target(body, path(body, sensed, 0.3) + plan.foot_residual, sensed.joint_position)
+    assert (np.abs(target - sensed.joint_position) <= 0.5 + 1e-12).all()
+    near = (sensed.joint_position > go1.JOINT_LOWER) & (sensed.joint_position < go1.JOINT_UPPER)
+    assert (target[near] >= np.broadcast_to(go1.JOINT_LOWER, target.shape)[near]).all()
+    assert (target[near] <= np.broadcast_to(go1.JOINT_UPPER, target.shape)[near]).all()
+
+
+def test_reachable_targets_are_reached(robots):
+    _, sensed, body = robots
+    nearby = body.foot_yaw + np.random.default_rng(6).uniform(-0.01, 0.01, body.foot_yaw.shape)
+    foot = foot_position(SWING.joint_target(body, nearby, sensed.joint_position)) @ body.base_in_yaw.mT
+    wanted = nearby @ body.base_in_yaw
+    inside = (wanted[..., 2] > -0.4) & (wanted[..., 2] < -0.1)
+    joints = SWING.joint_target(body, nearby, sensed.joint_position).reshape(ROBOTS, 4, 3)
+    limits = (joints > go1.JOINT_LOWER.reshape(4, 3) + 2e-3) & (joints < go1.JOINT_UPPER.reshape(4, 3) - 2e-3)
+    kept = inside & limits.all(axis=-1)
+    assert kept.mean() > 0.5
+    np.testing.assert_allclose(foot[kept], nearby[kept], atol=1e-9)

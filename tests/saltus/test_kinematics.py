@@ -1,0 +1,99 @@
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from saltus import go1, kinematics
+from saltus.config import TerrainConfig
+from saltus.sim import scene
+from saltus.terrain.curriculum import make_terrain
+
+RNG = np.random.default_rng(0)
+# Feet below the hips and knees bent: where the inverse has one answer.
+REACHABLE = np.stack(
+    [
+        RNG.uniform(np.tile([-0.8, 0.2, -2.6], 4), np.tile([0.8, 1.3, -0.95], 4)) if k else go1.STAND_POSE
+        for k in range(200)
+    ]
+)
+ANYWHERE = RNG.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (200, 12))
+ANGLES = RNG.uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (200, 3))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return scene.build_spec(make_terrain(TerrainConfig(terrain="flat"))).compile()
+
+
+def test_inverse_undoes_forward_kinematics():
+    back = kinematics.inverse_kinematics(kinematics.foot_position(REACHABLE))
+    np.testing.assert_allclose(back, REACHABLE, atol=1e-9)
+
+
+def test_unreachable_targets_give_finite_angles_that_point_at_them():
+    anchor = go1.HIP_ANCHOR + np.array([0.0, 1.0, 0.0]) * (go1.SIDE * go1.ABDUCTION_LENGTH)[:, None]
+    far = anchor + np.array([0.3, 0.0, -0.6])
+    feet = kinematics.foot_position(kinematics.inverse_kinematics(far))
+    np.testing.assert_allclose((feet - anchor)[:, 0] / (feet - anchor)[:, 2], -0.5, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(feet - anchor, axis=-1), 0.426, atol=1e-9)
+    assert np.isfinite(kinematics.inverse_kinematics(go1.HIP_ANCHOR + 0.01)).all()
+
+
+def test_jacobian_equals_finite_differences():
+    step = 1e-6
+    jacobian = kinematics.foot_jacobian(ANYWHERE)
+    for joint in range(12):
+        delta = np.zeros(12)
+        delta[joint] = step
+        slope = (kinematics.foot_position(ANYWHERE + delta) - kinematics.foot_position(ANYWHERE - delta)) / (2 * step)
+        np.testing.assert_allclose(jacobian[:, joint // 3, :, joint % 3], slope[:, joint // 3], atol=1e-8)
+        others = [leg for leg in range(4) if leg != joint // 3]
+        np.testing.assert_allclose(slope[:, others], 0.0, atol=1e-12)
+
+
+def test_feet_and_jacobians_equal_those_of_mujoco(model):
+    data = mujoco.MjData(model)
+    geoms = [model.geom(f"{leg}_foot").id for leg in go1.LEGS]
+    for joints, angles in zip(ANYWHERE, ANGLES, strict=True):
+        quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
+        data.qpos[:] = np.concatenate([[0.3, -0.2, 1.0], quaternion, joints])
+        mujoco.mj_forward(model, data)
+        rotation = kinematics.rotation_matrix(quaternion)
+        position, jacobian = kinematics.foot_kinematics(joints)
+        np.testing.assert_allclose(position @ rotation.T + data.qpos[:3], data.geom_xpos[geoms], atol=1e-9)
+        for leg, geom in enumerate(geoms):
+            theirs = np.zeros((3, model.nv))
+            mujoco.mj_jac(model, data, theirs, None, data.geom_xpos[geom], model.geom_bodyid[geom])
+            ours = rotation @ jacobian[leg]
+            np.testing.assert_allclose(ours, theirs[:, 6 + 3 * leg : 9 + 3 * leg], atol=1e-6)
+
+
+def test_angles_survive_quaternion_and_matrix():
+    roll, pitch, yaw = ANGLES.T
+    quaternion = kinematics.quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=-1), 1.0)
+    rotation = kinematics.rotation_matrix(quaternion)
+    np.testing.assert_allclose(rotation @ rotation.mT, np.broadcast_to(np.eye(3), rotation.shape), atol=1e-12)
+    np.testing.assert_allclose(np.stack(kinematics.roll_pitch_yaw(rotation), -1), ANGLES, atol=1e-9)
+    level = kinematics.quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
+    np.testing.assert_allclose(kinematics.yaw_rotation(yaw), kinematics.rotation_matrix(level), atol=1e-12)
+
+
+def test_skew_is_the_cross_product():
+    v, u = RNG.normal(size=(2, 50, 3))
+    np.testing.assert_allclose((kinematics.skew(v) @ u[..., None])[..., 0], np.cross(v, u), atol=1e-12)
+
+
+@pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
+def test_torch_equals_numpy_for_any_batch(batch):
+    joints = RNG.uniform(-1.0, 1.0, (*batch, 12)) + go1.STAND_POSE
+    for function in (kinematics.foot_position, kinematics.foot_jacobian):
+        np.testing.assert_allclose(function(torch.as_tensor(joints)).numpy(), function(joints), atol=1e-12)
+    feet = kinematics.foot_position(joints)
+    back = kinematics.inverse_kinematics(torch.as_tensor(feet)).numpy()
+    np.testing.assert_allclose(back, kinematics.inverse_kinematics(feet), atol=1e-12)
+
+
+def test_single_precision_stays_single():
+    position, jacobian = kinematics.foot_kinematics(torch.zeros((2, 12), dtype=torch.float32))
+    assert position.dtype == jacobian.dtype == torch.float32
