@@ -119,7 +119,10 @@ class BatchPlant:
         return self._state
 
     def step(self, command: JointCommand) -> PlantState:
-        """Advances all robots by `PHYSICS_DT`; the command's arrays have shape (count, 12)."""
+        """Advances all robots by `PHYSICS_DT`; the command's arrays have shape (count, 12).
+
+        A robot whose simulation diverges has a state that is not finite until it is reset; the others go on.
+        """
         torque = self._drive(command)
         self._ctrl[:] = torque.applied
         self._batch.step()

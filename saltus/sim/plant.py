@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
+from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.messages import JointCommand
 from saltus.sim import scene
@@ -115,13 +116,21 @@ class Plant:
         return self._state
 
     def step(self, command: JointCommand) -> PlantState:
-        """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it."""
+        """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it.
+
+        Raises:
+            SaltusError: the command or the state is not finite.
+        """
         now = self._state
         torque, self._actuators = self._chain.step(
             command, now.joint_position, now.joint_velocity, float(now.time_s), self._actuators
         )
+        if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
+            raise SaltusError(f"the joint command at {now.time_s:.3f} s is not finite: torque {torque.believed}")
         self.data.ctrl[:] = torque.applied
         mujoco.mj_step(self.model, self.data)
+        if not np.isfinite(self.data.qvel).all():
+            raise SaltusError(f"the simulation diverged at {now.time_s:.3f} s: torque {torque.applied}")
         mujoco.mj_kinematics(self.model, self.data)
         self._state = self._observe(torque.believed)
         return self._state

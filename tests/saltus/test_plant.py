@@ -8,6 +8,7 @@ from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.profile import GO1
+from saltus.errors import SaltusError
 from saltus.kinematics import rotation_matrix
 from saltus.messages import JointCommand
 from saltus.sim.plant import GRAVITY, Plant
@@ -25,6 +26,10 @@ def pd(position: np.ndarray = go1.STAND_POSE, kp: float = 100.0, kd: float = 4.0
 def random_commands(count: int, seed: int = 0) -> list[JointCommand]:
     rng = np.random.default_rng(seed)
     return [pd(go1.STAND_POSE + rng.normal(0.0, 0.2, 12), kp=40.0, kd=1.0) for _ in range(count)]
+
+
+def run(plant: Plant, commands: list[JointCommand]) -> list[PlantState]:
+    return [plant.step(command) for command in commands]
 
 
 def same(first: PlantState, second: PlantState) -> bool:
@@ -104,7 +109,7 @@ def test_reset_starts_over_to_the_bit() -> None:
     runs = []
     for _ in range(2):
         plant.reset(position_x=0.1, yaw=0.02)
-        runs.append([plant.step(command) for command in random_commands(200)])
+        runs.append(run(plant, random_commands(200)))
     assert all(same(a, b) for a, b in zip(*runs, strict=True))
 
 
@@ -159,3 +164,16 @@ def test_leg_points_are_a_leg() -> None:
     points = plant.leg_points_in_world()
     np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=1), axis=-1), go1.THIGH_LENGTH)
     np.testing.assert_allclose(points[:, 2], state.foot_position_in_world)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", ["position", "velocity", "torque"])
+def test_a_command_that_is_not_finite_is_refused(value: float, field: str) -> None:
+    plant = Plant(flat.make(), chain=GO1.actuator_chain)
+    wrong = dataclasses.replace(pd(), **{field: np.where(np.arange(12) == 5, value, 0.0)})
+    for _ in range(5):  # a feed-forward torque takes force after 10 ms
+        plant.step(pd())
+    with np.errstate(invalid="ignore"), pytest.raises(SaltusError, match="not finite"):
+        run(plant, [wrong] * 10)
+    plant.reset()
+    assert np.isfinite(plant.step(pd()).joint_position).all()

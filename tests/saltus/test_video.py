@@ -1,0 +1,96 @@
+import os
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.sim.overlay import heightmap_in_world
+from saltus.sim.video import render_run, write_video
+from saltus.terrain.curriculum import TABLE, make_terrain
+
+SIZE = (320, 240)
+
+
+def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0, yaw: float = 0.0) -> np.ndarray:
+    """Pictures of a robot that stands and turns by `yaw`."""
+    terrain = make_terrain(TerrainConfig(terrain=kind))
+    time_s = np.arange(0.0, count / 30.0 - 1e-6, 0.01)
+    turn = quaternion_from_roll_pitch_yaw(np.zeros(()), np.zeros(()), np.asarray(yaw))
+    pose = np.tile(np.concatenate([[x, 0.0, 0.285], turn]), (len(time_s), 1))
+    height = np.tile(terrain.height_at(x + HEIGHTMAP_X) - 0.285, (len(time_s), 1))
+    joints = np.tile(go1.STAND_POSE, (len(time_s), 1))
+    shown = height if heightmap else np.full_like(height, np.nan)
+    return np.stack(list(render_run(terrain, time_s, pose, joints, HEIGHTMAP_X, shown, size=SIZE)))
+
+
+def pink(pictures: np.ndarray) -> int:
+    """Pixels in the colour of the heightmap."""
+    red, green, blue = (pictures[..., i].astype(int) for i in range(3))
+    return int(((red - green > 80) & (blue - green > 40)).sum())
+
+
+@pytest.mark.parametrize("kind", TABLE)
+def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
+    pictures = frames(kind)
+    assert pictures.shape == (2, SIZE[1], SIZE[0], 3)
+    assert pictures.dtype == np.uint8
+    assert pictures.std() > 20.0
+    assert pink(pictures) > 50
+    assert pink(frames(kind, heightmap=False)) == 0
+    top, bottom = pictures[:, 0].mean(axis=(0, 1)), pictures[:, -1].mean(axis=(0, 1))
+    assert top[2] > top[0] + 30.0  # sky above, ground below
+    assert abs(bottom[2] - bottom[0]) < 40.0
+
+
+def test_frames_repeat_and_follow_the_robot() -> None:
+    first = frames("stairs")
+    np.testing.assert_array_equal(first, frames("stairs"))
+    assert np.abs(first.astype(int) - frames("stairs", x=1.3).astype(int)).mean() > 1.0
+
+
+@pytest.mark.parametrize("yaw", [0.5, 1.6, 3.1, -1.6])
+def test_any_heading_can_be_drawn(yaw: float) -> None:
+    assert pink(frames("stairs", count=1, yaw=yaw)) > 0
+
+
+def test_the_environment_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value in (None, "egl"):
+        if value is None:
+            monkeypatch.delenv("MUJOCO_GL", raising=False)
+        else:
+            monkeypatch.setenv("MUJOCO_GL", value)
+        frames("flat", count=1)
+        assert os.environ.get("MUJOCO_GL") == value
+
+
+def test_a_heightmap_lies_on_the_terrain_along_the_yaw() -> None:
+    yaw = 0.7
+    turn = quaternion_from_roll_pitch_yaw(np.asarray(0.2), np.asarray(-0.3), np.asarray(yaw))
+    points = heightmap_in_world(np.concatenate([[1.0, 2.0, 0.3], turn]), HEIGHTMAP_X, np.full(30, -0.3))
+    np.testing.assert_allclose(points[:, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(points[:, 0], 1.0 + np.cos(yaw) * HEIGHTMAP_X)
+    np.testing.assert_allclose(points[:, 1], 2.0 + np.sin(yaw) * HEIGHTMAP_X)
+
+
+def test_the_file_holds_every_frame(tmp_path: Path) -> None:
+    path = tmp_path / "run.mp4"
+    assert write_video(path, iter(frames("gap", count=7)), size=SIZE) == 7
+    count, duration_s = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert count == 7
+    assert duration_s == pytest.approx(7 / 30, abs=0.01)
+    content = path.read_bytes()
+    assert b"avc1" in content  # H.264
+    assert content.index(b"moov") < content.index(b"mdat")  # a browser can start before it has the whole file
+
+
+def test_a_run_without_samples_has_no_video() -> None:
+    terrain = make_terrain(TerrainConfig())
+    none = np.zeros((0, 1))
+    with pytest.raises(SaltusError, match="at least one sample"):
+        next(render_run(terrain, np.zeros(0), none, none, HEIGHTMAP_X, none))
