@@ -9,8 +9,6 @@ from heightmap.features import PROPRIOCEPTION
 from heightmap.model import HeightmapModel, ModelConfig, Normalisation
 
 
-
-
 @pytest.fixture(scope="session")
 def model() -> HeightmapModel:
     """A network that was never trained: the laws hold for any weights."""

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from heightmap_inputs import MS, WARMUP, frame, on_time, states
 
 from heightmap.network import Tick
@@ -62,7 +61,9 @@ def test_bad_pixels_do_not_poison(model_path: Path, value: float, pixels: int) -
     assert answers[33].status == OK  # one image later
 
 
-@pytest.mark.parametrize(("share", "status"), [(0.0, OK), (0.25, OK), (0.35, DEGRADED), (0.75, DEGRADED), (0.85, INVALID)])
+@pytest.mark.parametrize(
+    ("share", "status"), [(0.0, OK), (0.25, OK), (0.35, DEGRADED), (0.75, DEGRADED), (0.85, INVALID)]
+)
 def test_invalid_pixels_are_counted(model_path: Path, share: float, status: HeightmapStatus) -> None:
     frames = clean(41)
     depth = np.full(768, 900, np.uint16)

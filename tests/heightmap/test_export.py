@@ -1,0 +1,46 @@
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+
+from heightmap.export import parity
+from heightmap.model import HeightmapModel
+from heightmap.network import HeightmapNetwork
+
+
+def test_file_equals_torch_over_1000_recurrent_steps_with_resets(model: HeightmapModel, model_path: Path) -> None:
+    assert parity(model, model_path, steps=1000) < 1e-5
+
+
+def test_file_is_small_and_its_batch_is_free(model_path: Path) -> None:
+    assert model_path.stat().st_size < 3_000_000
+    graph = onnx.load(model_path).graph
+    for value in (*graph.input, *graph.output):
+        assert value.type.tensor_type.shape.dim[0].dim_param == "batch"
+
+
+def test_window_equals_ticks_one_by_one(model: HeightmapModel) -> None:
+    torch.manual_seed(1)
+    time, batch = 40, 3
+    image = torch.rand(time, batch, 2, 48, 16)
+    age, new = torch.rand(time, batch) * 0.2, (torch.rand(time, batch) < 0.5).float()
+    felt, start = torch.randn(time, batch, 21), torch.tanh(torch.randn(batch, 256))
+    with torch.no_grad():
+        encoded = model.encode(image.flatten(0, 1)).unflatten(0, (time, batch))
+        whole, last = model.ticks(encoded, age, new, felt, start)
+        hidden = start
+        for i in range(time):
+            single, hidden = model.step(image[i], age[i], new[i], felt[i], hidden)
+            torch.testing.assert_close(single.height, whole.height[i], atol=1e-5, rtol=0.0)
+            torch.testing.assert_close(single.log_std, whole.log_std[i], atol=1e-5, rtol=0.0)
+    torch.testing.assert_close(hidden, last, atol=1e-5, rtol=0.0)
+
+
+def test_extreme_inputs_stay_finite(model_path: Path) -> None:
+    network = HeightmapNetwork(model_path)
+    hidden = np.zeros(256, np.float32)
+    for value in (0.0, 1e6, -1e6):
+        for age in (0.0, 1e9, np.inf):
+            tick = network.tick(np.ones((2, 48, 16)), age, True, np.full(21, value), hidden)
+            assert all(np.isfinite(array).all() for array in tick)

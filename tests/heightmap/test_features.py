@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from heightmap_inputs import states
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heightmap.features import PROPRIOCEPTION, proprioception, proprioception_of
+from saltus import go1, kinematics
+
+INDEX = {name: i for i, name in enumerate(PROPRIOCEPTION)}
+ANGLE = st.floats(-1.2, 1.2)
+
+
+def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.ndarray:
+    quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in (roll, pitch, yaw)))
+    values: dict[str, np.ndarray] = {
+        "quaternion_base_in_world": quaternion,
+        "angular_velocity_base": np.zeros(3),
+        "joint_position": go1.STAND_POSE,
+        "velocity_base_in_world": np.zeros(3),
+        "base_height": np.asarray(0.27),
+        "leg_trusted": np.ones(4, np.bool_),
+    }
+    return proprioception(**{**values, **changes})
+
+
+@given(roll=ANGLE, pitch=ANGLE, yaw=st.floats(-3.1, 3.1))
+@settings(deadline=None, max_examples=50)
+def test_roll_and_pitch_come_back_and_yaw_has_no_effect(roll: float, pitch: float, yaw: float) -> None:
+    vector = build(roll, pitch, yaw)
+    assert vector[INDEX["roll"]] == pytest.approx(roll, abs=1e-5)
+    assert vector[INDEX["pitch"]] == pytest.approx(pitch, abs=1e-5)
+    np.testing.assert_allclose(vector, build(roll, pitch, 0.0), atol=1e-5)
+
+
+def test_standing_feet_are_below_the_hips() -> None:
+    vector = build(0.0, 0.0, 0.7)
+    for leg, (x, _, z) in zip(go1.LEGS, kinematics.foot_position(go1.STAND_POSE), strict=True):
+        assert vector[INDEX[f"{leg}_foot_x"]] == pytest.approx(x, abs=1e-6)
+        assert vector[INDEX[f"{leg}_foot_z"]] == pytest.approx(z, abs=1e-6)
+
+
+@pytest.mark.parametrize("leg", range(4))
+def test_a_leg_that_is_not_trusted_says_nothing(leg: int) -> None:
+    trusted = np.arange(4) != leg
+    vector, other = (build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q) for q in (go1.STAND_POSE, None_of(leg)))
+    np.testing.assert_array_equal(vector, other)
+    assert vector[INDEX[f"{go1.LEGS[leg]}_foot_z"]] == 0.0
+    assert vector[INDEX[f"{go1.LEGS[leg]}_trusted"]] == 0.0
+
+
+def None_of(leg: int) -> np.ndarray:  # noqa: N802
+    joints = go1.STAND_POSE.copy()
+    joints[3 * leg : 3 * leg + 3] = [0.3, 1.2, -2.0]
+    return joints
+
+
+def test_velocities_are_in_the_yaw_frame() -> None:
+    yaw = 0.8
+    forward = np.array([np.cos(yaw), np.sin(yaw), 0.5])
+    vector = build(0.2, -0.4, yaw, velocity_base_in_world=forward)
+    velocity = [vector[INDEX[f"velocity_{axis}"]] for axis in "xyz"]
+    assert velocity == pytest.approx([1.0, 0.0, 0.5], abs=1e-6)
+    turning = build(0.0, np.pi / 2 - 0.1, yaw, angular_velocity_base=np.array([1.0, 0.0, 0.0]))
+    assert turning[INDEX["angular_velocity_z"]] == pytest.approx(-np.cos(0.1), abs=1e-5)
+
+
+def test_a_batch_equals_one_by_one() -> None:
+    rng = np.random.default_rng(0)
+    n = 7
+    quaternion = rng.normal(size=(2, n, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    values = {
+        "quaternion_base_in_world": quaternion,
+        "angular_velocity_base": rng.normal(size=(2, n, 3)),
+        "joint_position": rng.normal(size=(2, n, 12)),
+        "velocity_base_in_world": rng.normal(size=(2, n, 3)),
+        "base_height": rng.normal(size=(2, n)),
+        "leg_trusted": rng.uniform(size=(2, n, 4)) < 0.5,
+    }
+    batch = proprioception(**values)
+    assert batch.shape == (2, n, len(PROPRIOCEPTION))
+    assert batch.dtype == np.float32
+    for i in range(2):
+        for j in range(n):
+            single = proprioception(**{name: value[i, j] for name, value in values.items()})
+            np.testing.assert_allclose(single, batch[i, j], atol=1e-6)
+
+
+def test_a_message_gives_the_same_vector() -> None:
+    state = states(1)[0]
+    np.testing.assert_array_equal(proprioception_of(state)[-1], np.float32(state.base_height))
+    assert proprioception_of(state)[INDEX["RL_trusted"]] == 1.0

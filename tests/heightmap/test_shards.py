@@ -1,0 +1,85 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest, write_shard
+
+
+def episodes(count: int, seed: int) -> Iterator[Episode]:
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        ticks = int(rng.integers(20, 60))
+        yield Episode(
+            terrain=["flat", "stepping_stones"][i % 2],
+            proprioception=rng.normal(size=(ticks, 21)).astype(np.float32),
+            height=rng.normal(size=(ticks, 30)).astype(np.float32),
+            depth=rng.integers(0, 65536, (ticks // 2, 48, 16)).astype(np.uint16),
+            frame_tick=np.arange(0, 2 * (ticks // 2), 2, dtype=np.int32),
+        )
+
+
+def same(left: Episode, right: Episode) -> bool:
+    arrays = ("proprioception", "height", "depth", "frame_tick")
+    return left.terrain == right.terrain and all(
+        np.array_equal(getattr(left, name), getattr(right, name)) for name in arrays
+    )
+
+
+def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
+    for seed in range(3):
+        write_shard(tmp_path, episodes(4, seed), seed=seed, config={"source": "test"})
+    written = [e for seed in range(3) for e in episodes(4, seed)]
+    back = read_dataset(tmp_path)
+    assert len(back) == len(written)
+    assert all(same(a, b) for a, b in zip(back, written, strict=True))
+    records = read_manifest(tmp_path)
+    assert [r.seed for r in records] == [0, 1, 2]
+    assert sum(r.ticks for r in records) == sum(len(e.height) for e in written)
+
+
+@pytest.mark.parametrize("after", range(4))
+def test_an_interrupted_round_leaves_nothing(tmp_path: Path, after: int) -> None:
+    write_shard(tmp_path, episodes(2, 0), seed=0, config={})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupted() -> Iterator[Episode]:
+        yield from list(episodes(3, 1))[:after]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_shard(tmp_path, interrupted(), seed=1, config={})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_changed_or_missing_shard_is_refused(tmp_path: Path) -> None:
+    record = write_shard(tmp_path, episodes(2, 0), seed=0, config={})
+    path = tmp_path / record.file
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DatasetError, match="sha256 differs"):
+        read_dataset(tmp_path)
+    path.unlink()
+    with pytest.raises(DatasetError, match="is missing"):
+        read_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"format": "other", "shards": []}', '{"format"'])
+def test_a_damaged_manifest_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(DatasetError, match=r"manifest\.json"):
+        read_dataset(tmp_path)
+
+
+def test_the_hash_of_a_dataset_names_its_content(tmp_path: Path) -> None:
+    write_shard(tmp_path / "a", episodes(2, 0), seed=0, config={})
+    write_shard(tmp_path / "b", episodes(2, 1), seed=0, config={})
+    assert dataset_hash(read_manifest(tmp_path / "a")) != dataset_hash(read_manifest(tmp_path / "b"))
+
+
+def test_no_episodes_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="no episodes"):
+        write_shard(tmp_path, iter(()), seed=0, config={})
+    assert list(tmp_path.iterdir()) == []
