@@ -7,46 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import message_of
 
 from saltus import codec, messages, schemas
 from saltus.codec import Envelope, decode, encode
 from saltus.errors import MessageError
 from saltus.messages import Message
-
-
-def message_of(kind: type[Message], seed: int = 0) -> Any:
-    """A plausible message with random content."""
-    rng = np.random.default_rng(seed)
-    time_ns = int(rng.integers(0, 10**12))
-    if kind is messages.DepthFrame:
-        depth = rng.integers(0, 2**16, size=(48, 16), dtype=np.uint16)
-        return messages.DepthFrame(
-            time_ns=time_ns, frame_id=7, depth=depth, depth_unit_m=0.001, fx=213.5, fy=214.25, cx=8.0, cy=24.5
-        )
-    if kind is messages.Event:
-        return messages.Event(time_ns=time_ns, process="heightmap", code="depth_lost", detail="nothing for 110 ms – ü")
-    if kind is messages.ProcessStatus:
-        rejected = {"camera/depth/range": 3, "policy/plan/malformed": 1}
-        return messages.ProcessStatus(
-            time_ns=time_ns, process="render", ready=True, ticks=12, overruns=1, rejected=rejected
-        )
-    return kind(time_ns=time_ns, **{field.name: value_of(field, rng) for field in schemas.FIELDS[kind]})
-
-
-def value_of(field: schemas.Field, rng: np.random.Generator) -> Any:
-    if field.enum is not None:
-        return field.enum(int(rng.integers(0, len(field.enum))))
-    if field.wire == "string":
-        return "".join(rng.choice(list("0123456789abcdef"), 16))
-    if field.wire == "int64":
-        return int(rng.integers(max(field.low, 0), 10**6))
-    if field.wire == "bool":
-        return rng.random(field.shape) < 0.5
-    low, high = max(field.low, -1.0), min(field.high, 1.0)
-    if field.shape is None:
-        return float(rng.uniform(low, high))
-    array = rng.uniform(low, high, tuple(5 if n == -1 else n for n in field.shape))
-    return array / np.linalg.norm(array) if field.name.startswith("quaternion") else array
 
 
 def assert_equal(a: Any, b: Any) -> None:

@@ -1,0 +1,203 @@
+"""Malformed messages of many kinds on every key that a process subscribes to: it lives on and counts each of them."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from samples import message_of
+
+from saltus import codec, schemas
+from saltus.bus import Latest, ZenohBus
+from saltus.codec import Envelope
+from saltus.config import RunConfig, TerrainConfig, to_toml
+from saltus.messages import Done, Message
+from saltus.process import RUN_FILE
+from saltus.resources import resource
+from saltus.stack import open_router
+from saltus.topics import TOPICS
+
+HERE = Path(__file__).parent
+READY_S = 60.0
+COUNTED_S = 20.0
+BATCH = 4  # at a time, well below what a ring keeps
+TRIGGER_S = 0.05
+
+SUBSCRIBED = {
+    "render": ("plant/truth",),
+    "heightmap": ("controller/state", "camera/depth"),
+    "policy": ("controller/state", "heightmap/heightmap"),
+    "controller": ("policy/plan",),
+    "consumer": tuple(name for name, topic in TOPICS.items() if topic.publisher != "*"),
+}
+"""What each process takes in real time."""
+
+
+@dataclass(frozen=True)
+class Malformed:
+    """Bytes that must be refused, and the reason that they must be counted under."""
+
+    reason: str
+    payload: bytes
+    attachment: bytes
+
+
+def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Malformed]:
+    """At least 20 kinds of malformed messages of one type."""
+    message = replace(message_of(kind), time_ns=time_ns)
+    good = codec.encode(message)
+    envelope = Envelope(10**6, time_ns, boot_id).to_bytes()
+    other: Any = Done if kind is not Done else next(k for k in schemas.FIELDS if k is not Done)
+    payloads = {
+        "empty": [b""],
+        "size": [bytes(codec.PAYLOAD_MAX + 1)],
+        "malformed": [
+            b"\0",
+            good[:4],
+            good[: len(good) // 2],
+            good[:-1],
+            good + b"\0",
+            b"\0\0" + good[2:],  # big-endian
+            b"\xff" * len(good),
+            b'{"hello": "world"}',
+            good[:4] + np.random.default_rng(0).bytes(len(good)),
+            good[:12] + b"\xff\xff\xff\xff" + good[16:],  # a text of 4 GiB
+            codec.encode(message_of(other)),
+            good[: len(good) // 2] + good[len(good) // 2 + 8 :],
+        ],
+        "range": [good[:8] + b"\xff\xff\xff\x7f" + good[12:]],  # two seconds' worth of nanoseconds
+    }
+    for reason, candidates in payloads.items():
+        for payload in candidates:
+            yield Malformed(reason, payload, envelope)
+    name = "depth_unit_m" if kind is schemas.messages.DepthFrame else first_float(kind)
+    for reason, value in (("not_finite", np.nan), ("not_finite", -np.inf), ("range", 1e300)):
+        value = value if np.isscalar(getattr(message, name)) else np.full_like(getattr(message, name), value)
+        yield Malformed(reason, codec.encode(replace(message, **{name: value})), envelope)
+    for attachment in (b"", envelope[:-1], envelope + b"\0", Envelope(0, time_ns, boot_id).to_bytes()):
+        yield Malformed("envelope", good, attachment)
+    yield Malformed("capture_time", good, Envelope(10**6, time_ns + 1, boot_id).to_bytes())
+
+
+def first_float(kind: type[Message]) -> str:
+    return next(field.name for field in schemas.FIELDS[kind] if field.wire == "float64")
+
+
+class Victim:
+    """A real process on a prefix of its own, fed by nobody but the test."""
+
+    def __init__(self, name: str, endpoint: str, directory: Path) -> None:
+        self.name = name
+        self.prefix = f"victim/{name}"
+        directory.mkdir()
+        self.epoch_ns = time.monotonic_ns()
+        config = RunConfig(
+            robot=self.prefix,
+            pace="realtime",
+            time_limit_s=600.0,
+            epoch_ns=self.epoch_ns,
+            terrain=TerrainConfig(terrain="flat"),
+        )
+        (directory / RUN_FILE).write_text(to_toml(config))
+        self.bus = ZenohBus(endpoint, self.prefix)
+        self.status = self.bus.latest("status", name)
+        self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}
+        self.log = directory / "log"
+        with self.log.open("wb") as file:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", name, "--run-dir", str(directory), "--endpoint", endpoint],
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONPATH": str(HERE), "OMP_NUM_THREADS": "1"},
+            )
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() - self.epoch_ns
+
+    def trigger(self) -> None:
+        """Good messages on every key: some processes look at one topic only when another has come."""
+        for topic, publisher in self.triggers.items():
+            publisher.put(replace(message_of(TOPICS[topic].message), time_ns=self.now_ns()))
+
+    def counted(self, latest: Latest) -> dict[str, int] | None:
+        assert self.process.poll() is None, f"{self.name} died:\n{self.log.read_text()}"
+        sample = latest.take()
+        return None if sample is None else sample.message.rejected
+
+    def close(self) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(5.0)
+        finally:
+            self.process.kill()
+            self.process.wait()
+            self.bus.close()
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    endpoint, router = open_router()
+    yield endpoint
+    router.close()
+
+
+@pytest.fixture(scope="module")
+def victims(endpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
+    """All processes at once: they load at the same time."""
+    root = tmp_path_factory.mktemp("victims")
+    victims = {name: Victim(name, endpoint, root / name) for name in SUBSCRIBED}
+    yield victims
+    for victim in victims.values():
+        victim.close()
+
+
+@pytest.fixture(scope="module")
+def attacker(endpoint: str) -> Iterator[Any]:
+    settings = zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5")))
+    settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    with zenoh.open(settings) as session:
+        yield session
+
+
+@pytest.mark.parametrize("name", SUBSCRIBED)
+def test_every_malformed_message_is_counted_and_nobody_dies(
+    name: str, victims: dict[str, Victim], attacker: Any
+) -> None:
+    victim = victims[name]
+    wait_until_ready(victim)
+    expected: dict[str, int] = {}
+    attacks = {t: list(malformed(TOPICS[t].message, victim.bus.boot_id, victim.now_ns())) for t in SUBSCRIBED[name]}
+    kinds = min(len(attack) for attack in attacks.values())
+    assert kinds >= 20
+    for start in range(0, kinds, BATCH):
+        for topic, attack in attacks.items():
+            for item in attack[start : start + BATCH]:
+                attacker.put(f"{victim.prefix}/{topic}", item.payload, attachment=item.attachment)
+                key = f"{topic}/{item.reason}"
+                expected[key] = expected.get(key, 0) + 1
+        wait_until_counted(victim, expected)
+
+
+def wait_until_ready(victim: Victim) -> None:
+    deadline = time.monotonic() + READY_S
+    while victim.status.wait(0.1) is None:
+        dead = victim.process.poll() is not None
+        assert not dead, f"{victim.name} died before it was ready:\n{victim.log.read_text()}"
+        assert time.monotonic() < deadline, f"{victim.name} is not ready:\n{victim.log.read_text()}"
+
+
+def wait_until_counted(victim: Victim, expected: dict[str, int]) -> None:
+    deadline = time.monotonic() + COUNTED_S
+    counted: dict[str, int] = {}
+    while counted != expected:
+        assert time.monotonic() < deadline, f"{victim.name} counted {counted} instead of {expected}"
+        victim.trigger()
+        time.sleep(TRIGGER_S)
+        counted = victim.counted(victim.status) or counted
