@@ -13,6 +13,7 @@ from saltus.effects.chain import ActuatorChain, Torques
 from saltus.kinematics import foot_position, rotation_matrix
 from saltus.messages import JointCommand
 from saltus.sim import scene
+from saltus.sim.bounds import terrain_nodes, tree_bounds
 from saltus.sim.plant import CLEARANCE, specific_force, standing_pose
 from saltus.sim.state import Floats, PlantState
 from saltus.terrain.stack import TerrainStack
@@ -51,8 +52,9 @@ class BatchPlant:
         self.terrains = TerrainStack(given)
         self.count = count
         self._columns = columns or self.terrains.columns
+        longest = max(given, key=lambda terrain: len(terrain.column_top))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
-        self.model = scene.build_spec(given[0], payload_kg=1.0, columns=self._columns).compile()
+        self.model = scene.build_spec(longest, payload_kg=1.0, columns=self._columns).compile()
         self._chain = chain or ActuatorChain()
         self._rng = np.random.default_rng(seed)
         self._batch = Batch(self.model, nsim=count, nthread=threads)
@@ -78,6 +80,7 @@ class BatchPlant:
         self._geom_size[where] = 0.5 * sizes
         self._geom_rbound[where] = 0.5 * np.linalg.norm(sizes, axis=-1)
         self._geom_aabb[where] = np.concatenate([np.zeros_like(sizes), 0.5 * sizes], axis=-1)
+        self._bvh[indices, terrain_nodes(self.model)] = tree_bounds(self.model, self._boxes, centers, 0.5 * sizes)
 
     def set_bodies(self, indices: Indices, friction: ArrayLike, payload_kg: ArrayLike) -> None:
         """Gives some robots other soles and payloads; shapes () or (len(indices),)."""
@@ -161,6 +164,7 @@ class BatchPlant:
         self._geom_pos, self._geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
         self._geom_rbound, self._geom_friction = batch.expand("geom_rbound"), batch.expand("geom_friction")
         self._geom_aabb = batch.expand("geom_aabb").reshape(self.count, model.ngeom, 6)
+        self._bvh = batch.expand("bvh_aabb")
         self._body_mass, self._body_inertia = batch.expand("body_mass"), batch.expand("body_inertia")
 
     def _observe(self) -> PlantState:

@@ -91,8 +91,6 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.timestep = go1.PHYSICS_DT
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = CONTACT_IMPRATIO
-    # Columns may change per robot in a batch; the mid phase looks static geoms up in a tree made at compile time.
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     # A simulation that has diverged must show it, not jump back to the start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from saltus.terrain.terrain import Floats, Terrain
 
-SPARE_CENTER = np.array([0.0, 0.0, -100.0])  # a box that a terrain does not need lies here, out of everything's way
-SPARE_SIZE = np.full(3, 0.02)
+SPARE_DEPTH = -100.0  # a box that a terrain does not need lies this deep below its end, out of everything's way [m]
+SPARE_SIZE = 0.02  # [m]
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,11 @@ class TerrainStack:
 
     def boxes(self, columns: int) -> tuple[Floats, Floats]:
         """Centres and full sizes of boxes [m], each of shape (robots, columns, 3)."""
-        centers = np.tile(SPARE_CENTER, (len(self.terrains), columns, 1))
-        sizes = np.tile(SPARE_SIZE, (len(self.terrains), columns, 1))
+        centers = np.zeros((len(self.terrains), columns, 3))
+        sizes = np.full_like(centers, SPARE_SIZE)
         for i, terrain in enumerate(self.terrains):
             used = len(terrain.column_top)
+            centers[i] = (terrain.column_x[-1], 0.0, SPARE_DEPTH)
             centers[i, :used], sizes[i, :used] = terrain.box_center, terrain.box_size
         return centers, sizes
 
