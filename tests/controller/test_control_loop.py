@@ -1,0 +1,182 @@
+"""The loop on a simulated robot: standing, bounding, landing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controller.estimator import Measurement
+from controller.loop import FIRST_STAND_S, ControlLoop
+from controller.robot.backend import Reading
+from controller.robot.mujoco import MujocoRobot
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.profile import GO1
+from saltus.errors import SaltusError
+from saltus.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
+
+FREQUENCY_HZ = 3.0
+LIFT = np.array([0.05, 0.0, 0.11])
+
+
+def bounding(seconds, status=PlanStatus.GO):
+    """About 1 m/s, found by a random search; changes its references between front and rear stance."""
+    front = (seconds * FREQUENCY_HZ + 0.125) % 1.0 < 0.5
+    return MotionPlan(
+        time_ns=0,
+        step=0,
+        status=status,
+        stepping_frequency_hz=FREQUENCY_HZ,
+        velocity_x=1.25,
+        velocity_z=0.36 if front else 0.63,
+        pitch_rate=-3.89 if front else 0.5,
+        foot_residual_front=LIFT,
+        foot_residual_rear=LIFT,
+        reason="",
+    )
+
+
+def make_robot(seed=0):
+    trial = Trial.draw(seed)
+    robot = MujocoRobot(make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1).actuator_chain)
+    robot.reset()
+    return robot
+
+
+def drive(robot, loop, plans):
+    """Runs (plan, age) pairs; returns the modes in their order."""
+    modes = []
+    for plan, age_s in plans:
+        loop.sense(robot.read())
+        robot.write(loop.act(plan, age_s))
+        if not modes or modes[-1] != loop.mode:
+            modes.append(loop.mode)
+    return modes
+
+
+def ticks(seconds):
+    return np.arange(0, round(seconds / go1.PHYSICS_DT)) * go1.PHYSICS_DT
+
+
+def test_stands_for_three_seconds_without_plans():
+    robot, loop = make_robot(), ControlLoop()
+    modes = drive(robot, loop, [(None, np.inf)] * 1500)
+    state = robot.state
+    assert modes == [ControllerMode.STAND]
+    assert not robot.take_trunk_contact()
+    assert state.position_base_in_world[2] == pytest.approx(go1.STAND_HEIGHT, abs=0.02)
+    assert np.linalg.norm(state.velocity_base_in_world) < 0.02
+    estimate = loop.state(0, 0)
+    assert estimate.base_height == pytest.approx(state.position_base_in_world[2], abs=0.01)
+    assert estimate.leg_contact.all()
+
+
+@pytest.mark.parametrize("phase", np.arange(0.0, 1.0, 0.2))
+def test_lands_and_stands_when_plans_stop_at_any_phase_of_the_gait(phase):
+    robot, loop = make_robot(seed=int(10 * phase)), ControlLoop()
+    run_s = (2.0 + phase) / FREQUENCY_HZ
+    moving = [(bounding(t - FIRST_STAND_S), 0.0) for t in ticks(FIRST_STAND_S + run_s)]
+    silent = [(moving[-1][0], t) for t in ticks(2.5)]  # lost 0.1 s, landing at most 1 s, blend 1 s
+    modes = drive(robot, loop, moving + silent)
+    assert modes == [
+        ControllerMode.STAND,
+        ControllerMode.RUN,
+        ControllerMode.COAST,
+        ControllerMode.LANDING,
+        ControllerMode.STOPPED,
+    ]
+    state = robot.state
+    assert not robot.take_trunk_contact()
+    assert state.position_base_in_world[0] - Trial.draw(int(10 * phase)).position_x > 0.2
+    assert state.position_base_in_world[2] > 0.24
+    assert np.linalg.norm(state.velocity_base_in_world) < 0.1
+    assert (state.foot_force > 1.0).all()
+
+
+def test_bounds_forward_with_a_useful_estimate():
+    robot, loop = make_robot(seed=1), ControlLoop()
+    errors, airborne = [], 0
+    for t in ticks(2.9):
+        loop.sense(robot.read())
+        robot.write(loop.act(bounding(t - FIRST_STAND_S), 0.0))
+        estimate = loop.state(0, 0)
+        if t > FIRST_STAND_S + 0.2:
+            errors.append(estimate.velocity_base_in_world - robot.state.velocity_base_in_world)
+            airborne += bool((robot.state.foot_force < 1.0).all())
+    assert loop.mode == ControllerMode.RUN
+    assert not robot.take_trunk_contact()
+    assert robot.state.position_base_in_world[0] > 1.0
+    assert airborne > 50
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 0.2
+    assert loop.state(0, 0).cycle == int(1.9 * FREQUENCY_HZ)
+
+
+def test_the_first_go_waits_for_the_first_stand():
+    robot, loop = make_robot(), ControlLoop()
+    before = [(bounding(0.0), 0.0)] * round(FIRST_STAND_S / go1.PHYSICS_DT)
+    assert drive(robot, loop, before) == [ControllerMode.STAND]
+    assert drive(robot, loop, [(bounding(0.0), 0.0)]) == [ControllerMode.RUN]
+
+
+def test_a_reading_that_is_not_finite_damps_the_joints():
+    robot, loop = make_robot(), ControlLoop()
+    drive(robot, loop, [(None, np.inf)] * 10)
+    good = robot.read()
+    for name in vars(good.measurement):
+        loop = ControlLoop()
+        loop.sense(good)
+        bad = np.full_like(getattr(good.measurement, name), np.nan)
+        loop.sense(Reading(measurement=replace(good.measurement, **{name: bad}), joint_torque=good.joint_torque))
+        command = loop.act(None, np.inf)
+        assert loop.mode == ControllerMode.DAMP
+        assert (command.kp == 0.0).all()
+        assert (command.torque == 0.0).all()
+        assert np.isfinite(command.position).all()
+
+
+def test_a_robot_that_tips_over_is_damped():
+    good = make_robot().read()
+    for angle in (1.1, -1.1):
+        for axis in (1, 2):
+            quaternion = np.array([np.cos(angle / 2), 0.0, 0.0, 0.0])
+            quaternion[axis] = np.sin(angle / 2)
+            tipped = Measurement(**{**vars(good.measurement), "quaternion_base_in_world": quaternion})
+            loop = ControlLoop()
+            loop.sense(Reading(measurement=tipped, joint_torque=good.joint_torque))
+            loop.act(None, np.inf)
+            assert loop.mode == ControllerMode.DAMP
+
+
+def test_joint_log_pairs_each_measurement_with_its_command():
+    robot, loop = make_robot(), ControlLoop()
+    commands, positions = [], []
+    for _ in range(5):
+        reading = robot.read()
+        loop.sense(reading)
+        commands.append(loop.act(None, np.inf))
+        positions.append(reading.measurement.joint_position)
+        robot.write(commands[-1])
+    log = loop.take_joint_log(7, 3)
+    assert (log.time_ns, log.step, log.dt_s) == (7, 3, go1.PHYSICS_DT)
+    np.testing.assert_array_equal(log.position, positions)
+    np.testing.assert_array_equal(log.position_desired, [c.position for c in commands])
+    np.testing.assert_array_equal(log.kp, [c.kp for c in commands])
+
+
+def test_acting_before_sensing_says_so():
+    with pytest.raises(SaltusError, match="sense"):
+        ControlLoop().act(None, np.inf)
+
+
+def test_truth_is_the_terrain_along_the_robots_yaw():
+    trial = Trial(position_x=1.4, yaw=0.3)
+    terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
+    robot = MujocoRobot(terrain, trial, GO1.actuator_chain)
+    robot.reset()
+    truth = robot.truth(5, 2)
+    x, _, z = truth.position_base_in_world
+    ahead = x + np.cos(0.3) * np.linspace(-0.4, 0.8, 30)
+    np.testing.assert_allclose(truth.height, terrain.height_at(ahead) - z)
+    assert truth.height.max() > truth.height.min() + 0.2
