@@ -45,10 +45,10 @@ class PyrenderRenderer(Renderer):
         super().__init__(terrain, intrinsics, mount, legs=legs)
         self._pyrender: Any = load_pyrender()
         self._scene = self._pyrender.Scene()
-        # a camera that has sunk into a box sees its inside, as rays do
-        self._material = self._pyrender.MetallicRoughnessMaterial(doubleSided=True)
         vertices, triangles = box_triangles(terrain)
-        self._add(trimesh.Trimesh(vertices, triangles, process=False))
+        # both sides: a camera that has sunk into a box sees its inside, as rays do
+        both_sides = np.concatenate([triangles, triangles[:, ::-1]])
+        self._add(trimesh.Trimesh(vertices, both_sides, process=False))
         self._links = [self._add(mesh) for mesh in _leg_meshes()] if legs else []
         camera = self._pyrender.IntrinsicsCamera(
             intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, znear=NEAR, zfar=FAR
@@ -75,7 +75,7 @@ class PyrenderRenderer(Renderer):
         self._gl.delete()
 
     def _add(self, mesh: trimesh.Trimesh) -> Any:
-        return self._scene.add(self._pyrender.Mesh.from_trimesh(mesh, material=self._material, smooth=False))
+        return self._scene.add(self._pyrender.Mesh.from_trimesh(mesh, smooth=False))
 
     def _link_poses(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats

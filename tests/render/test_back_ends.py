@@ -1,0 +1,144 @@
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from render.backends import make_renderer
+from render.camera import Mount, camera_pose, ray_directions
+from render.embree import EmbreeRenderer
+from render.renderer import Renderer
+from saltus import go1
+from saltus.config import TerrainConfig, TerrainKind
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
+from saltus.errors import ConfigError
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.messages import Floats
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+
+KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+POSES = 90
+FAR = 5.0  # comparison beyond what the model sees (3 m); a rasteriser's depth gets coarse [m]
+EDGE = 0.01  # neighbours that differ by more than this beyond a smooth surface make a depth edge [m]
+
+
+def terrain_of(kind: TerrainKind) -> Terrain:
+    return make_terrain(TerrainConfig(terrain=kind, difficulty=0.4))
+
+
+def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
+    """Robots in mid-jump; in five of six the legs reach inwards and ahead as far as they can, into the image."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
+    position[:, 2] += terrain.height_at(position[:, 0])
+    quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
+    joints = go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12))
+    ahead = joints.reshape(count, 4, 3)[: count - count // 6]
+    ahead[..., 0] = go1.SIDE * rng.uniform(-0.86, -0.65, ahead.shape[:2])
+    ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
+    ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
+    return position, quaternion, joints
+
+
+def smooth(depth: Floats) -> np.ndarray:
+    """Pixels away from depth edges: second differences along both axes are small."""
+    edge = np.zeros(depth.shape, dtype=bool)
+    for axis in (-2, -1):
+        bend = np.abs(np.diff(depth, n=2, axis=axis)) > EDGE
+        pad = [(0, 0)] * depth.ndim
+        for before in (0, 1, 2):  # all three pixels of a bend
+            pad[axis] = (before, 2 - before)
+            edge |= np.pad(bend, pad)
+    return ~edge
+
+
+@pytest.fixture(params=[MODEL_CAMERA, D435I], ids=lambda c: f"{c.width}x{c.height}")
+def camera(request: pytest.FixtureRequest) -> Intrinsics:
+    return request.param  # type: ignore[no-any-return]
+
+
+@pytest.fixture(params=KINDS)
+def pair(request: pytest.FixtureRequest, camera: Intrinsics) -> Iterator[tuple[Renderer, Renderer]]:
+    terrain = terrain_of(request.param)
+    rasteriser = make_renderer("pyrender", terrain, camera)
+    yield make_renderer("embree", terrain, camera), rasteriser
+    rasteriser.close()
+
+
+def test_both_back_ends_see_the_same(pair: tuple[Renderer, Renderer], camera: Intrinsics) -> None:
+    count = POSES if camera is MODEL_CAMERA else 6
+    where = poses(pair[0].terrain, count, seed=5)
+    rays, raster = (np.minimum(renderer.render_batch(*where), FAR) for renderer in pair)
+    bare = np.minimum(EmbreeRenderer(pair[0].terrain, camera, legs=False).render_batch(*where), FAR)
+    judged = smooth(rays) & smooth(raster)
+    assert judged.mean() > 0.5
+    agree = np.abs(rays - raster) <= 1e-3
+    assert agree[judged].mean() >= 0.995
+    legs = rays < bare
+    assert legs.any(axis=(1, 2)).sum() >= 0.5 * count  # legs in view
+    assert agree[legs & judged].mean() >= 0.995
+    assert agree.mean() >= 0.99  # edges and all
+
+
+def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
+    """On flat ground every ray's depth is known."""
+    renderer = EmbreeRenderer(terrain_of("flat"), camera, legs=False)
+    position, quaternion, joints = poses(renderer.terrain, 20, seed=1)
+    depth = renderer.render_batch(position, quaternion, joints)
+    origin, rotation = camera_pose(Mount(), position, quaternion)
+    rays = (ray_directions(camera).reshape(-1, 3) @ rotation.mT).reshape(*depth.shape, 3)
+    down = rays[..., 2] < 0.0
+    expected = -origin[:, 2, None, None] / np.where(down, rays[..., 2], 1.0)
+    hit = origin[:, None, None, :] + expected[..., None] * rays
+    course = renderer.terrain
+    inside = down & (hit[..., 0] < course.column_x[-1] - 0.1) & (np.abs(hit[..., 1]) < 0.5 * course.width - 0.1)
+    assert inside.mean() > 0.3
+    np.testing.assert_allclose(depth[inside], expected[inside], rtol=1e-4)
+    assert np.isinf(depth[~down]).all()
+
+
+@pytest.mark.parametrize("back_end", ["embree", "pyrender"])
+def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
+    renderer = make_renderer(back_end, terrain_of("stairs"))
+    where = poses(renderer.terrain, 10, seed=2)
+    together = renderer.render_batch(*where)
+    for i in range(10):
+        alone = renderer.render(*(array[i] for array in where))
+        assert (alone.dtype, alone.shape) == (np.float32, together.shape[1:])
+        np.testing.assert_array_equal(alone, together[i])
+    renderer.close()
+
+
+def test_a_renderer_that_does_not_exist() -> None:
+    with pytest.raises(ConfigError, match="embree"):
+        make_renderer("embre", terrain_of("flat"))
+
+
+def test_the_fastest_is_taken() -> None:
+    assert make_renderer("auto", terrain_of("flat")).name == "embree"
+
+
+GROWTH = """
+import numpy, psutil
+from render.backends import make_renderer
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.terrain.curriculum import make_terrain
+
+renderer = make_renderer("pyrender", make_terrain(TerrainConfig(terrain="stairs")))
+def render(count):
+    for i in range(count):
+        pose = numpy.array([0.001 * i, 0.0, 0.3]), numpy.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
+        renderer.render(*pose)
+    return psutil.Process().memory_info().rss
+first = render(50)
+print((render(1000) - first) / 1e6)
+"""
+
+
+def test_a_thousand_frames_leave_no_memory_behind() -> None:
+    """In a process of its own, so that nothing else grows or shrinks meanwhile."""
+    result = subprocess.run([sys.executable, "-c", GROWTH], capture_output=True, text=True, check=True)
+    assert float(result.stdout) < 5.0

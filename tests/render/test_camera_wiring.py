@@ -1,0 +1,96 @@
+"""The camera process on a bus."""
+
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from render.__main__ import body
+from saltus import go1
+from saltus.config import Pace, RunConfig, TerrainConfig
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import DepthFrame, Done, GroundTruth
+from saltus.process import ProcessContext
+
+ROBOT = "go1/0"
+
+
+def truth(step: int, time_ns: int) -> GroundTruth:
+    return GroundTruth(
+        time_ns=time_ns,
+        step=step,
+        position_base_in_world=np.array([0.01 * step, 0.0, 0.3]),
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        velocity_base_in_world=np.zeros(3),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        foot_force=np.zeros(4),
+        height=np.zeros(30),
+    )
+
+
+class Stage:
+    """A camera in a thread, and the plant's end of its bus."""
+
+    def __init__(self, pace: Pace, tmp_path: Path) -> None:
+        hub = MemoryHub()
+        config = RunConfig(pace=pace, terrain=TerrainConfig(terrain="stairs"), epoch_ns=time.monotonic_ns(), seed=4)
+        self.context = ProcessContext("render", config, tmp_path, MemoryBus(ROBOT, hub))
+        self.plant = MemoryBus(ROBOT, hub)
+        self.truths = self.plant.publisher("plant/truth")
+        self.frames = self.plant.latest("camera/depth")
+        self.done = self.plant.latest("done", "render")
+        self.status = self.plant.latest("status", "render")
+        self.thread = threading.Thread(target=body, args=(self.context,), daemon=True)
+
+    def __enter__(self) -> "Stage":
+        self.thread.start()
+        assert self.status.wait(timeout_s=10.0) is not None  # subscribed
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.context.stopped = True
+        self.thread.join(timeout=5.0)
+        assert not self.thread.is_alive()
+
+
+def answered(stage: Stage, step: int) -> tuple[Done, DepthFrame | None]:
+    stage.truths.put(truth(step, step * 10_000_000))
+    done = stage.done.wait(timeout_s=5.0)
+    assert done is not None
+    frame = stage.frames.take()
+    return done.message, None if frame is None else frame.message
+
+
+def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
+    with Stage("lockstep", tmp_path) as stage:
+        newest = -1
+        for step in range(30):
+            done, frame = answered(stage, step)
+            if frame is not None:
+                newest = frame.frame_id
+                assert frame.time_ns <= step * 10_000_000 - 25_000_000  # latency is at least 30 ms, less the jitter
+            assert (done.step, done.frame_id, done.process) == (step, newest, "render")
+            again, repeated = answered(stage, step)
+            assert (again.step, again.frame_id) == (step, newest)
+            assert (repeated is None) == (newest == -1)
+            assert repeated is None or repeated.frame_id == newest
+        assert newest >= 10
+
+
+@pytest.mark.parametrize("steps", [40])
+def test_realtime_publishes_by_the_clock(tmp_path: Path, steps: int) -> None:
+    with Stage("realtime", tmp_path) as stage:
+        clock, ages = stage.context.clock, []
+        begin_ns = clock.now_ns()
+        for step in range(steps):
+            time_ns = begin_ns + step * 10_000_000
+            while (left_s := 1e-9 * (time_ns - clock.now_ns())) > 0.0:
+                if (sample := stage.frames.wait(timeout_s=left_s)) is not None:
+                    ages.append(1e-9 * (clock.now_ns() - sample.message.time_ns))
+            stage.truths.put(truth(step, time_ns))
+        assert len(ages) >= 8  # of 20 exposures less the last four, on a machine that may be busy
+        assert min(ages) >= 0.025
+        assert np.median(ages) <= 0.075
