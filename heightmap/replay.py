@@ -41,27 +41,32 @@ class AssumeLevel:
 
 
 def replay_frames(
-    model_path: Path, frames: Sequence[DepthFrame], robot: Sequence[RobotState] | AssumeLevel
+    model_path: Path,
+    frames: Sequence[DepthFrame],
+    robot: Sequence[RobotState] | AssumeLevel,
+    arrival_ns: Sequence[int] | None = None,
 ) -> list[Heightmap]:
     """The heightmap at every robot state.
 
     Args:
         model_path: ONNX file.
-        frames: In order of capture; a frame is used from 50 ms after its capture on, as on the robot.
+        frames: In order of capture.
         robot: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
             for each frame.
+        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given.
 
     Returns:
         One heightmap for each state.
     """
     service = HeightmapService(model_path)
     states = robot.states(frames) if isinstance(robot, AssumeLevel) else robot
-    latency_ns = round(1e9 * CAMERA_LATENCY_S)
+    if arrival_ns is None:
+        arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
     heightmaps = []
     following = 0
     for state in states:
         newest = None
-        while following < len(frames) and frames[following].time_ns + latency_ns <= state.time_ns:
+        while following < len(frames) and arrival_ns[following] <= state.time_ns:
             newest = frames[following]
             following += 1
         heightmaps.append(service.step(state, newest, state.time_ns))
