@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 
 from saltus import go1
 from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
+from saltus.sim.plant import standing_pose
+from saltus.terrain import stairs
 from saltus.terrain.terrain import Terrain
 
 Frame = NDArray[np.uint8]
@@ -108,6 +111,14 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
     finally:
         writer.close()
     return count
+
+
+def test_frame() -> Frame:
+    """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
+    terrain = stairs.make(steps=5, rise_m=0.06, run_m=0.25)
+    pose = standing_pose(terrain, np.asarray(terrain.first_edge_x - 0.4), np.zeros(()), np.zeros(()), clearance=0.0)
+    heights = terrain.height_at(pose[0] + HEIGHTMAP_X) - pose[2]
+    return next(render_run(terrain, np.zeros(1), pose[None, :7], pose[None, 7:], HEIGHTMAP_X, heights[None]))
 
 
 def _model(terrain: Terrain) -> mujoco.MjModel:

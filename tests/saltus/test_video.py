@@ -12,6 +12,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.sim.overlay import heightmap_in_world
 from saltus.sim.video import render_run, write_video
+from saltus.sim.video import test_frame as draw_test_frame
 from saltus.terrain.curriculum import TABLE, make_terrain
 
 SIZE = (320, 240)
@@ -94,3 +95,9 @@ def test_a_run_without_samples_has_no_video() -> None:
     none = np.zeros((0, 1))
     with pytest.raises(SaltusError, match="at least one sample"):
         next(render_run(terrain, np.zeros(0), none, none, HEIGHTMAP_X, none))
+
+
+def test_the_test_picture_shows_what_it_should() -> None:
+    picture = draw_test_frame()
+    assert picture.shape == (480, 640, 3)
+    assert pink(picture) > 200
