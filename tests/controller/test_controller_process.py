@@ -1,0 +1,171 @@
+"""The controller process over a memory bus, with stand-ins for camera, heightmap service and planner."""
+
+import json
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from controller import __main__ as process
+from controller import lockstep
+from controller.plans import Plans
+from saltus.bus import topic_of, unpack
+from saltus.config import RunConfig, TerrainConfig
+from saltus.errors import StackError
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import (
+    ControllerMode,
+    Done,
+    Event,
+    GroundTruth,
+    JointLog,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
+from saltus.process import ProcessContext
+
+PREFIX = "go1/0"
+
+
+def make_plan(step, time_ns, status=PlanStatus.GO):
+    return MotionPlan(
+        time_ns=time_ns,
+        step=step,
+        status=status,
+        stepping_frequency_hz=2.0,
+        velocity_x=0.0,
+        velocity_z=0.0,
+        pitch_rate=0.0,
+        foot_residual_front=np.array([0.0, 0.0, 0.05]),
+        foot_residual_rear=np.array([0.0, 0.0, 0.05]),
+        reason="",
+    )
+
+
+class StandIns:
+    """Answers as camera, heightmap service and planner would; may be deaf to some questions."""
+
+    def __init__(self, hub, alive=("render", "heightmap", "policy"), deaf_to_first=False):
+        self._bus = MemoryBus(PREFIX, hub)
+        self._truths = self._bus.latest("plant/truth")
+        self._states = self._bus.latest("controller/state")
+        self._plans = self._bus.publisher("policy/plan")
+        self._done = {name: self._bus.publisher("done", name) for name in ("render", "heightmap")}
+        self._alive = alive
+        self._deaf_to = {"truth": set(), "state": set()} if deaf_to_first else None
+        self._stop = threading.Event()
+
+    @contextmanager
+    def running(self):
+        thread = threading.Thread(target=self._answer)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _hears(self, kind, step):
+        if self._deaf_to is None or step in self._deaf_to[kind] or step % 20:
+            return True
+        self._deaf_to[kind].add(step)
+        return False
+
+    def _answer(self):
+        while not self._stop.is_set():
+            if (truth := self._truths.wait(0.001)) is not None and "render" in self._alive:
+                step, now = truth.message.step, truth.message.time_ns
+                if self._hears("truth", step):
+                    self._done["render"].put(Done(time_ns=now, step=step, process="render", frame_id=step // 2))
+            if (state := self._states.wait(0.001)) is not None:
+                step, now = state.message.step, state.message.time_ns
+                if not self._hears("state", step):
+                    continue
+                if "heightmap" in self._alive:
+                    self._done["heightmap"].put(Done(time_ns=now, step=step, process="heightmap"))
+                if "policy" in self._alive:
+                    self._plans.put(make_plan(step, now, PlanStatus.STAND))
+
+
+def run_controller(tmp_path, pace="lockstep", seed=3, **stand_ins):
+    hub = MemoryHub()
+    bus = MemoryBus(PREFIX, hub)
+    stream = bus.stream()
+    config = RunConfig(terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace)
+    context = ProcessContext("controller", config, tmp_path, bus)
+    with StandIns(hub, **stand_ins).running():
+        process.body(context)
+    return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
+
+
+def of(samples, kind):
+    return [message for _, message in samples if isinstance(message, kind)]
+
+
+def test_lockstep_run_is_complete_and_repeatable(tmp_path):
+    first, second = run_controller(tmp_path), run_controller(tmp_path)
+    states = of(first, RobotState)
+    steps = [state.step for state in states]
+    assert steps == list(range(len(steps)))
+    assert [state.time_ns for state in states] == [10_000_000 * step for step in steps]
+    assert [state.depth_due for state in states] == [step // 2 for step in steps]
+    assert [truth.step for truth in of(first, GroundTruth)] == steps
+    logs = of(first, JointLog)
+    assert [log.step for log in logs] == steps
+    assert all(log.position.shape == (5, 12) for log in logs)
+    outcomes = [event for event in of(first, Event) if event.code == "timeout"]
+    assert len(outcomes) == 1
+    assert json.loads(outcomes[0].detail)["cause"] == "time_limit"
+    assert 80 <= len(steps) <= 85  # 0.3 s until the time limit, 0.5 s of standing
+    for ours, theirs in zip(states, of(second, RobotState), strict=True):
+        for name in ("quaternion_base_in_world", "joint_position", "velocity_base_in_world", "joint_torque"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_lost_questions_are_asked_again_without_changing_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(lockstep, "RESEND_S", 0.02)
+    monkeypatch.setattr(lockstep, "POLL_S", 0.01)
+    plain, lossy = run_controller(tmp_path), run_controller(tmp_path, deaf_to_first=True)
+    assert len(of(lossy, GroundTruth)) > len(of(plain, GroundTruth))
+    last = {state.step: state for state in of(lossy, RobotState)}
+    for state in of(plain, RobotState):
+        np.testing.assert_array_equal(last[state.step].joint_position, state.joint_position)
+
+
+@pytest.mark.parametrize("silent", ["render", "heightmap", "policy"])
+def test_a_silent_process_is_named(tmp_path, monkeypatch, silent):
+    monkeypatch.setattr(lockstep, "SILENCE_LIMIT_S", 0.2)
+    monkeypatch.setattr(lockstep, "RESEND_S", 0.05)
+    monkeypatch.setattr(lockstep, "POLL_S", 0.01)
+    order = ("render", "heightmap", "policy")
+    with pytest.raises(StackError, match=f"'{silent}'"):
+        run_controller(tmp_path, alive=order[: order.index(silent)])
+
+
+def test_realtime_run_ends_at_its_time_limit(tmp_path):
+    samples = run_controller(tmp_path, pace="realtime")
+    states = of(samples, RobotState)
+    assert [state.step for state in states] == list(range(len(states)))
+    assert all(state.depth_due == -1 for state in states)
+    assert all(state.mode == ControllerMode.STAND for state in states)
+    assert [event.code for event in of(samples, Event) if event.code in ("finished", "fell", "timeout")] == ["timeout"]
+
+
+def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
+    hub = MemoryHub()
+    bus = MemoryBus(PREFIX, hub)
+    stream = bus.stream()
+    plans = Plans(ProcessContext("controller", RunConfig(), tmp_path, bus))
+    sender = MemoryBus(PREFIX, hub).publisher("policy/plan")
+    assert plans.newest(0, halt=True) == (None, float("inf"))
+    sender.put(make_plan(0, 0))
+    ages = [plans.newest(now_ms * 1_000_000, halt=False)[1] for now_ms in (0, 50, 100, 101, 110)]
+    np.testing.assert_allclose(ages, [0.0, 0.05, 0.1, 0.101, 0.11])
+    sender.put(make_plan(11, 110_000_000))
+    plan, age_s = plans.newest(112_000_000, halt=True)
+    assert plan is not None
+    assert (plan.status, age_s) == (PlanStatus.STAND, 0.0)
+    events = [unpack(topic_of(raw.key), raw)[1] for raw in stream.drain() if raw.key.startswith("event")]
+    assert [event.code for event in events] == ["plan_lost", "plan_back"]
