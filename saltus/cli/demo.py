@@ -3,7 +3,7 @@
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tqdm import tqdm
@@ -11,6 +11,9 @@ from tqdm import tqdm
 from saltus.cli.output import print_json, run_directory
 from saltus.config import Pace, Renderer, RunConfig, TerrainConfig
 from saltus.messages import GroundTruth
+
+if TYPE_CHECKING:
+    from saltus.summary import RunSummary
 
 PROGRESS_PERIOD_S = 0.2
 
@@ -68,13 +71,17 @@ class Demo:
         if self.json:
             print_json(table)
         else:
-            verdict = "crossed" if summary.success else f"did not cross ({summary.cause})"
-            print(f"{verdict} {terrain.kind}: {summary.distance_m:.2f} m in {summary.time_s:.2f} s, "
-                  f"{summary.mean_speed_mps:.2f} m/s, heightmap off by {100 * summary.heightmap_mae_m:.1f} cm")  # fmt: skip
+            print(_sentence(summary))
             for name in ("recording", "report", "video"):
                 if table[name]:
                     print(f"{name:9} {table[name]}")
         return 0 if summary.success else 1
+
+
+def _sentence(summary: "RunSummary") -> str:
+    verdict = "crossed" if summary.success else f"did not cross ({summary.cause})"
+    way = f"{summary.distance_m:.2f} m in {summary.time_s:.2f} s, {summary.mean_speed_mps:.2f} m/s"
+    return f"{verdict} {summary.terrain}: {way}, heightmap off by {100 * summary.heightmap_mae_m:.1f} cm"
 
 
 def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:

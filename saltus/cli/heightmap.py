@@ -1,0 +1,207 @@
+"""`saltus heightmap`: serve, collect, train, export."""
+
+import logging
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from tqdm import tqdm
+from tyro.conf import subcommand
+
+from saltus import go1
+from saltus.cli.output import print_json
+from saltus.cli.serve import serve
+from saltus.errors import SaltusError
+
+if TYPE_CHECKING:
+    from heightmap.train import Progress
+
+CHECKPOINT = Path("models/checkpoints/heightmap.pt")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serve:
+    """Runs the heightmap service: against a running stack, or on a RealSense recording."""
+
+    endpoint: str | None = None
+    """Zenoh router, e.g. tcp/127.0.0.1:7447; with --recording, a router of its own where it is not given."""
+    run_dir: Path | None = None
+    """Folder with the run's run.toml."""
+    recording: Path | None = None
+    """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
+    assume_level: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """With --recording: take the robot to stand still and level."""
+    base_height_m: float = go1.STAND_HEIGHT
+    """With --assume-level: height of the base above the ground."""
+    camera_pitch_deg: float = 29.8
+    """With --assume-level: how far the camera looks down."""
+    robot: str = "go1/0"
+    """With --recording: prefix of the keys."""
+
+    def run(self) -> int:
+        """Runs until it is told to stop, or until the recording ends."""
+        if self.recording is not None:
+            return self._serve_recording(self.recording)
+        if self.endpoint is None or self.run_dir is None:
+            raise SaltusError("heightmap serve needs --endpoint and --run-dir, or --recording")
+        return serve("heightmap", self.run_dir, self.endpoint)
+
+    def _serve_recording(self, recording: Path) -> int:
+        """Publishes depth and heightmaps of a recording at its own pace."""
+        from heightmap.replay import AssumeLevel, replay_frames
+        from saltus.bus import ZenohBus
+        from saltus.messages import HeightmapStatus
+        from saltus.realsense import read_realsense
+        from saltus.resources import resource
+        from saltus.stack import open_router
+
+        frames = list(read_realsense(recording))
+        if not self.assume_level:
+            raise SaltusError(f"{recording} has no robot state: add --assume-level")
+        robot = AssumeLevel(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
+        heightmaps = replay_frames(resource("models/heightmap.onnx"), frames, robot)
+        endpoint, router = (self.endpoint, None) if self.endpoint else open_router()
+        try:
+            with ZenohBus(endpoint, self.robot) as bus:
+                depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
+                print(f"serving at {endpoint}, keys under {self.robot}")
+                before_ns = frames[0].time_ns
+                for frame, heightmap in zip(frames, heightmaps, strict=True):
+                    time.sleep(1e-9 * max(frame.time_ns - before_ns, 0))
+                    before_ns = frame.time_ns
+                    depth.put(frame)
+                    heights.put(heightmap)
+                    print(f"frame {frame.frame_id}: {HeightmapStatus(heightmap.status).name.lower()}")
+        finally:
+            if router is not None:
+                router.close()
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collect:
+    """Adds a shard of labelled episodes to a dataset."""
+
+    out: Path = Path("runs/dataset")
+    """Folder of the dataset; it is made, or a shard is added to it."""
+    source: Literal["planner", "kinematic"] = "planner"
+    """planner: runs of the scripted planner in MuJoCo. kinematic: a made-up motion, for a first training."""
+    episodes: int = 200
+    """How many episodes."""
+    seed: int = 0
+    """Seed of terrains, trials and motions."""
+
+    def run(self) -> int:
+        """Writes the shard, whole or not at all."""
+        from heightmap.kinematic import KinematicBounding
+        from heightmap.planned import PlannedRuns
+        from heightmap.rollouts import MotionSource, collect
+
+        source: MotionSource = PlannedRuns() if self.source == "planner" else KinematicBounding()
+        config = {"source": self.source, "episodes": self.episodes}
+        record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config)
+        print(f"{self.out / record.name}: {record}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Trains the heightmap network on a dataset; goes on from its checkpoint where there is one of this training."""
+
+    data: Path = Path("runs/dataset")
+    """Folder of the dataset."""
+    checkpoint: Path = CHECKPOINT
+    """Written about once a minute."""
+    updates: int = 1500
+    """Gradient steps in all."""
+    batch: int = 32
+    """Windows in a gradient step."""
+    seed: int = 0
+    """Seed of weights, batches and noise."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where to train."""
+
+    def run(self) -> int:
+        """Trains, with a progress bar."""
+        from heightmap.train import TrainConfig, train
+
+        logging.basicConfig(level=logging.INFO)
+        config = TrainConfig(updates=self.updates, batch=self.batch, seed=self.seed, device=self.device)
+        with tqdm(total=self.updates, unit="update", desc="train") as bar:
+
+            def show(progress: "Progress") -> None:
+                bar.update(progress.update - bar.n)
+                bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
+
+            train(self.data, self.checkpoint, config, show)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Exports a checkpoint to ONNX, measures the file on held-out episodes, and writes its card."""
+
+    data: Path = Path("runs/dataset")
+    """Folder of the dataset that the checkpoint was trained on."""
+    checkpoint: Path = CHECKPOINT
+    """What to export."""
+    out: Path = Path("models/heightmap.onnx")
+    """The file to write; the card goes beside it."""
+
+    def run(self) -> int:
+        """Writes both files and prints what was measured."""
+        from heightmap.release import release
+
+        print(release(self.checkpoint, self.data, self.out))
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eval:
+    """Measures a model file on the held-out episodes of a dataset."""
+
+    data: Path = Path("runs/dataset")
+    """Folder of the dataset."""
+    model: Path | None = None
+    """ONNX file; the shipped model where it is not given."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print the result as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Prints errors by region and terrain."""
+        from dataclasses import asdict
+
+        from heightmap.shards import read_dataset
+        from heightmap.train import split
+        from heightmap.validate import accuracy
+        from saltus.resources import resource
+
+        _, held_out = split(read_dataset(self.data))
+        result = asdict(accuracy(self.model or resource("models/heightmap.onnx"), held_out))
+        if self.json:
+            print_json(result)
+        else:
+            for name, value in result.items():
+                print(f"{name:18} {value}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heightmap:
+    """The heightmap: serve, collect, train, export, eval."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[
+        tyro.conf.OmitArgPrefixes[
+            Annotated[Serve, subcommand("serve")]
+            | Annotated[Collect, subcommand("collect")]
+            | Annotated[Train, subcommand("train")]
+            | Annotated[Export, subcommand("export")]
+            | Annotated[Eval, subcommand("eval")]
+        ]
+    ] = field()
+
+    def run(self) -> int:
+        """Runs the chosen command."""
+        return self.command.run()
