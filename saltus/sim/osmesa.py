@@ -41,10 +41,13 @@ def drawing_context(model: mujoco.MjModel, width: int, height: int) -> Iterator[
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         with _told_to_use_osmesa():
             context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-        yield context
-        context.free()
+        try:
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+            yield context
+        finally:
+            context.free()  # while OpenGL can still be asked to
     finally:
+        library.OSMesaMakeCurrent(None, None, 0, 0, 0)
         library.OSMesaDestroyContext(handle)
 
 
