@@ -17,6 +17,7 @@ AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived 
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
 WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
+MIN_WARMUP = 5  # images: a few more than one bad one could decide for
 _FRAME_TICKS = 2
 _AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
@@ -68,7 +69,7 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
 
 
 def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50) -> int:
-    """Images after a loss of memory until the visible part is as good as with memory, within 10 %; at most `limit`.
+    """Images after a loss of memory until the visible part is as good as with memory, within 10 %: 5 to `limit`.
 
     Each episode runs once undisturbed and once with its memory lost in the middle; errors ahead are compared image by
     image, averaged over the episodes.
@@ -86,7 +87,7 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
             height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
             total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, _FRAME_TICKS).mean(-1)
     late = np.flatnonzero(cold > WARM * warm)
-    return min(limit, int(late[-1]) + 2) if len(late) else 1
+    return int(np.clip(late[-1] + 2 if len(late) else 1, MIN_WARMUP, limit))
 
 
 def run_episode(

@@ -1,0 +1,108 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from heightmap.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, with_noise
+from heightmap.delivery import TRAINING, DeliveryModel
+from heightmap.kinematic import KinematicBounding
+from heightmap.model import ModelConfig
+from heightmap.network import HeightmapNetwork
+from heightmap.release import release
+from heightmap.rollouts import collect
+from heightmap.shards import read_dataset
+from heightmap.train import Progress, TrainConfig, load_checkpoint, run_window, train
+from heightmap.validate import run_episode
+
+SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
+CONFIG = TrainConfig(updates=30, warm_start=10, batch=8, window=50, device="cpu", model=SMALL)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data")
+    collect(path, KinematicBounding(ticks=150), count=20, seed=0, config={"source": "kinematic"})
+    return path
+
+
+@pytest.fixture(scope="module")
+def store(data: Path) -> EpisodeStore:
+    return EpisodeStore(read_dataset(data), torch.device("cpu"))
+
+
+def test_training_lowers_the_error_and_the_release_measures_it(data: Path, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    first = train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
+    del first
+    train(data, tmp_path / "b.pt", CONFIG, told.append)
+    assert told[-1].update == CONFIG.updates
+    before = release(tmp_path / "a.pt", data, tmp_path / "a.onnx")
+    after = release(tmp_path / "b.pt", data, tmp_path / "b.onnx")
+    assert after.clean.mae_m < before.clean.mae_m
+    assert after.parity < 1e-5
+    assert after.model_id == HeightmapNetwork(tmp_path / "b.onnx").model_id
+    assert after.model_id in (tmp_path / "b.md").read_text()
+
+
+def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
+    config = TrainConfig(**{**vars(CONFIG), "save_every_s": 0.0})
+
+    def interrupt(progress: Progress) -> None:
+        raise KeyboardInterrupt
+
+    checkpoint = tmp_path / "c.pt"
+    stop_early = TrainConfig(**{**vars(config), "updates": 6})
+    train(data, checkpoint, stop_early)
+    assert load_checkpoint(checkpoint)[1]["update"] == 6
+    # Another training does not go on from it.
+    train(data, checkpoint, config)
+    assert load_checkpoint(checkpoint)[1]["update"] == config.updates
+    before = checkpoint.read_bytes()
+    model = train(data, checkpoint, config, interrupt)
+    assert checkpoint.read_bytes() == before
+    loaded, _ = load_checkpoint(checkpoint)
+    for a, b in zip(model.parameters(), loaded.parameters(), strict=True):
+        torch.testing.assert_close(a, b)
+
+
+def test_windows_tell_the_story_of_an_episode_in_order(store: EpisodeStore) -> None:
+    windows = store.windows(3, 50, TRAINING, ImageNoise(), np.random.default_rng(0))
+    run = [next(windows) for _ in range(3)]  # 150 ticks: all of an episode
+    assert run[0].starts.all()
+    assert not any(w.starts.any() for w in run[1:])
+    heights = torch.cat([w.height for w in run])
+    for robot in range(3):
+        assert any(np.array_equal(heights[:, robot].numpy(), episode.height) for episode in store.episodes)
+    assert next(windows).starts.all()
+
+
+def test_a_window_gives_what_the_file_gives_tick_by_tick(store: EpisodeStore, model, model_path: Path) -> None:  # type: ignore[no-untyped-def]
+    window = next(store.windows(1, 150, DeliveryModel(), ImageNoise(), np.random.default_rng(0)))
+    with torch.no_grad():
+        estimate, _ = run_window(model, window, torch.zeros(1, 256))
+    episode = next(e for e in store.episodes if np.array_equal(e.height, window.height[:, 0].numpy()))
+    height, std = run_episode(HeightmapNetwork(model_path), episode, DeliveryModel())
+    np.testing.assert_allclose(estimate.height[:, 0].numpy(), height, atol=1e-4)
+    np.testing.assert_allclose(estimate.log_std[:, 0].exp().numpy(), std, atol=1e-4)
+
+
+def test_noise_keeps_images_what_they_are(store: EpisodeStore) -> None:
+    window = next(store.windows(8, 50, TRAINING, ImageNoise(), np.random.default_rng(0)))
+    noisy = with_noise(window.image, TRAINING_NOISE, torch.Generator().manual_seed(0))
+    assert noisy.shape == window.image.shape
+    depth, valid = noisy[:, :, 0], noisy[:, :, 1]
+    assert ((depth >= 0.0) & (depth <= 1.0)).all()
+    assert ((valid == 0.0) | (valid == 1.0)).all()
+    assert (depth[valid == 0.0] == 1.0).all()
+    assert (valid <= window.image[:, :, 1]).all()
+    lost = 1.0 - valid[:, 1:].mean() / window.image[:, 1:, 1].mean()
+    assert 0.005 < lost < 0.15
+    change = (depth - window.image[:, :, 0])[(valid > 0) & (window.image[:, :, 0] < 0.5)] * 3.0
+    assert 0.001 < change.std() < 0.03
+
+
+def test_no_noise_is_no_change(store: EpisodeStore) -> None:
+    window = next(store.windows(4, 50, TRAINING, ImageNoise(), np.random.default_rng(0)))
+    quiet = with_noise(window.image, ImageNoise(), torch.Generator().manual_seed(0))
+    torch.testing.assert_close(quiet, window.image, atol=1e-6, rtol=0.0)
