@@ -46,7 +46,8 @@ class Recorder:
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
         self._lockstep = run_config.pace == "lockstep"
         self._epoch_ns = run_config.epoch_ns
-        self._simulated_ns = 0
+        self.simulated_ns = 0
+        """Lockstep: time of the newest step that was recorded."""
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, bytes], int] = {}
         self._viewed: Counter[str] = Counter()
@@ -110,8 +111,8 @@ class Recorder:
         if not self._lockstep:
             return max(0, raw.arrival_ns - self._epoch_ns)
         if isinstance(message, RobotState | GroundTruth):
-            self._simulated_ns = max(self._simulated_ns, message.time_ns)
-        return self._simulated_ns
+            self.simulated_ns = max(self.simulated_ns, message.time_ns)
+        return self.simulated_ns
 
     def _add(self, topic: str, type_name: str, envelope: Envelope, arrival_ns: int, payload: bytes) -> None:
         channel = self._channels.get((topic, envelope.boot_id))

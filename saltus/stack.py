@@ -73,7 +73,7 @@ class Stack:
         self.recording_error: str | None = None
         """Why the recording ended early."""
         self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
-        self._clock = RunClock(self.config.epoch_ns)
+        self._clock = RunClock(self.config.epoch_ns, lockstep=self.config.pace == "lockstep")
         self._events_sent = self._events_seen = 0
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
@@ -214,6 +214,8 @@ class Stack:
                 self._recorder.flush()
             else:
                 self._recorder.write(raw)
+                if self._clock.lockstep:
+                    self._clock.set(self._recorder.simulated_ns)
         except RecordingError as error:
             self.recording_error = str(error)
             self._event("recording_failed", str(error))

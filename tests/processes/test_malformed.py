@@ -97,6 +97,7 @@ class Victim:
         self.name = name
         self.prefix = f"victim/{name}"
         directory.mkdir()
+        self.step = 0
         self.epoch_ns = time.monotonic_ns()
         config = RunConfig(
             robot=self.prefix,
@@ -123,8 +124,10 @@ class Victim:
 
     def trigger(self) -> None:
         """Good messages on every key: some processes look at one topic only when another has come."""
+        self.step += 1
         for topic, publisher in self.triggers.items():
-            publisher.put(replace(message_of(TOPICS[topic].message), time_ns=self.now_ns()))
+            message = replace(message_of(TOPICS[topic].message), time_ns=self.now_ns())
+            publisher.put(message if topic == "camera/depth" else replace(message, step=self.step))  # type: ignore[call-arg]
 
     def counted(self, latest: Latest) -> dict[str, int] | None:
         assert self.process.poll() is None, f"{self.name} died:\n{self.log.read_text()}"
