@@ -10,7 +10,7 @@ NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender")
 
 
 def make_renderer(name: str, terrain: Terrain, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True) -> Renderer:
-    """A renderer by name; "auto" is Embree, ten times faster, or pyrender where open3d cannot be loaded.
+    """A renderer by name; "auto" is Embree, the fastest at the model's resolution, or pyrender where open3d is missing.
 
     Back ends are imported here, each only when it is asked for: both libraries are large.
 

@@ -20,7 +20,7 @@ from saltus.terrain.terrain import Terrain
 # With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes nearer to the camera.
 NEAR = 0.02
 FAR = 100.0
-SIDES = 40  # of a round leg: its flats lie at most 0.06 mm under the true surface
+SIDES = 32  # of a round leg: its flats lie at most 0.1 mm under the true surface
 # pyrender's cameras look along -z with y up
 _GL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
@@ -109,6 +109,6 @@ def _leg_meshes() -> list[trimesh.Trimesh]:
 
 def _capsule(length: float, radius: float) -> trimesh.Trimesh:
     """A capsule along z, from the origin; trimesh has moved the place of its origin between versions."""
-    mesh = trimesh.creation.capsule(height=length, radius=radius, count=[SIDES, SIDES])
+    mesh = trimesh.creation.capsule(height=length, radius=radius, count=[SIDES // 2, SIDES])
     mesh.apply_translation([0.0, 0.0, -radius - mesh.bounds[0, 2]])
     return mesh
