@@ -69,18 +69,25 @@ class ScriptedParameters:
     """Progress of the swing at which a foot is up."""
     lower_from: Value = 0.621
     """Progress of the swing at which a foot begins to come down."""
-    edge_margin_m: Value = 0.035
-    """Distance of a landing point from an edge."""
+    edge_margin_m: Value = 0.12
+    """Distance from a landing point within which edges matter, the nearer the more."""
+    edge_cost: Value = 0.1
+    """Detour that is worth an edge at a landing point, about [m]."""
     height_trust: Value = 0.5
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
 
 
 # How landing points are weighed, in metres of detour.
-CANDIDATES = np.linspace(-0.15, 0.15, 13)
-EDGE_HEIGHT = 0.025  # height difference within the margin that makes an edge: half the lowest stair of the course
-EDGE_COST = 0.3  # an edge is worth the longest detour that there is
+CANDIDATES = np.linspace(-0.15, 0.15, 25)
+EDGE_DISTANCES = (0.03, 0.06, 0.09, 0.12, 0.15)  # where edges around a landing point are looked for [m]
+EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest stair of the courses
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
 TRENCH_COST = 3.0  # per metre of depth
+# A choice between two landing points that are as good must not be made anew every 10 ms.
+COMMITMENT = (
+    0.6  # metres of detour that a change of mind by one metre costs; below 1, or a foot that lags pulls its aim back
+)
+COMMIT_FROM, COMMIT_UNTIL = 0.45, 0.7  # progress of the swing over which that cost grows
 SLOPE_FROM, SLOPE_TO = -0.25, 0.55  # where the slope is measured: both foot pairs and the next landing [m]
 LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot counts as well [m]
 
@@ -150,8 +157,11 @@ class ScriptedPlanner:
         step = np.clip(0.5 * forward * STANCE_RATIO / frequency, -LANDING_LIMIT, LANDING_LIMIT)
         travel = forward * (1.0 - swing) * SWING_RATIO / frequency
         neutral = go1.HIP_ANCHOR[leg, 0] * np.cos(observation.pitch) + step + shift + travel
-        landing = neutral + self._detour(observation, heights, neutral)
         foot_x = observation.foot[..., leg : leg + 2, 0].mean(axis=-1)
+        # How far the foot already is from its nominal path; that path leaves the hip at half time.
+        begun = foot_x - (neutral - travel - step * (1.0 - _smooth(2.0 * swing - 1.0)))
+        resolve = COMMITMENT * np.clip((swing - COMMIT_FROM) / (COMMIT_UNTIL - COMMIT_FROM), 0.0, 1.0)
+        landing = neutral + self._detour(observation, heights, neutral, begun, resolve)
         start, end = np.minimum(foot_x, landing) - LIFT_MARGIN, np.maximum(foot_x, landing) + LIFT_MARGIN
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
         over = highest_between(heights, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
@@ -163,15 +173,21 @@ class ScriptedPlanner:
         residual = np.stack([shift + landing - neutral + zero, zero, lift], axis=-1)
         return np.where(observation.contact[..., leg, None], 0.0, residual)
 
-    def _detour(self, observation: Observation, heights: Floats, neutral: Floats) -> Floats:
-        """How far to land from the neutral point [m]."""
-        margin = np.broadcast_to(np.asarray(self.parameters.edge_margin_m), neutral.shape)[..., None]
+    def _detour(
+        self, observation: Observation, heights: Floats, neutral: Floats, begun: Floats, resolve: Floats
+    ) -> Floats:
+        """How far to land from the neutral point [m]; `resolve` is the cost of leaving the detour that has begun."""
+        p = self.parameters
         x = neutral[..., None] + CANDIDATES
         there = height_at(heights, x)
-        before, behind = height_at(heights, x - margin), height_at(heights, x + margin)
-        relief = np.maximum(np.abs(there - before), np.abs(there - behind))
-        depth = -observation.base_height[..., None] - there - TRENCH_DEPTH
-        cost = np.abs(CANDIDATES) + EDGE_COST * (relief > EDGE_HEIGHT) + TRENCH_COST * np.maximum(depth, 0.0)
+        relief = np.zeros_like(there)
+        for distance in EDGE_DISTANCES:
+            near = np.clip(1.0 - distance / np.asarray(p.edge_margin_m), 0.0, None)[..., None]
+            for side in (distance, -distance):
+                relief += near * np.clip(np.abs(height_at(heights, x + side) - there) / EDGE_HEIGHT, 0.0, 1.0)
+        depth = np.maximum(-observation.base_height[..., None] - there - TRENCH_DEPTH, 0.0)
+        change = resolve[..., None] * np.abs(CANDIDATES - begun[..., None])
+        cost = np.abs(CANDIDATES) + change + np.asarray(p.edge_cost)[..., None] * relief + TRENCH_COST * depth
         return CANDIDATES[np.argmin(cost, axis=-1)]
 
 

@@ -1,0 +1,120 @@
+"""When the planner lets the robot go, and when it makes it stop: a pure class, without bus and clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from policy.action import Action
+from policy.observation import observe_message
+from policy.scripted import ScriptedPlanner
+from saltus.messages import Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.topics import TOPICS
+
+STAND_NS = 500_000_000
+"""Time that the robot stands before the first jump: ten images, and the estimator settles."""
+LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
+"""Without a heightmap for this long the planner is blind. One policy step less than the greatest age of a heightmap:
+the planner looks every 10 ms, and must have said so 110 ms after the last arrival."""
+_TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Notice:
+    """What a person should be told, once."""
+
+    code: str
+    detail: str
+
+
+class PlannerProcess:
+    """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
+
+    STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
+    STOP when the heightmaps end, are invalid, or come from a memory that has started over; it is final.
+    """
+
+    def __init__(self, planner: ScriptedPlanner | None = None) -> None:
+        self._planner = planner or ScriptedPlanner()
+        self._status = PlanStatus.STAND
+        self._reason = "the robot has not stood long enough"
+        self._first_ns: int | None = None
+        self._heightmap: Heightmap | None = None
+        self._arrival_ns = 0
+        self._plan: MotionPlan | None = None
+        self.notices: list[Notice] = []
+        """What has happened since the caller last emptied the list."""
+
+    def step(self, state: RobotState, heightmap: Heightmap | None, now_ns: int) -> MotionPlan:
+        """Answers one robot state.
+
+        Args:
+            state: The newest; the same step again gets the same plan again.
+            heightmap: The newest, if one has arrived since the last call.
+            now_ns: In the run's clock.
+        """
+        if heightmap is not None:
+            self._heightmap, self._arrival_ns = heightmap, now_ns
+        if self._plan is not None and self._plan.step == state.step:
+            return self._plan
+        if self._first_ns is None:
+            self._first_ns = state.time_ns
+        if self._status == PlanStatus.STAND:
+            self._consider_going(state)
+        elif self._status == PlanStatus.GO:
+            self._consider_stopping(now_ns)
+        self._plan = self._planned(state)
+        return self._plan
+
+    def _consider_going(self, state: RobotState) -> None:
+        stood_ns = state.time_ns - (self._first_ns or 0)
+        if self._heightmap is None:
+            self._reason = "no heightmap yet"
+        elif self._heightmap.status != HeightmapStatus.OK:
+            self._reason = f"the heightmap is {self._heightmap.status.name}"
+        elif stood_ns < STAND_NS:
+            self._reason = "the robot has not stood long enough"
+        else:
+            self._status, self._reason = PlanStatus.GO, ""
+
+    def _consider_stopping(self, now_ns: int) -> None:
+        heightmap = self._heightmap
+        if heightmap is None:
+            return
+        silent_ns, age_ns = now_ns - self._arrival_ns, now_ns - heightmap.time_ns
+        if max(silent_ns, age_ns) >= LOST_NS:
+            self._stop("heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms")
+        elif heightmap.status not in _TRUSTED:
+            self._stop("heightmap_invalid", f"the heightmap of step {heightmap.step} is {heightmap.status.name}")
+
+    def _stop(self, code: str, detail: str) -> None:
+        self._status, self._reason = PlanStatus.STOP, detail
+        self.notices.append(Notice(code=code, detail=detail))
+
+    def _planned(self, state: RobotState) -> MotionPlan:
+        action = REST
+        if self._status == PlanStatus.GO and self._heightmap is not None:
+            heights = np.asarray(self._heightmap.height, dtype=np.float64)
+            action = self._planner.step(observe_message(state), heights)
+        return MotionPlan(
+            time_ns=state.time_ns,
+            step=state.step,
+            status=self._status,
+            stepping_frequency_hz=float(action.stepping_frequency_hz),
+            velocity_x=float(action.velocity_x),
+            velocity_z=float(action.velocity_z),
+            pitch_rate=float(action.pitch_rate),
+            foot_residual_front=action.foot_residual_front,
+            foot_residual_rear=action.foot_residual_rear,
+            reason=self._reason,
+        )
+
+
+REST = Action(
+    stepping_frequency_hz=np.asarray(2.0),  # pace of the last steps of a landing
+    velocity_x=np.zeros(()),
+    velocity_z=np.zeros(()),
+    pitch_rate=np.zeros(()),
+    foot_residual_front=np.zeros(3),
+    foot_residual_rear=np.zeros(3),
+)
+"""A plan that goes nowhere, sent along with STAND and STOP."""
