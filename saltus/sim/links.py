@@ -1,8 +1,8 @@
 """Mass, centre of mass and inertia of the Go1's links.
 
-Masses and the trunk's inertia are Unitree's published numbers. The published sheet at hand holds no centres of mass
-and inertia tensors of the leg links; they are derived here from the published geometry: each link is a uniform body
-of the shape and mass given, and the rotor in it (0.089 kg) is a point at the axis that its motor sits on.
+Unitree's published robot description (newer version), the rotor of each motor (0.089 kg) lumped into the link that
+carries it; principal moments and axes as MuJoCo's model collection derives them from it. The four legs mirror each
+other in the planes of the trunk.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.kinematics import rotation_matrix
 
-ROTOR_MASS = 0.089  # unitree_ros
-FOOT_MASS = 0.06  # unitree_ros
 HIP_RADIUS, HIP_LENGTH = 0.046, 0.04  # unitree_ros, collision cylinder along y
-THIGH_WIDTH, THIGH_DEPTH = 0.0245, 0.034  # unitree_ros, collision box, y and x
-CALF_WIDTH = 0.016  # unitree_ros, collision box, y and x
-TRUNK_COM = np.array([0.0223, 0.002, -0.0005])  # unitree_ros
-TRUNK_INERTIA = np.diag([0.01681, 0.06301, 0.07165])  # unitree_ros, about the centre of mass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,56 +27,56 @@ class Inertia:
     tensor: NDArray[np.float64]
     """About the centre of mass, in the link's axes [kg m^2], shape (3, 3)."""
 
+    def mirrored(self, x: float, y: float) -> "Inertia":
+        """The body mirrored in x, in y, in both or not: factors +1 or -1 [-]."""
+        mirror = np.diag([x, y, 1.0])
+        return Inertia(mass=self.mass, com=mirror @ self.com, tensor=mirror @ self.tensor @ mirror)
+
 
 def trunk() -> Inertia:
     """The trunk with everything in it."""
-    return Inertia(mass=go1.TRUNK_MASS, com=TRUNK_COM, tensor=TRUNK_INERTIA)
+    return _principal(
+        go1.TRUNK_MASS,
+        com=(0.0223, 0.002, -0.0005),
+        moments=(0.0716565, 0.0630105, 0.0168101),
+        axes=(-0.00342088, 0.705204, 0.000106698, 0.708996),
+    )
 
 
-def hip(side: float) -> Inertia:
-    """The abduction link: a cylinder midway between abduction and thigh axis, the thigh motor's rotor on the latter.
-
-    Args:
-        side: +1 for a left leg, -1 for a right leg.
-    """
-    mass = go1.HIP_MASS - ROTOR_MASS
-    across = mass * (3.0 * HIP_RADIUS**2 + HIP_LENGTH**2) / 12.0
-    tensor = np.diag([across, 0.5 * mass * HIP_RADIUS**2, across])
-    body = Inertia(mass=mass, com=np.array([0.0, 0.5 * side * go1.ABDUCTION_LENGTH, 0.0]), tensor=tensor)
-    return _joined(body, _point(ROTOR_MASS, np.array([0.0, side * go1.ABDUCTION_LENGTH, 0.0])))
+def hip(leg: int) -> Inertia:
+    """The abduction link of a leg, with the rotor of the thigh motor."""
+    front_right = _principal(
+        go1.HIP_MASS,
+        com=(-0.0049166, 0.00762615, -8.865e-05),
+        moments=(0.000734064, 0.000468438, 0.000398719),
+        axes=(0.507341, 0.514169, 0.495027, 0.482891),
+    )
+    return front_right.mirrored(float(np.sign(go1.HIP_ANCHOR[leg, 0])), -float(go1.SIDE[leg]))
 
 
-def thigh() -> Inertia:
-    """The thigh: a box from thigh to knee axis, the calf motor's rotor at the thigh axis."""
-    body = _box(go1.THIGH_MASS - ROTOR_MASS, np.array([THIGH_DEPTH, THIGH_WIDTH, go1.THIGH_LENGTH]))
-    return _joined(body, _point(ROTOR_MASS, np.zeros(3)))
+def thigh(leg: int) -> Inertia:
+    """The thigh of a leg, with the rotor of the calf motor."""
+    right = _principal(
+        go1.THIGH_MASS,
+        com=(-0.00304722, 0.019315, -0.0305004),
+        moments=(0.00478717, 0.00460903, 0.000709268),
+        axes=(0.65243, -0.0272313, 0.0775126, 0.753383),
+    )
+    return right.mirrored(1.0, -float(go1.SIDE[leg]))
 
 
 def calf() -> Inertia:
-    """The calf: a box from the knee axis to the centre of the foot, and the foot, a ball."""
-    body = _box(go1.CALF_MASS - FOOT_MASS, np.array([CALF_WIDTH, CALF_WIDTH, go1.CALF_LENGTH]))
-    ball = 0.4 * FOOT_MASS * go1.FOOT_RADIUS**2 * np.eye(3)
-    foot = Inertia(mass=FOOT_MASS, com=np.array([0.0, 0.0, -go1.CALF_LENGTH]), tensor=ball)
-    return _joined(body, foot)
+    """The calf with the foot; the same on both sides."""
+    return _principal(
+        go1.CALF_MASS,
+        com=(0.00429862, 0.000976676, -0.146197),
+        moments=(0.00149767, 0.00148468, 3.58427e-05),
+        axes=(0.691246, 0.00357467, 0.00511118, 0.722592),
+    )
 
 
-def _box(mass: float, size: NDArray[np.float64]) -> Inertia:
-    """A uniform box that hangs from the link's origin."""
-    square = size**2
-    tensor = mass / 12.0 * np.diag(square.sum() - square)
-    return Inertia(mass=mass, com=np.array([0.0, 0.0, -0.5 * size[2]]), tensor=tensor)
-
-
-def _point(mass: float, position: NDArray[np.float64]) -> Inertia:
-    return Inertia(mass=mass, com=position, tensor=np.zeros((3, 3)))
-
-
-def _joined(first: Inertia, second: Inertia) -> Inertia:
-    """Two bodies as one, by the parallel-axis theorem."""
-    mass = first.mass + second.mass
-    com = (first.mass * first.com + second.mass * second.com) / mass
-    tensor = np.zeros((3, 3))
-    for body in (first, second):
-        r = body.com - com
-        tensor += body.tensor + body.mass * (r @ r * np.eye(3) - np.outer(r, r))
-    return Inertia(mass=mass, com=com, tensor=tensor)
+def _principal(mass: float, com: tuple[float, ...], moments: tuple[float, ...], axes: tuple[float, ...]) -> Inertia:
+    """A body from its principal moments [kg m^2] and the rotation (w, x, y, z) of their axes into the link's."""
+    quaternion = np.array(axes)
+    rotation = np.asarray(rotation_matrix(quaternion / np.linalg.norm(quaternion)))
+    return Inertia(mass=mass, com=np.array(com), tensor=rotation @ np.diag(moments) @ rotation.T)

@@ -133,7 +133,7 @@ def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
     name, side = go1.LEGS[leg], float(go1.SIDE[leg])
     hip = base.add_body(name=f"{name}_hip", pos=go1.HIP_ANCHOR[leg])
     _add_hinge(hip, 3 * leg, axis=(1.0, 0.0, 0.0))
-    _set_inertia(hip, links.hip(side))
+    _set_inertia(hip, links.hip(leg))
     middle = 0.5 * side * go1.ABDUCTION_LENGTH
     half = 0.5 * links.HIP_LENGTH
     _add_robot_geom(
@@ -145,7 +145,7 @@ def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
     )
     thigh = hip.add_body(name=f"{name}_thigh", pos=(0.0, side * go1.ABDUCTION_LENGTH, 0.0))
     _add_hinge(thigh, 3 * leg + 1, axis=(0.0, 1.0, 0.0))
-    _set_inertia(thigh, links.thigh())
+    _set_inertia(thigh, links.thigh(leg))
     _add_rod(thigh, f"{name}_thigh", THIGH_RADIUS, go1.THIGH_LENGTH)
     calf = thigh.add_body(name=f"{name}_calf", pos=(0.0, 0.0, -go1.THIGH_LENGTH))
     _add_hinge(calf, 3 * leg + 2, axis=(0.0, 1.0, 0.0))

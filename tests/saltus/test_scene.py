@@ -59,7 +59,7 @@ def test_positive_torque_accelerates_a_joint_forward(model: mujoco.MjModel, join
     assert data.qfrc_actuator[6 + joint] == 1.0
 
 
-@pytest.mark.parametrize("link", [links.trunk(), links.hip(1.0), links.hip(-1.0), links.thigh(), links.calf()])
+@pytest.mark.parametrize("link", [links.trunk(), *map(links.hip, range(4)), *map(links.thigh, range(4)), links.calf()])
 def test_inertia_tensors_belong_to_real_bodies(link: links.Inertia) -> None:
     moments = np.linalg.eigvalsh(link.tensor)
     assert np.all(moments > 0.0)
@@ -67,14 +67,16 @@ def test_inertia_tensors_belong_to_real_bodies(link: links.Inertia) -> None:
     np.testing.assert_allclose(link.tensor, link.tensor.T)
 
 
-def test_the_robot_is_symmetric_but_for_its_trunk(model: mujoco.MjModel) -> None:
+def test_the_legs_mirror_each_other(model: mujoco.MjModel) -> None:
     for part in ("hip", "thigh", "calf"):
         bodies = [model.body(f"{leg}_{part}") for leg in go1.LEGS]
-        for body in bodies:
-            np.testing.assert_allclose(body.mass, bodies[0].mass)
-            np.testing.assert_allclose(
-                body.ipos * [1, -1, 1], np.where(body.name[1] == "R", 1, [1, -1, 1]) * bodies[1].ipos
-            )
+        for right, left in (bodies[:2], bodies[2:]):
+            mirrored = right.ipos if part == "calf" else right.ipos * [1, -1, 1]  # the calf is one part for both sides
+            np.testing.assert_allclose(left.ipos, mirrored)
+            np.testing.assert_allclose(left.mass, right.mass)
+            np.testing.assert_allclose(np.sort(left.inertia), np.sort(right.inertia), rtol=1e-6)
+        rear_x = -1 if part == "hip" else 1
+        np.testing.assert_allclose(bodies[2].ipos, bodies[0].ipos * [rear_x, 1, 1])
 
 
 def test_everything_touches_the_terrain_and_nothing_itself(model: mujoco.MjModel) -> None:
@@ -92,6 +94,6 @@ def test_options_reach_the_model() -> None:
     model = scene.build_spec(
         stairs.make(steps=3, rise_m=0.1, run_m=0.3), friction=0.33, com_shift=shift, columns=9
     ).compile()
-    np.testing.assert_allclose(model.body(scene.TRUNK).ipos, links.TRUNK_COM + shift)
+    np.testing.assert_allclose(model.body(scene.TRUNK).ipos, links.trunk().com + shift)
     assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)
     assert (model.geom_group == scene.TERRAIN_GROUP).sum() == 9
