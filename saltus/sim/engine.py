@@ -1,0 +1,87 @@
+"""The physics of many robots for training: live arrays in place of objects, and one step for all.
+
+`BatchEngine` runs on the cores of a CPU and `saltus.sim.warp.WarpEngine` on a GPU, behind the same few arrays. Both
+simulate the robot of `saltus.sim.scene` on boxes that differ from robot to robot, with two simplifications that
+training can afford: the trunk is not solid (who simulates looks whether the trunk is below the terrain, and ends the
+episode there), and what the engine derives from masses, the softness of contacts, stays that of a medium payload.
+"""
+
+from abc import ABC, abstractmethod
+
+import mujoco
+import numpy as np
+
+from saltus import go1
+from saltus.arrays import Array
+from saltus.sim import scene
+from saltus.terrain import flat
+
+MEDIUM_PAYLOAD_KG = 0.75  # middle of what trials draw
+
+TOUCHING = tuple(f"{leg}_{link}" for link in ("foot", "thigh", "calf", "hip") for leg in go1.LEGS)
+"""The shapes whose contacts an engine reports, in their order."""
+
+
+class Engine(ABC):
+    """`count` robots that know nothing of each other.
+
+    The arrays are alive: the next step changes those that are results, and reads those that are inputs.
+    """
+
+    count: int
+    boxes: int
+    """Terrain boxes of each robot."""
+    qpos: Array
+    """Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19). May be written."""
+    qvel: Array
+    """Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18). May be
+    written."""
+    qacc: Array
+    """Acceleration over the last step, shape (count, 18)."""
+    warmstart: Array
+    """Where the contact solver starts from, shape (count, 18): 0 for a robot that was put somewhere else."""
+    ctrl: Array
+    """Joint torques [Nm], shape (count, 12). Input."""
+    trunk_wrench: Array
+    """Force and torque on the trunk, world frame [N, Nm], shape (count, 6). Input."""
+
+    @abstractmethod
+    def step(self) -> None:
+        """Advances all robots by `PHYSICS_DT`."""
+
+    @abstractmethod
+    def touching(self) -> Array:
+        """Which shapes touched the terrain at the start of the last step: shape (count, 16), order of `TOUCHING`."""
+
+    @abstractmethod
+    def set_terrain(self, center: Array, half_size: Array) -> None:
+        """Puts boxes under all robots; centres and half edge lengths [m], shape (count, boxes, 3)."""
+
+    @abstractmethod
+    def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
+        """Friction of everything that touches (count,), payload (count,), shift of the trunk's centre (count, 3)."""
+
+
+def build_spec(boxes: int) -> mujoco.MjSpec:
+    """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""
+    spec = scene.build_spec(flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes)
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    for geom in spec.geoms:
+        if geom.name == scene.TRUNK:
+            geom.contype = geom.conaffinity = 0
+    return spec
+
+
+class ModelIndices:
+    """Where things lie in the arrays of a model of `build_spec`."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.trunk = model.body(scene.TRUNK).id
+        self.payload = model.body(scene.PAYLOAD).id
+        self.touching = np.array([model.geom(name).id for name in TOUCHING])
+        boxes = np.flatnonzero(model.geom_group == scene.TERRAIN_GROUP)
+        self.terrain = slice(int(boxes[0]), int(boxes[-1]) + 1)
+        robot = np.flatnonzero(model.geom_group == scene.ROBOT_GROUP)
+        self.robot = slice(int(robot[0]), int(robot[-1]) + 1)
+        self.trunk_com = np.array(model.body_ipos[self.trunk])

@@ -1,0 +1,115 @@
+"""The physics of training on a GPU: mujoco_warp, its memory seen through torch, its step in a CUDA graph."""
+
+from typing import Any
+
+import mujoco
+import mujoco_warp
+import warp
+
+from saltus.arrays import Array, Constant, namespace
+from saltus.sim import scene
+from saltus.sim.engine import Engine, ModelIndices, build_spec
+
+CONTACTS = 16
+"""Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
+CONSTRAINTS = 72
+"""Room for constraint rows of one robot: three for a contact, one for a joint at its limit."""
+_DIFFERING = (
+    "geom_pos",
+    "geom_size",
+    "geom_aabb",
+    "geom_rbound",
+    "geom_friction",
+    "body_mass",
+    "body_inertia",
+    "body_ipos",
+)
+
+
+class WarpEngine(Engine):
+    """Many robots in mujoco_warp; torch tensors of float32 that share its memory.
+
+    Args:
+        count: Number of robots.
+        boxes: Terrain boxes of each.
+        device: "cuda:0", or "cpu" (correct, not fast).
+    """
+
+    def __init__(self, count: int, boxes: int, *, device: str = "cuda:0") -> None:
+        self.count, self.boxes, self.device = count, boxes, device
+        warp.config.quiet = True
+        spec = build_spec(boxes)
+        spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
+        self.model = spec.compile()
+        self._where = ModelIndices(self.model)
+        start = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, start)
+        with warp.ScopedDevice(device):
+            self._model = mujoco_warp.put_model(self.model, batch_sizes=dict.fromkeys(_DIFFERING, count))
+            self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=CONSTRAINTS)
+            self._bind()
+            self._graph = self._capture() if warp.get_device(device).is_cuda else None
+
+    def step(self) -> None:
+        """Advances all robots by `PHYSICS_DT`, in the order of torch's present stream."""
+        if self._graph is None:
+            with warp.ScopedDevice(self.device):
+                mujoco_warp.step(self._model, self._data)
+        else:
+            warp.capture_launch(self._graph, stream=warp.stream_from_torch(self.device))
+
+    def touching(self) -> Array:
+        """Which shapes touched the terrain, shape (count, 16)."""
+        xp = namespace(self.qpos)
+        used = self._slots < self._contact_count[0]
+        shape = self._shape_of_geom[self._contact_geom.long()].amax(-1)
+        touches = used & (self._contact_distance < 0.0) & (shape >= 0)
+        nowhere = self.count * 16  # contacts that do not count go to an entry of their own
+        entry = xp.where(touches, self._contact_world.long() * 16 + shape, xp.zeros_like(shape) + nowhere)
+        flags = xp.zeros(nowhere + 1, dtype=xp.bool, device=self.qpos.device)
+        flags[entry] = True
+        return flags[:nowhere].reshape(self.count, 16)
+
+    def set_terrain(self, center: Array, half_size: Array) -> None:
+        """Puts boxes under all robots."""
+        xp = namespace(center)
+        boxes = self._where.terrain
+        self._geom_pos[:, boxes] = center
+        self._geom_xpos[:, boxes] = center  # poses of what does not move are computed once, when data is made
+        self._geom_size[:, boxes] = half_size
+        self._geom_aabb[:, boxes, 1] = half_size
+        self._geom_rbound[:, boxes] = xp.linalg.vector_norm(half_size, axis=-1)
+
+    def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
+        """Gives all robots their soles, payloads and trunks."""
+        self._geom_friction[:, self._where.robot, 0] = friction[:, None]
+        self._body_mass[:, self._where.payload] = payload_kg
+        self._body_inertia[:, self._where.payload] = payload_kg[:, None] * self._payload_inertia.like(payload_kg)
+        self._body_ipos[:, self._where.trunk] = com_shift + self._trunk_com.like(com_shift)
+
+    def _bind(self) -> None:
+        view, model, data = warp.to_torch, self._model, self._data
+        self.qpos, self.qvel, self.qacc = view(data.qpos), view(data.qvel), view(data.qacc)
+        self.warmstart, self.ctrl = view(data.qacc_warmstart), view(data.ctrl)
+        self.trunk_wrench = view(data.xfrc_applied)[:, self._where.trunk]
+        self._geom_pos, self._geom_size = view(model.geom_pos), view(model.geom_size)
+        self._geom_aabb, self._geom_rbound = view(model.geom_aabb), view(model.geom_rbound)
+        self._geom_friction, self._geom_xpos = view(model.geom_friction), view(data.geom_xpos)
+        self._body_mass, self._body_inertia = view(model.body_mass), view(model.body_inertia)
+        self._body_ipos = view(model.body_ipos)
+        self._contact_geom, self._contact_world = view(data.contact.geom), view(data.contact.worldid)
+        self._contact_distance, self._contact_count = view(data.contact.dist), view(data.nacon)
+        shape_of_geom = [-1] * self.model.ngeom  # terrain and trunk
+        for shape, geom in enumerate(self._where.touching):
+            shape_of_geom[int(geom)] = shape
+        self._payload_inertia = Constant(scene.payload_inertia(1.0))
+        self._trunk_com = Constant(self._where.trunk_com)
+        xp = namespace(self.qpos)
+        self._shape_of_geom = xp.asarray(shape_of_geom, dtype=xp.int64, device=self.qpos.device)
+        self._slots = xp.arange(self._contact_geom.shape[0], device=self.qpos.device)
+
+    def _capture(self) -> Any:
+        mujoco_warp.step(self._model, self._data)  # compiles the kernels
+        with warp.ScopedCapture() as capture:
+            mujoco_warp.step(self._model, self._data)
+        return capture.graph
