@@ -51,7 +51,7 @@ def load_pyrender() -> ModuleType:
 def _mend(platform: Any) -> None:
     library = platform.PLATFORM.OSMesa
     _add_missing(importlib.import_module("OpenGL.osmesa"), library)
-    current = library.OSMesaGetCurrentContext
+    current = library["OSMesaGetCurrentContext"]  # a function object of our own: MuJoCo uses the shared one
     current.restype = ctypes.c_void_p  # an address: equal from call to call, as a key must be
 
     def current_context() -> Any:

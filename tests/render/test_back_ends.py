@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -118,6 +119,38 @@ def test_a_renderer_that_does_not_exist() -> None:
 
 def test_the_fastest_is_taken() -> None:
     assert make_renderer("auto", terrain_of("flat")).name == "embree"
+
+
+BESIDE_MUJOCO = """
+import mujoco, numpy
+from render.backends import make_renderer
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.sim.scene import build_spec
+from saltus.terrain.curriculum import make_terrain
+
+terrain = make_terrain(TerrainConfig(terrain="stairs"))
+pose = numpy.array([0.5, 0.0, 0.3]), numpy.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
+camera = make_renderer("pyrender", terrain)
+first = camera.render(*pose)
+model = build_spec(terrain).compile()
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+video = mujoco.Renderer(model, 48, 64)
+for _ in range(5):
+    video.update_scene(data)
+    assert video.render().any()
+    assert (camera.render(*pose) == first).all()
+video.close()
+assert (camera.render(*pose) == first).all()
+camera.close()
+"""
+
+
+def test_pyrender_and_mujoco_share_a_process() -> None:
+    environment = {**os.environ, "MUJOCO_GL": "osmesa"}
+    result = subprocess.run([sys.executable, "-c", BESIDE_MUJOCO], capture_output=True, text=True, env=environment)
+    assert (result.returncode, result.stderr) == (0, "")
 
 
 GROWTH = """

@@ -1,0 +1,42 @@
+"""What only one of the two imagers sees cannot be matched."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from render.stereo.fields import unit_uniform
+from render.stereo.image import StereoImage
+from saltus.arrays import namespace
+from saltus.effects.draws import draw_keys
+from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from render.stereo.per_image import per_image
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineOcclusion(Effect[StereoImage]):
+    """Points that the right imager does not see are invalid: a shadow to the left of every near object.
+
+    The shadow comes from a second view (`render.stereo.second_view`), so it is as wide as the geometry makes it:
+    f B (1 / z_near - 1 / z_far) pixels. `rejected` is the share of such pixels that the camera's left-right check
+    finds; it finds all of them, which is what the check is for (D4 vision processor datasheet).
+    """
+
+    name: ClassVar[str] = "baseline_occlusion"
+    site: ClassVar[Site] = "depth"
+
+    rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
+        """A key for each image."""
+        return draw_keys(batch, rng)
+
+    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+        """Invalidates what is hidden."""
+        del time_s
+        lost = signal.hidden
+        if not np.all(np.equal(self.rejected, 1.0)):
+            dtype = signal.disparity.dtype
+            draw = unit_uniform(state, signal.time_s, signal.hidden.shape[-2:], dtype)
+            lost = lost & (draw < per_image(self.rejected, signal.disparity, namespace(draw)))
+        return replace(signal, valid=signal.valid & ~lost), state

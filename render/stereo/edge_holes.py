@@ -1,0 +1,59 @@
+"""Matching fails where a window straddles an edge."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.special import ndtri
+
+from render.stereo.discontinuity import discontinuity
+from render.stereo.fields import around, gaussian, samples
+from render.stereo.image import StereoImage
+from saltus.arrays import namespace
+from saltus.effects.draws import draw_keys
+from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeHoles(Effect[StereoImage]):
+    """A share `fraction` of the pixels within `reach` of a depth edge, on its far side, is invalid, in patches.
+
+    The near side usually wins the match, so it keeps its pixels.
+    """
+
+    name: ClassVar[str] = "edge_holes"
+    site: ClassVar[Site] = "depth"
+
+    # what the D435 frame of librealsense's tests shows beyond the shadow of the baseline
+    fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
+    # half of a matching window of 9 px
+    reach: float = field(default=4.5, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
+    # a change that is smaller than a pixel still matches as one surface
+    jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
+    patch: float = field(default=3.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
+    """Size of the patches that are lost together."""
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
+        """A key for each image."""
+        return draw_keys(batch, rng)
+
+    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+        """Loses pixels at edges."""
+        del time_s
+        if self.is_null():
+            return signal, state
+        disparity, optics = signal.truth, signal.optics
+        xp = namespace(disparity)
+        rows, columns = math.ceil(self.reach / optics.pitch_y), math.ceil(self.reach / optics.pitch_x)
+        near_edge = around(discontinuity(disparity, self.jump), rows, columns, xp.logical_or)
+        middle = around(disparity, rows, columns, xp.maximum) + around(disparity, rows, columns, xp.minimum)
+        # samples that reach farther than `reach` make up for it by losing fewer
+        excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach
+        window = samples(self.patch, optics.pitch_y), samples(self.patch, optics.pitch_x)
+        draw = gaussian(state, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
+        share = np.clip(np.asarray(self.fraction, dtype=np.float64) / max(1.0, excess), 1e-9, 1.0 - 1e-9)
+        limit = ndtri(share)
+        threshold = float(limit) if limit.ndim == 0 else like(limit, disparity, xp)[..., None, None]
+        lost = near_edge & (2.0 * disparity < middle) & (draw < threshold)
+        return replace(signal, valid=signal.valid & ~lost), state

@@ -1,0 +1,134 @@
+"""Random images that depend on a key and an instant only, and windows over images.
+
+All of it is whole-array arithmetic on the array API: numpy and torch, batched or one by one, give the same numbers.
+"""
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.draws import uniform
+
+# The 32-bit hash of saltus.effects.draws on int32, whose products wrap; a shift is masked because it keeps the sign.
+_FACTORS = (0x21F0AAAD, 0x735A2D97)
+_GOLDEN = 0x9E3779B1  # 2^32 over the golden ratio: spreads consecutive counters over all bits
+_LEVELS = 1 << 16
+_DEVIATION = math.sqrt((_LEVELS**2 - 1) / 12.0)  # of a uniform integer below _LEVELS
+
+
+def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
+    """Independent uniform integers in [0, 2^16), int32, shape (..., *shape).
+
+    Args:
+        keys: one per image, from `saltus.effects.draws.draw_keys`, shape (...).
+        time_s: the instant [s], shape (...).
+        shape: height and width.
+    """
+    xp = namespace(time_s)
+    seed = xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
+    value = _counters(xp, shape, time_s.device) ^ seed[..., None, None]
+    value ^= (value >> 16) & 0xFFFF
+    value *= _FACTORS[0]
+    value ^= (value >> 15) & 0x1FFFF
+    value *= _FACTORS[1]
+    return (value >> 15) & (_LEVELS - 1)
+
+
+def unit_uniform(keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
+    """Independent uniform numbers in (0, 1) of the given type, shape (..., *shape)."""
+    xp = namespace(time_s)
+    return (xp.astype(white(keys, time_s, shape), dtype) + 0.5) * (1.0 / _LEVELS)
+
+
+def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Any:
+    """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
+
+    A sum over a window of uniform numbers is as good as normal from about nine on, so that no normal numbers are drawn;
+    below that, several are added up for each sample.
+
+    Args:
+        keys: one per image, shape (...).
+        time_s: the instant [s], shape (...).
+        shape: height and width.
+        window: height and width of the window [samples].
+        dtype: of the result.
+
+    Returns:
+        Shape (..., *shape).
+    """
+    xp = namespace(time_s)
+    rows, columns = window
+    repeat = 1 if rows * columns >= 9 else 3  # windows below three by three have three times the columns to add
+    padded = (shape[0] + rows - 1, (shape[1] + columns - 1) * repeat)
+    values = white(keys, time_s, padded)
+    if repeat > 1:
+        width = padded[1] // repeat
+        values = values[..., :width] + values[..., width : 2 * width] + values[..., 2 * width :]
+    total = windowed_sum(windowed_sum(values, rows, -2), columns, -1)
+    count = rows * columns * repeat
+    return (xp.astype(total, dtype) - 0.5 * count * (_LEVELS - 1)) * (1.0 / (_DEVIATION * math.sqrt(count)))
+
+
+def windowed_sum(values: Any, size: int, axis: int) -> Any:
+    """Sums over every window of `size` along an axis, which becomes `size - 1` shorter."""
+    length = values.shape[axis] - size + 1
+    total, taken, run, block = None, 0, values, 1
+    while True:
+        if size & block:
+            part = _cut(run, taken, length, axis)
+            total = part if total is None else total + part
+            taken += block
+        if 2 * block > size:
+            return total
+        reach = run.shape[axis] - block
+        run = _cut(run, 0, reach, axis) + _cut(run, block, reach, axis)
+        block *= 2
+
+
+def windowed_extreme(values: Any, size: int, axis: int, pick: Callable[[Any, Any], Any]) -> Any:
+    """Maximum or minimum (`pick`) over every window of `size` along an axis, which becomes `size - 1` shorter."""
+    run, block = values, 1
+    while 2 * block <= size:
+        reach = run.shape[axis] - block
+        run = pick(_cut(run, 0, reach, axis), _cut(run, block, reach, axis))
+        block *= 2
+    length = values.shape[axis] - size + 1
+    return pick(_cut(run, 0, length, axis), _cut(run, size - block, length, axis)) if size > block else run
+
+
+def around(values: Any, rows: int, columns: int, pick: Callable[[Any, Any], Any]) -> Any:
+    """Extreme within `rows` and `columns` of each sample; what lies beyond the border counts as the border does."""
+    for reach, axis in ((rows, -2), (columns, -1)):
+        if reach:
+            values = windowed_extreme(padded(values, reach, axis), 2 * reach + 1, axis, pick)
+    return values
+
+
+def padded(values: Any, count: int, axis: int) -> Any:
+    """Repeats the first and the last row or column `count` times."""
+    xp = namespace(values)
+    last = values.shape[axis] - 1
+    first_part = [_cut(values, 0, 1, axis)] * count
+    last_part = [_cut(values, last, 1, axis)] * count
+    return xp.concat([*first_part, values, *last_part], axis=axis)
+
+
+def samples(length_px: float, pitch: float) -> int:
+    """How many samples come nearest to a length on the sensor; one at least."""
+    return max(1, round(length_px / pitch))
+
+
+def _cut(values: Any, start: int, length: int, axis: int) -> Any:
+    part = slice(start, start + length)
+    return values[..., part, :] if axis == -2 else values[..., part]
+
+
+@lru_cache(maxsize=64)
+def _counters(xp: Any, shape: tuple[int, int], device: Any) -> Any:
+    """A different int32 for every sample, shape `shape`."""
+    count = np.arange(shape[0] * shape[1], dtype=np.uint32) * np.uint32(_GOLDEN)
+    return xp.asarray(count.view(np.int32).reshape(shape), device=device)

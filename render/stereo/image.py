@@ -1,0 +1,57 @@
+"""The signal between the effects of a stereo camera."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from saltus.arrays import namespace
+from saltus.messages import Floats
+from render.stereo.optics import Optics
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StereoImage:
+    """What the matcher of a stereo camera has found so far, for any leading batch dimensions, numpy or torch."""
+
+    disparity: Floats
+    """Column in the left image less column in the right image [px of the sensor]; 0 where nothing is hit. Shape
+    (..., height, width)."""
+    truth: Floats
+    """Disparity of the scene itself [px], on which it depends what is lost; shape (..., height, width)."""
+    valid: Any
+    """Whether there is a match, bool, shape (..., height, width)."""
+    hidden: Any
+    """Whether the right imager does not see the point, bool, shape (..., height, width)."""
+    time_s: Floats
+    """Capture time in the run's clock [s], float64, shape (...)."""
+    optics: Optics
+
+
+def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics) -> StereoImage:
+    """A perfect match of a rendered scene.
+
+    Args:
+        depth: along the optical axis [m], infinite where nothing is hit, shape (..., height, width).
+        hidden: see `StereoImage`.
+        time_s: see `StereoImage`.
+        optics: of the camera.
+    """
+    disparity = optics.disparity_at_1m / depth
+    xp = namespace(depth)
+    return StereoImage(
+        disparity=disparity,
+        truth=disparity,
+        valid=xp.ones_like(hidden),
+        hidden=hidden,
+        time_s=time_s,
+        optics=optics,
+    )
+
+
+def depth_of(image: StereoImage) -> Any:
+    """Depth [m] along the optical axis: infinite where nothing is hit, 0 where invalid. Shape (..., height, width)."""
+    xp = namespace(image.disparity)
+    seen = image.disparity > 0.0
+    one = xp.ones_like(image.disparity)
+    depth = image.optics.disparity_at_1m / xp.where(seen, image.disparity, one)
+    depth = xp.where(seen, depth, one * float("inf"))
+    return xp.where(image.valid, depth, xp.zeros_like(depth))

@@ -1,0 +1,68 @@
+"""The geometry that a depth image and the stereo sensor behind it share."""
+
+from dataclasses import dataclass
+
+from saltus.depth import Intrinsics
+from saltus.errors import ConfigError
+
+BASELINE_M = 0.050  # D435i datasheet: distance of the imagers
+SENSOR_WIDTH = 424  # columns of the mode that the original's camera ran in
+SENSOR_FOCAL = 211.313  # original: fx of that mode [px]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optics:
+    """A rectified pair of imagers, and where the samples of an image lie on the left one.
+
+    Depth is seen from the left imager; the right one is `baseline_m` to its right. Disparities and all other lengths
+    in pixels are in pixels of the sensor, also where an image has fewer samples: `pitch_x` and `pitch_y` say how many
+    pixels lie between samples.
+    """
+
+    focal_px: float
+    """Focal length of the sensor [px]."""
+    baseline_m: float = BASELINE_M
+    first_column: float = 0.0
+    """Column of the sensor at which the image begins (its left edge, not the centre of its first sample) [px]."""
+    pitch_x: float = 1.0
+    """Columns of the sensor between neighbouring samples."""
+    pitch_y: float = 1.0
+    """Rows of the sensor between neighbouring samples."""
+
+    def __post_init__(self) -> None:
+        for name in ("focal_px", "baseline_m", "pitch_x", "pitch_y"):
+            value = getattr(self, name)
+            if not 0.0 < value < float("inf"):
+                raise ConfigError(f"stereo optics: {name} = {value!r} must be a number above 0")
+
+    @classmethod
+    def of(
+        cls,
+        camera: Intrinsics,
+        focal_px: float = SENSOR_FOCAL,
+        sensor_width: int = SENSOR_WIDTH,
+        baseline_m: float = BASELINE_M,
+    ) -> "Optics":
+        """The optics behind an image of any resolution whose centre column is the sensor's.
+
+        Args:
+            camera: of the image.
+            focal_px: of the sensor.
+            sensor_width: of the sensor [px]; its principal point is taken to be in the middle.
+            baseline_m: of the sensor.
+        """
+        if min(camera.fx, camera.fy) <= 0.0:
+            raise ConfigError(f"focal length fx = {camera.fx}, fy = {camera.fy} px must be above 0")
+        pitch = focal_px / camera.fx
+        return cls(
+            focal_px=focal_px,
+            baseline_m=baseline_m,
+            first_column=0.5 * sensor_width - camera.cx * pitch,
+            pitch_x=pitch,
+            pitch_y=focal_px / camera.fy,
+        )
+
+    @property
+    def disparity_at_1m(self) -> float:
+        """Focal length times baseline: disparity [px] times depth [m]."""
+        return self.focal_px * self.baseline_m

@@ -1,0 +1,44 @@
+"""A matcher searches a limited range of disparities, in an image that ends."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from render.stereo.image import StereoImage
+from render.stereo.per_image import per_image
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, Site, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchRange(Effect[StereoImage]):
+    """Pixels whose match would lie beyond the range of the search, or beyond the right image, are invalid.
+
+    `maximum` makes the minimum depth f B / maximum. `margin` is by how much the right image goes on to the left of
+    where the left image begins; at 0 there is an invalid band of f B / z pixels at the left of the sensor.
+    """
+
+    name: ClassVar[str] = "search_range"
+    site: ClassVar[Site] = "depth"
+
+    # 126 px (Intel: MinZ = f B / 126, 0.17 m at 848x480)
+    maximum: PerRobot = parameter(unit="px", null=np.inf, low=1.0, high=1e4)
+    # 0 px (D435 datasheet: the band is f B / z wide)
+    margin: PerRobot = parameter(unit="px", null=np.inf, low=0.0, high=1e4)
+
+    def apply(self, signal: StereoImage, time_s: float, state: None) -> tuple[StereoImage, None]:
+        """Invalidates what cannot be found."""
+        del time_s, state
+        disparity, optics = signal.disparity, signal.optics
+        xp = namespace(disparity)
+        width = disparity.shape[-1]
+        column = xp.asarray(
+            optics.first_column + (np.arange(width) + 0.5) * optics.pitch_x,
+            dtype=disparity.dtype,
+            device=disparity.device,
+        )
+        found = (disparity <= per_image(self.maximum, disparity, xp)) & (
+            disparity <= column + per_image(self.margin, disparity, xp)
+        )
+        return replace(signal, valid=signal.valid & found), None
