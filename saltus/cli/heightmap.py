@@ -96,10 +96,10 @@ class Collect:
     def run(self) -> int:
         """Writes the shard, whole or not at all."""
         from heightmap.kinematic import KinematicBounding
-        from heightmap.planned import PlannedRuns
+        from heightmap.planned import PlannedBounding
         from heightmap.rollouts import MotionSource, collect
 
-        source: MotionSource = PlannedRuns() if self.source == "planner" else KinematicBounding()
+        source: MotionSource = PlannedBounding() if self.source == "planner" else KinematicBounding()
         config = {"source": self.source, "episodes": self.episodes}
         record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config)
         print(f"{self.out / record.name}: {record}")
