@@ -1,0 +1,152 @@
+"""Tracking of body angular velocity with feed-forward alone and with velocity feedback, as in the paper's figure.
+
+    OMP_NUM_THREADS=1 python benchmarks/feedback_plot.py [--out docs/images/feedback.png]
+
+A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state. The reference pitch
+rate is a sine of the gait's phase, nose up in the middle of the front stance, nose down in the middle of the rear
+stance. Errors count where a leg that is to stand does touch the ground: nothing can track in the air.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import pyplot as plt
+from numpy.typing import NDArray
+
+from controller.estimator import Estimator, Measurement
+from controller.feedback import FeedbackConfig
+from controller.law import LegController, LegControllerConfig
+from controller.signals import Plan, Sensed, plan_from_values
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.profile import GO1
+from saltus.messages import ControllerMode
+from saltus.sim.plant import Plant
+from saltus.sim.state import PlantState
+from saltus.terrain.curriculum import make_terrain
+
+AMPLITUDE = 4.0  # [rad/s], two thirds of what motion policies may ask for
+VELOCITY_X = 0.8  # [m/s], the paper's speed on stairs
+VELOCITY_Z = 0.4  # [m/s], keeps the base up at all three frequencies
+LIFT_M = 0.1
+FRONT_STANCE_PHASE = 0.15  # middle of the front stance in cycles; the rear stance follows 0.45 later
+STAND_S, RUN_S = 1.0, 3.0
+FREQUENCIES_HZ = (1.5, 2.0, 3.0)
+SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """One run; arrays of shape (ticks,)."""
+
+    time_s: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    """Pitch rate [rad/s]."""
+    measured: NDArray[np.float64]
+    touching: NDArray[np.bool_]
+
+    @property
+    def rms(self) -> float:
+        """Of the error on the ground, after the first stand [rad/s]."""
+        error = (self.reference - self.measured)[self.touching & (self.time_s > STAND_S)]
+        return float(np.sqrt(np.mean(error**2)))
+
+
+def make_plan(phase: float, frequency_hz: float) -> Plan:
+    """Bounding with a pitch rate that follows the phase."""
+    residual = np.array([0.0, 0.0, LIFT_M])
+    return plan_from_values(
+        stepping_frequency=np.asarray(frequency_hz),
+        velocity_x=np.asarray(VELOCITY_X),
+        velocity_z=np.asarray(VELOCITY_Z),
+        pitch_rate=np.asarray(-AMPLITUDE * np.cos(2.0 * np.pi * (phase - FRONT_STANCE_PHASE))),
+        foot_residual_front=residual,
+        foot_residual_rear=residual,
+        heading=np.asarray(0.0),
+    )
+
+
+def measure(state: PlantState) -> Measurement:
+    """What the robot's sensors say."""
+    return Measurement(
+        quaternion_base_in_world=state.quaternion_base_in_world,
+        angular_velocity_base=state.angular_velocity_base,
+        acceleration_base=state.acceleration_base,
+        joint_position=state.joint_position,
+        joint_velocity=state.joint_velocity,
+    )
+
+
+def run(kd: float, frequency_hz: float) -> Trace:
+    """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
+    plant = Plant(make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
+    law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
+    law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
+    trusted, rows = np.ones(4, dtype=np.bool_), []
+    for tick in range(round((STAND_S + RUN_S) / go1.PHYSICS_DT)):
+        state = plant.state
+        estimate = estimator.step(measure(state), trusted, estimate)
+        sensed = Sensed(
+            quaternion_base_in_world=state.quaternion_base_in_world,
+            angular_velocity_base=state.angular_velocity_base,
+            joint_position=state.joint_position,
+            joint_velocity=state.joint_velocity,
+            velocity_base_in_world=estimate.velocity_base_in_world,
+            base_height=estimate.base_height,
+        )
+        mode = ControllerMode.STAND if tick * go1.PHYSICS_DT < STAND_S else ControllerMode.RUN
+        plan = make_plan(float(law_state.gait.phase), frequency_hz)
+        command, law_state, diagnostics = law.step(plan, sensed, law_state, mode)
+        trusted = diagnostics.gait.trusted
+        touching = bool((diagnostics.gait.contact & (state.foot_force > 1.0)).any())
+        body = diagnostics.body
+        reference = diagnostics.angular_velocity_reference[1]
+        rows.append((tick * go1.PHYSICS_DT, reference, body.angular_velocity[1], touching))
+        plant.step(command)
+    time_s, reference, measured, touching_rows = np.array(rows).T
+    return Trace(time_s=time_s, reference=reference, measured=measured, touching=touching_rows > 0.0)
+
+
+def draw(forward: Trace, both: Trace, out: Path) -> None:
+    """Two panels, one for each controller; stretches without ground contact are shaded."""
+    mpl.use("Agg")
+    figure, axes = plt.subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True, layout="constrained")
+    for axis, trace, name in ((axes[0], forward, "Feed-forward only"), (axes[1], both, "Feed-forward and feedback")):
+        axis.fill_between(
+            trace.time_s, 0, 1, where=~trace.touching, transform=axis.get_xaxis_transform(), color="0.92", step="post"
+        )
+        axis.plot(trace.time_s, trace.reference, "--", color="0.3", label="reference")
+        axis.plot(
+            trace.time_s, trace.measured, color="tab:orange" if trace is forward else "tab:blue", label="measured"
+        )
+        axis.set_title(f"{name}: RMS error {trace.rms:.2f} rad/s on the ground", loc="left", fontsize=10)
+        axis.set_ylabel("pitch rate [rad/s]")
+        axis.legend(loc="upper right", ncols=2, fontsize=8)
+    axes[1].set_xlabel("time [s]; grey: no leg in stance touches the ground")
+    axes[1].set_xlim(*SHOWN_S)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out, dpi=150)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measures, prints and draws."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("docs/images/feedback.png"))
+    out = parser.parse_args().out
+    errors = {}
+    for frequency_hz in FREQUENCIES_HZ:
+        forward, both = run(0.0, frequency_hz), run(1.0, frequency_hz)
+        errors[str(frequency_hz)] = {"feedforward": round(forward.rms, 2), "feedback": round(both.rms, 2)}
+        print(f"{frequency_hz} Hz: RMS of the pitch rate {forward.rms:.2f} rad/s, with feedback {both.rms:.2f} rad/s")
+        if frequency_hz == SHOWN_HZ:
+            draw(forward, both, out)
+    print(json.dumps({"benchmark": "feedback", "rms_rad_s": errors, "plot": str(out)}))
+
+
+if __name__ == "__main__":
+    main()
