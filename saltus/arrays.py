@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 Array: TypeAlias = Any
 """A numpy array or a torch tensor: the array API standard has no static type yet."""
 
-_NAMESPACES: dict[type, ModuleType] = {}
+# numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a quarter of a control tick.
+_NAMESPACES: dict[type, ModuleType] = {np.ndarray: np, np.float64: np}
 
 
 def namespace(array: Array) -> Any:
