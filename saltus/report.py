@@ -24,7 +24,8 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto
 h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin: 2em 0 0.3em; } p.note { color: #555; margin: 0.2em 0; }
 table { border-collapse: collapse; margin: 0.5em 0; } td, th { padding: 0.25em 0.9em; text-align: right; }
 th { border-bottom: 2px solid #888; } td:first-child, th:first-child { text-align: left; }
-tr:nth-child(even) { background: #f4f4f4; } pre { background: #f4f4f4; padding: 1em; overflow-x: auto; }
+tr:nth-child(even) { background: #f4f4f4; } table.text td, table.text th { text-align: left; white-space: nowrap; }
+table.text td:last-child { white-space: normal; } pre { background: #f4f4f4; padding: 1em; overflow-x: auto; }
 .good { color: #00664a; } .bad { color: #b03a00; }
 """
 
@@ -97,12 +98,16 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
 
 
 def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
-    sizes = ", ".join(f"{name} {value:g}" for name, value in terrain.params.items())
+    sizes = ", ".join(_size(name, value) for name, value in terrain.params.items())
     where = f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
     run = f"seed {config.seed}, {config.pace}"
     if summary.success:
         return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
     return f"Did not cross {where}: {summary.cause} after {summary.distance_m:.2f} m; {run}"
+
+
+def _size(name: str, value: float) -> str:
+    return f"{name[:-2]} {value:g} m" if name.endswith("_m") else f"{value:g} {name}"
 
 
 def _numbers(summary: RunSummary) -> str:
@@ -250,4 +255,4 @@ def _event_table(recording: Recording) -> str:
         f"<td>{html.escape(event.code)}</td><td>{html.escape(event.detail)}</td></tr>"
         for event in events
     )
-    return f"<table><tr><th>time</th><th>process</th><th>event</th><th>detail</th></tr>{rows}</table>"
+    return f'<table class="text"><tr><th>time</th><th>process</th><th>event</th><th>detail</th></tr>{rows}</table>'

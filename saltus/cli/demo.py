@@ -1,6 +1,5 @@
 """`saltus demo`: the whole stack on one terrain, with recording, report and video."""
 
-import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from saltus.summary import RunSummary
 
 PROGRESS_PERIOD_S = 0.2
+BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,18 +85,18 @@ def _sentence(summary: "RunSummary") -> str:
 
 
 def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
-    """Runs the processes until the robot has finished, with a progress bar over the course on standard error."""
+    """Runs the processes until the robot has finished, with a progress bar over the course on a terminal."""
     from saltus.stack import Stack
 
     shown = 0.0
     with (
         Stack(config, directory) as stack,
-        tqdm(total=round(finish_x, 2), unit="m", desc=config.terrain.terrain, file=sys.stderr, leave=False) as bar,
+        tqdm(total=finish_x, desc=config.terrain.terrain, bar_format=BAR, disable=None, leave=False) as bar,
     ):
         truths = stack.latest("plant/truth")
         while not stack.wait(PROGRESS_PERIOD_S):
             sample = truths.take()
             if sample is not None and isinstance(sample.message, GroundTruth):
                 x = min(max(float(sample.message.position_base_in_world[0]), shown), finish_x)
-                bar.update(round(x - shown, 2))
-                shown += round(x - shown, 2)
+                bar.update(x - shown)
+                shown = x

@@ -15,13 +15,13 @@ from saltus.terrain.terrain import Terrain
 
 
 def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
-    """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on standard error."""
+    """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal."""
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
     frames = render_run(terrain, data.time_s, base_pose, joint_position, HEIGHTMAP_X, _heights(data))
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
-    encode(path, tqdm(frames, total=total, desc="video", unit="frame", leave=False))
+    encode(path, tqdm(frames, total=total, desc="video", unit="frame", disable=None, leave=False))
 
 
 def _heights(data: RunData) -> np.ndarray:
