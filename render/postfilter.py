@@ -8,16 +8,19 @@ pixel by less than (1 - alpha) delta, which is below half a unit at alpha = 0.75
 smoothing. Only holes are filled.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
-
-import numpy as np
 
 from saltus.arrays import namespace
 from saltus.depth import MILLIMETRE
 from saltus.effects.effect import Effect, Site, parameter
 from saltus.effects.signals import DepthImage
 
+ROUNDED_AWAY = 0.5  # a change below half a unit
+HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
+FLOAT_SLACK = 1e-2  # of a unit: float32 metres are whole units only up to rounding
+AGREEING = 2  # of the last four frames
 HOLE_RADIUS = (0, 2, 4, 8, 16, 255)  # pixels by level of the spatial filter's option (librealsense)
 
 
@@ -51,29 +54,146 @@ class HoleFilling(Effect[DepthImage]):
 def _filled_from_around(depth: Any) -> Any:
     xp = namespace(depth)
     empty = depth == 0.0
-    far = xp.where(empty, xp.full_like(depth, float("inf")), depth)
-    # every pixel that has anything above it in its column gets filled, unless it lies on the border
-    reached = xp.cumulative_sum(xp.astype(~empty[..., :-2, 1:], xp.int32), axis=-2) > 0
-    hole = empty[..., 1:-1, 1:] & reached
+    # a pixel below another that is valid, however far above, finds its upper neighbour filled when its turn comes
+    valid_above = xp.cumulative_sum(xp.astype(~empty[..., :-2, 1:], xp.int32), axis=-2) > 0
+    hole = empty[..., 1:-1, 1:] & valid_above
     if not bool(xp.any(hole)):
         return depth
-    infinite = xp.full_like(far[..., 1:-1, 1:], float("inf"))
-    # the row below has not been visited: only what it holds by itself counts
-    below = xp.minimum(far[..., 2:, :-1], far[..., 2:, 1:])
-    start = xp.where(hole, below, far[..., 1:-1, 1:])
-    open_hole = xp.where(hole, -infinite, infinite)
-    inner = start
-    while True:
-        ring = xp.concat([far[..., :1, 1:], inner[..., :-1, :]], axis=-2)
-        left = xp.concat([far[..., 1:-1, :1], inner[..., :-1]], axis=-1)
-        corner = xp.concat([far[..., :-2, :1], ring[..., :-1]], axis=-1)
-        # outside holes the bound of plus infinity keeps the pixel
-        offered = xp.minimum(xp.minimum(ring, corner), left)
-        following = xp.minimum(inner, xp.maximum(offered, -open_hole))
-        following = xp.where(hole, xp.minimum(inner, offered), inner)
-        if bool(xp.all(following == inner)):
+    far = xp.where(empty, xp.full_like(depth, math.inf), depth)
+    # the row below has not been visited yet: of it counts only what it had by itself
+    own = xp.minimum(far[..., 2:, :-1], far[..., 2:, 1:])
+    inner = xp.where(hole, own, far[..., 1:-1, 1:])
+    top, side, corner = far[..., :1, 1:], far[..., 1:-1, :1], far[..., :-2, :1]
+    for _ in range(sum(depth.shape[-2:])):  # the longest way that a value can take
+        above = xp.concat([top, inner[..., :-1, :]], axis=-2)
+        left = xp.concat([side, inner[..., :-1]], axis=-1)
+        above_left = xp.concat([corner, above[..., :-1]], axis=-1)
+        offered = xp.minimum(xp.minimum(above, above_left), left)
+        better = hole & (offered < inner)
+        if not bool(xp.any(better)):
             break
-        inner = following
+        inner = xp.where(better, offered, inner)
     result = xp.asarray(depth, copy=True)
     result[..., 1:-1, 1:] = xp.where(hole, inner, depth[..., 1:-1, 1:])
     return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpatialFilter(Effect[DepthImage]):
+    """Edge-preserving exponential smoothing, forth and back along rows, then along columns, `magnitude` times.
+
+    Along rows a pixel is blended with the one before it where they differ by at most `delta` units, along columns
+    where they differ by less. On the way along rows, holes take the value before them, up to a radius.
+    """
+
+    name: ClassVar[str] = "spatial_filter"
+    site: ClassVar[Site] = "depth"
+
+    # original: 5
+    magnitude: float = parameter(unit="", null=0.0, low=1.0, high=5.0)
+    # weight of the pixel itself (original: 0.75)
+    alpha: float = parameter(unit="", null=1.0, low=0.25, high=1.0)
+    # in depth units (original: 1)
+    delta: float = parameter(unit="", null=0.0, low=1.0, high=50.0)
+    # level of `HOLE_RADIUS` (original: 4)
+    holes_fill: float = parameter(unit="", null=0.0, low=0.0, high=5.0)
+    unit: float = _unit()
+
+    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+        """Smooths and fills."""
+        del time_s, state
+        if self.magnitude == 0.0 or signal.depth.shape[-1] < 3:
+            return signal, None
+        steps = HOLE_RADIUS[round(self.holes_fill)].bit_length() - 1
+        depth = signal.depth
+        smoothing = (1.0 - self.alpha) * self.delta >= ROUNDED_AWAY
+        for _ in range(round(self.magnitude)):
+            filled = _filled_along_rows(depth, steps)
+            if not smoothing and filled is depth:
+                break
+            depth = self._smoothed(filled) if smoothing else filled
+        return replace(signal, depth=depth), None
+
+    def _smoothed(self, depth: Any) -> Any:
+        """One pass forth and back along rows and columns."""
+        xp = namespace(depth)
+        image = xp.round(depth * (1.0 / self.unit))
+        for axis, limit in ((-1, self.delta), (-2, self.delta - 1.0)):
+            lines = [image[..., i, :] if axis == -2 else image[..., i] for i in range(image.shape[axis])]
+            for order in (range(1, len(lines)), range(len(lines) - 2, -1, -1)):
+                step = 1 if order.step > 0 else -1
+                for i in order:
+                    lines[i] = self._blended(lines[i], lines[i - step], limit)
+            image = xp.stack(lines, axis=axis)
+        return image * self.unit
+
+    def _blended(self, pixel: Any, before: Any, limit: float) -> Any:
+        xp = namespace(pixel)
+        blend = xp.floor(self.alpha * pixel + (1.0 - self.alpha) * before + ROUNDED_AWAY)
+        close = (pixel > 0.0) & (before > 0.0) & (xp.abs(pixel - before) <= limit)
+        return xp.where(close, blend, pixel)
+
+
+def _filled_along_rows(depth: Any, steps: int) -> Any:
+    """Holes take what is to the left of them, then what is to the right, up to 2^steps - 1 pixels away.
+
+    The last column stays as it is. Returns `depth` itself where nothing changes.
+    """
+    xp = namespace(depth)
+    if steps <= 0 or not bool(xp.any(depth[..., :-1] == 0.0)):
+        return depth
+    result = xp.asarray(depth, copy=True)
+    left = result[..., :-1]
+    for shift in (1 << k for k in range(steps) if 1 << k < left.shape[-1]):
+        left[..., shift:] = xp.where(left[..., shift:] == 0.0, left[..., :-shift], left[..., shift:])
+    for shift in (1 << k for k in range(steps) if 1 << k < result.shape[-1]):
+        result[..., :-shift] = xp.where(result[..., :-shift] == 0.0, result[..., shift:], result[..., :-shift])
+    return depth if bool(xp.all(result == depth)) else result
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemporalFilter(Effect[DepthImage]):
+    """Exponential smoothing in time where a pixel changed by less than `delta` units; holes take an older value.
+
+    A hole is filled where the last values agreed within `delta` in two of the last four frames (librealsense's default
+    persistence). The blend is cut to whole units, not rounded.
+    """
+
+    name: ClassVar[str] = "temporal_filter"
+    site: ClassVar[Site] = "depth"
+
+    # weight of the new frame (original: 0.75)
+    alpha: float = parameter(unit="", null=1.0, low=0.0, high=1.0)
+    # in depth units (original: 1)
+    delta: float = parameter(unit="", null=0.0, low=1.0, high=100.0)
+    unit: float = _unit()
+
+    def apply(self, signal: DepthImage, time_s: float, state: Any) -> tuple[DepthImage, Any]:
+        """Smooths, fills, and remembers; an image that comes again changes nothing.
+
+        The state is (depth kept, agreement of the last four frames as bits, capture time, image given out).
+        """
+        del time_s
+        if self.delta == 0.0:
+            return signal, state
+        depth = signal.depth
+        xp = namespace(depth)
+        if state is None:
+            history = xp.astype(depth > 0.0, xp.int32)
+            return signal, (depth, history, signal.time_s, depth)
+        kept, history, last_s, given = state
+        repeated = (signal.time_s == last_s)[..., None, None]
+        valid = depth > 0.0
+        agrees = valid & (kept > 0.0) & (xp.abs(depth - kept) < (self.delta - HALF) * self.unit)
+        result = depth
+        if self.delta > 1.0:  # below, only equal values agree
+            count = self.alpha * depth + (1.0 - self.alpha) * kept
+            count = xp.floor(xp.where(agrees, count, depth) * (1.0 / self.unit) + FLOAT_SLACK)
+            result = xp.where(agrees, count * self.unit, depth)
+        bits = (history & 1) + ((history >> 1) & 1) + ((history >> 2) & 1) + ((history >> 3) & 1)
+        output = xp.where(valid, result, xp.where(bits >= AGREEING, kept, depth))
+        shifted = (history << 1) & 0xF
+        following = xp.where(valid, xp.where(agrees, shifted | 1, xp.ones_like(history)), shifted)
+        output = xp.where(repeated, given, output)
+        memory = xp.where(repeated | ~valid, kept, result), xp.where(repeated, history, following)
+        return replace(signal, depth=output), (*memory, signal.time_s, output)

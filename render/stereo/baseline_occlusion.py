@@ -7,10 +7,10 @@ import numpy as np
 
 from render.stereo.fields import unit_uniform
 from render.stereo.image import StereoImage
+from render.stereo.per_image import per_image
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, Site, parameter
-from render.stereo.per_image import per_image
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,7 @@
 """A matcher knows disparities in steps."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from render.stereo.image import StereoImage
 from saltus.arrays import namespace

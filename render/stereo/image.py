@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+from render.stereo.optics import Optics
 from saltus.arrays import namespace
 from saltus.messages import Floats
-from render.stereo.optics import Optics
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

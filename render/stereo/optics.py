@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 
-from saltus.depth import Intrinsics
+from saltus.depth import D435I, Intrinsics
 from saltus.errors import ConfigError
 
 BASELINE_M = 0.050  # D435i datasheet: distance of the imagers
-SENSOR_WIDTH = 424  # columns of the mode that the original's camera ran in
-SENSOR_FOCAL = 211.313  # original: fx of that mode [px]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,30 +34,27 @@ class Optics:
                 raise ConfigError(f"stereo optics: {name} = {value!r} must be a number above 0")
 
     @classmethod
-    def of(
-        cls,
-        camera: Intrinsics,
-        focal_px: float = SENSOR_FOCAL,
-        sensor_width: int = SENSOR_WIDTH,
-        baseline_m: float = BASELINE_M,
-    ) -> "Optics":
-        """The optics behind an image of any resolution whose centre column is the sensor's.
+    def of(cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M) -> "Optics":
+        """The optics behind an image of any resolution with the optical axis of its sensor.
 
         Args:
             camera: of the image.
-            focal_px: of the sensor.
-            sensor_width: of the sensor [px]; its principal point is taken to be in the middle.
+            sensor: of the mode in which the sensor matches.
             baseline_m: of the sensor.
+
+        Raises:
+            ConfigError: a focal length or the baseline is not above 0.
         """
-        if min(camera.fx, camera.fy) <= 0.0:
-            raise ConfigError(f"focal length fx = {camera.fx}, fy = {camera.fy} px must be above 0")
-        pitch = focal_px / camera.fx
+        for name, focal in (("camera.fx", camera.fx), ("camera.fy", camera.fy), ("sensor.fx", sensor.fx)):
+            if not 0.0 < focal < float("inf"):
+                raise ConfigError(f"stereo optics: focal length {name} = {focal!r} px must be above 0")
+        pitch = sensor.fx / camera.fx
         return cls(
-            focal_px=focal_px,
+            focal_px=sensor.fx,
             baseline_m=baseline_m,
-            first_column=0.5 * sensor_width - camera.cx * pitch,
+            first_column=sensor.cx - camera.cx * pitch,
             pitch_x=pitch,
-            pitch_y=focal_px / camera.fy,
+            pitch_y=sensor.fx / camera.fy,
         )
 
     @property

@@ -1,7 +1,7 @@
 """A matcher searches a limited range of disparities, in an image that ends."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
