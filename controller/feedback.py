@@ -46,6 +46,17 @@ class VelocityFeedback:
         foot_velocity = -(velocity_base + body.foot_base @ skew(angular_base).mT)
         transposed = body.jacobian.mT
         damped = transposed @ body.jacobian + self._identity.like(velocity)
-        joint = xp.linalg.solve(damped, transposed @ foot_velocity[..., None])
+        joint = _solve_symmetric(xp, damped, (transposed @ foot_velocity[..., None])[..., 0])
         limit = self._limit.like(velocity)
         return xp.clip(joint.reshape((*velocity.shape[:-1], 12)), -limit, limit)
+
+
+def _solve_symmetric(xp: Array, matrix: Array, right: Array) -> Array:
+    """Solution of symmetric 3 x 3 systems by cofactors: libraries wait for a GPU to report singular ones."""
+    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
+    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    x, y, z = right[..., 0], right[..., 1], right[..., 2]
+    solution = xp.stack([aa * x + ab * y + ac * z, ab * x + bb * y + bc * z, ac * x + bc * y + cc * z], -1)
+    return solution / (a * aa + b * ab + c * ac)[..., None]

@@ -11,7 +11,7 @@ import numpy as np
 from controller.feedback import FeedbackConfig, VelocityFeedback
 from controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from controller.signals import Body, Plan, Sensed, observe
-from controller.stance import ExactSolver, StanceConfig, StanceLegs
+from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from controller.swing import SwingConfig, SwingLegs
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
@@ -86,14 +86,19 @@ class Diagnostics:
 
 
 class LegController:
-    """Turns a plan and what is sensed into joint commands."""
+    """Turns a plan and what is sensed into joint commands.
 
-    def __init__(self, config: LegControllerConfig | None = None) -> None:
+    Args:
+        config: All numbers; by default those of the paper.
+        solver: Of the stance problem; by default the exact one, robot by robot. Training hands in a batched one.
+    """
+
+    def __init__(self, config: LegControllerConfig | None = None, solver: StanceSolver | None = None) -> None:
         self.config = config or LegControllerConfig()
         self._gait = Gait(self.config.gait)
         self._swing = SwingLegs(self.config.swing)
         self._stance = StanceLegs(self.config.stance)
-        self._solver = ExactSolver(self.config.stance)
+        self._solver = solver or ExactSolver(self.config.stance)
         self._feedback = VelocityFeedback(self.config.feedback)
         self._velocity_step = Constant(self.config.velocity_step)
         self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])

@@ -8,8 +8,8 @@ where f are forces on the feet in the yaw frame. Source: paper ("Feed-forward Op
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
-import daqp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -137,10 +137,21 @@ class StanceLegs:
         return xp.clip(torque, -limit, limit)
 
 
+class StanceSolver(Protocol):
+    """Whatever solves stance problems."""
+
+    def solve(self, qp: StanceQP) -> Array:
+        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
+        ...
+
+
 class ExactSolver:
     """Solves stance problems to optimality with a dense active-set method; legs in the air are eliminated first."""
 
     def __init__(self, config: StanceConfig) -> None:
+        import daqp  # here, because training with another solver runs where it is not installed
+
+        self._daqp = daqp.solve
         self._constraints = [_constraints(feet, config) for feet in range(5)]
         self._columns = [_columns(pattern) for pattern in range(16)]
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
@@ -179,7 +190,7 @@ class ExactSolver:
         size = len(columns)
         matrix, upper, lower = self._constraints[size // 3]
         square = hessian[self._square[pattern]].reshape(size, size)
-        force, _, status, _ = daqp.solve(square, gradient[columns], matrix, upper, lower)
+        force, _, status, _ = self._daqp(square, gradient[columns], matrix, upper, lower)
         if status != 1:
             raise SaltusError(f"stance forces: the solver ended with status {status}; is the robot's state finite?")
         return force

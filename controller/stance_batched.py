@@ -1,0 +1,100 @@
+"""Stance forces of thousands of robots at once: a fixed number of steps of ADMM on the same quadratic program.
+
+The exact solver takes one robot after the other; training needs a fixed amount of arithmetic on whole batches. With
+A = U^(1/2) M' the objective is |A f - b|^2 + V |f|^2, and one step is: the minimiser of the objective plus a spring to
+the last iterate (a matrix product, as the matrix does not change), and the projection of each foot's force onto its
+friction pyramid between the force limits, which has a closed form. Iterates end on the pyramid: friction and force
+limits hold exactly whatever the number of steps; what is approximate is the cost.
+
+Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning via ADMM" (2011), 3.4.3 and 5.
+"""
+
+from controller.stance import StanceConfig, StanceQP
+from saltus.arrays import Array, Constant, namespace
+
+# Measured over random demands (tests/controller/test_stance_batched.py): a stiffer spring settles the cost sooner and
+# the forces later. Over-relaxation: Boyd et al. recommend 1.5 to 1.8.
+SPRING = 0.4
+RELAXATION = 1.7
+STEPS = 16
+
+
+class BatchedSolver:
+    """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64.
+
+    Args:
+        config: The same as that of `controller.stance.StanceLegs`.
+        steps: Of ADMM.
+    """
+
+    def __init__(self, config: StanceConfig | None = None, steps: int = STEPS) -> None:
+        config = config or StanceConfig()
+        self._steps = steps
+        self._friction = config.friction
+        self._low, self._high = config.force_z_range_n
+        self._diagonal = config.force_weight + SPRING
+        self._root_weight = Constant([w**0.5 for w in config.acceleration_weight])
+        self._identity6 = Constant([[float(i == j) for j in range(6)] for i in range(6)])
+        self._identity12 = Constant([[float(i == j) for j in range(12)] for i in range(12)])
+
+    def solve(self, qp: StanceQP) -> Array:
+        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
+        xp = namespace(qp.gradient)
+        batch = qp.gradient.shape[:-1]
+        one = xp.ones_like(qp.gradient)
+        standing = one * xp.where(qp.contact[..., None], one.reshape((*batch, 4, 3)), 0.0).reshape((*batch, 12))
+        model = qp.model * self._root_weight.like(one) * standing[..., None]  # A transposed, (..., 12, 6)
+        pull = (model @ (qp.target * self._root_weight.like(one))[..., None])[..., 0]
+        inverse = self._inverse(model)
+
+        force = self._project((inverse @ pull[..., None])[..., 0], standing)
+        excess = xp.zeros_like(force)
+        for _ in range(self._steps):
+            free = (inverse @ (pull + SPRING * (force - excess))[..., None])[..., 0]
+            relaxed = RELAXATION * free + (1.0 - RELAXATION) * force + excess
+            force = self._project(relaxed, standing)
+            excess = relaxed - force
+        return force
+
+    def _inverse(self, model: Array) -> Array:
+        """(A'A + d I)^-1 by way of the 6 x 6 matrix A A' + d I (Woodbury). Shape (..., 12, 12)."""
+        xp = namespace(model)
+        d = self._diagonal
+        small = invert(model.mT @ model + d * self._identity6.like(model))
+        return (self._identity12.like(model) - (model @ small) @ model.mT) * (1.0 / d) + xp.zeros_like(model[..., :1])
+
+    def _project(self, force: Array, standing: Array) -> Array:
+        """The nearest forces that friction and limits allow; 0 for feet in the air."""
+        xp = namespace(force)
+        mu = self._friction
+        feet = force.reshape((*force.shape[:-1], 4, 3))
+        x, y, z = feet[..., 0], feet[..., 1], feet[..., 2]
+        larger, smaller = xp.maximum(xp.abs(x), xp.abs(y)), xp.minimum(xp.abs(x), xp.abs(y))
+        # fz minimises a convex function of one variable: no side of the pyramid is active, or one, or two
+        one_side = (z + mu * larger) * (1.0 / (1.0 + mu * mu))
+        two_sides = (z + mu * (larger + smaller)) * (1.0 / (1.0 + 2.0 * mu * mu))
+        z = xp.where(mu * z >= larger, z, xp.where(mu * one_side >= smaller, one_side, two_sides))
+        z = xp.clip(z, self._low, self._high)
+        bound = mu * z
+        allowed = xp.stack([xp.minimum(xp.maximum(x, -bound), bound), xp.minimum(xp.maximum(y, -bound), bound), z], -1)
+        return allowed.reshape(force.shape) * standing
+
+
+def invert(matrix: Array) -> Array:
+    """Inverse of small symmetric positive definite matrices by Gauss-Jordan elimination, all at once.
+
+    Pivots need no search as they are positive. Libraries factorise batches of tiny matrices slower than this, and no
+    compiler can join their work with its surroundings. Shape (..., k, k).
+    """
+    xp = namespace(matrix)
+    size = matrix.shape[-1]
+    rows = [matrix[..., i, :] for i in range(size)]
+    unit = Constant([[float(i == j) for j in range(size)] for i in range(size)]).like(matrix)
+    for k in range(size):
+        pivot = 1.0 / rows[k][..., k : k + 1]
+        # The column that becomes a unit vector is stored as the column of the inverse that it makes room for.
+        scaled = (rows[k] * (1.0 - unit[k]) + unit[k]) * pivot
+        rows = [
+            scaled if i == k else row * (1.0 - unit[k]) - row[..., k : k + 1] * scaled for i, row in enumerate(rows)
+        ]
+    return xp.stack(rows, -2)
