@@ -102,7 +102,9 @@ class Collect:
         source: MotionSource = PlannedBounding() if self.source == "planner" else KinematicBounding()
         config = {"source": self.source, "episodes": self.episodes}
         record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config)
-        print(f"{self.out / record.name}: {record}")
+        print(
+            f"{self.out / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}"
+        )
         return 0
 
 

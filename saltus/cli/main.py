@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        sys.stdout = None  # type: ignore[assignment]  # the reader has left: there is nobody to tell
+        sys.stdout = None  # the reader has left: there is nobody to tell
         return 1
 
 
@@ -60,7 +60,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
     try:
         with contextlib.redirect_stderr(box):
             return tyro.cli(
-                Command,  # type: ignore[arg-type]
+                Command,
                 prog="saltus",
                 description="A legged robot that sees where it steps.",
                 args=arguments,

@@ -18,15 +18,13 @@ class Preview:
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
     out: Path = Path("preview.html")
     """The HTML file to write."""
-    seed: int = 0
-    """Seed of the poses."""
 
     def run(self) -> int:
         """Writes the file and says where it is."""
         from render.preview import write_preview
         from saltus.terrain.curriculum import make_terrain
 
-        write_preview(make_terrain(self.course), self.out, seed=self.seed)
+        write_preview(make_terrain(self.course), self.out)
         print(self.out)
         return 0
 
