@@ -35,6 +35,10 @@ STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first pla
 _POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 
 
+HeightsFactory = Callable[[TerrainStack, Sequence[Trial]], HeightSource]
+"""Makes a source of heights for a batch from the terrain and the trial of each robot."""
+
+
 class Planner(Protocol):
     """Whatever plans for a batch of robots."""
 
@@ -78,7 +82,7 @@ class Rollout:
         planner: Planner,
         *,
         profile: Profile = GO1,
-        heights: Callable[[TerrainStack, Sequence[Trial]], HeightSource] | None = None,
+        heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
         threads: int = 1,
     ) -> None:

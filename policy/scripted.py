@@ -50,7 +50,7 @@ class ScriptedParameters:
     """Of the base above the ground."""
     height_gain: Value = 4.41
     """Vertical velocity by error of height [1/s]."""
-    climb_gain: Value = 1.0
+    climb_gain: Value = 1.2
     """Vertical velocity by slope times speed."""
     pitch: Value = -0.094
     """On level ground [rad]."""
@@ -71,7 +71,7 @@ class ScriptedParameters:
     """Progress of the swing at which a foot begins to come down."""
     edge_margin_m: Value = 0.12
     """Distance from a landing point within which edges matter, the nearer the more."""
-    edge_cost: Value = 0.1
+    edge_cost: Value = 0.03
     """Detour that is worth an edge at a landing point, about [m]."""
     height_trust: Value = 0.5
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
@@ -115,7 +115,9 @@ class ScriptedPlanner:
         progress = np.where(front, observation.progress[..., FRONT], observation.progress[..., REAR])
         moment = progress - 0.5
         climb = p.climb_gain * incline * observation.velocity[..., 0]
-        rise = p.height_gain * (p.height_m - observation.base_height)
+        # The height is felt over the standing feet, which on a slope are above or below the ground under the base.
+        lever = np.where(front, go1.HIP_ANCHOR[FRONT, 0], go1.HIP_ANCHOR[REAR, 0])
+        rise = p.height_gain * (p.height_m - lever * incline - observation.base_height)
         velocity_z = _by_mode(
             front,
             p.front_velocity_z + p.front_velocity_z_slope * moment,
