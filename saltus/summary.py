@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from saltus.errors import RecordingError
 from saltus.messages import ControllerMode, Event, GroundTruth, Heightmap, HeightmapStatus, ProcessStatus, RobotState
 from saltus.recording import Recording, digest, rates_and_ages
 
@@ -27,6 +28,7 @@ class RunSummary:
     heightmap_mae_m: float
     """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
     digest: str
+    """Empty where the recording lacks a message: in real time a busy machine may drop one."""
     rates_hz: dict[str, float]
     age_ms: dict[str, dict[str, float]]
     rejected: dict[str, int]
@@ -44,11 +46,18 @@ def summarise(recording: Recording) -> RunSummary:
         time_s=float(outcome.get("time_s", np.nan)),
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
-        digest=digest(recording),
+        digest=_digest(recording),
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},
         age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
         rejected=_rejected(recording),
     )
+
+
+def _digest(recording: Recording) -> str:
+    try:
+        return digest(recording)
+    except RecordingError:
+        return ""
 
 
 def heightmap_error(recording: Recording) -> float:

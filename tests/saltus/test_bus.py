@@ -118,6 +118,20 @@ def test_the_stream_counts_what_nobody_drained(pair: tuple[Bus, Bus]) -> None:
     assert [sample.key for sample in stream.drain()] == ["done/render"] * 3
 
 
+def test_payloads_of_any_size_leave_the_link_whole(endpoint: str) -> None:
+    settings = zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5")))
+    settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    with zenoh.open(settings) as stranger, ZenohBus(endpoint, "huge") as a, ZenohBus(endpoint, "huge") as b:
+        publisher, latest = a.publisher("done", "render"), b.latest("done", "render")
+        first(lambda: publisher.put(done(1)), lambda: latest.wait(0.1))
+        for size_mib in (5, 40):  # beyond what a process takes, and beyond what the transport takes
+            stranger.put("huge/done/render", bytes(size_mib * 2**20))
+            first(lambda: publisher.put(done(2)), lambda: latest.wait(0.1))
+        until(lambda: latest.take() is None and b.rejected == {"done/size": 1})
+        assert a.connected()
+        assert b.connected()
+
+
 class Wire:
     """Bytes on one key of a memory bus."""
 
