@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,8 @@ from torch import Tensor, nn
 
 from heightmap.features import PROPRIOCEPTION
 from heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
-from heightmap.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, camera_metadata
+from heightmap.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
 from saltus.provenance import commit
 from saltus.topics import CAMERA_LATENCY_S
 
@@ -49,13 +49,12 @@ class _Step(nn.Module):
 def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     """Writes the network as ONNX with everything that is needed to use it, whole or not at all."""
     temporary = path.with_name(f".{path.name}.partial")
-    example = tuple(torch.from_numpy(value) for value in _example(model, np.random.default_rng(0), batch=2))
     with warnings.catch_warnings():
         # The exporter without onnxscript is announced to go away; the tests compare what it writes with torch.
         warnings.filterwarnings("ignore", category=DeprecationWarning)
         torch.onnx.export(
             _Step(model.cpu().eval()),
-            example,
+            _example(model),
             str(temporary),
             input_names=list(INPUTS),
             output_names=list(OUTPUTS),
@@ -88,39 +87,42 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     }
 
 
-def parity(model: HeightmapModel, path: Path, steps: int = 1000, reset_every: int = 170) -> float:
-    """Greatest difference of any output between torch and the file, over recurrent steps with resets."""
+def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
+    """Greatest difference of a height or standard deviation [m] between torch and the file.
+
+    Args:
+        model: The network in torch.
+        path: What was made of it.
+        inputs: One for each recurrent step.
+        reset_every: Both memories are emptied after so many steps.
+    """
     network = HeightmapNetwork(path)
-    rng = np.random.default_rng(1)
-    hidden = np.zeros(model.config.hidden, np.float32)
-    torch_hidden = torch.zeros(1, model.config.hidden)
     worst = 0.0
-    for step in range(steps):
+    for step, given in enumerate(inputs):
         if step % reset_every == 0:
-            hidden, torch_hidden = np.zeros_like(hidden), torch.zeros_like(torch_hidden)
-        image, age, new, features, _ = _example(model, rng, batch=1)
-        tick = network.tick(image[0], float(age[0]), bool(new[0]), features[0], hidden)
-        arrays = [torch.from_numpy(value) for value in (image, age, new, features)]
+            hidden, torch_hidden = np.zeros(network.hidden_size, np.float32), torch.zeros(1, network.hidden_size)
+        height, std, hidden = network.tick(*given, hidden)
+        image, features = (torch.from_numpy(array)[None] for array in (given.image, given.features))
+        age, new = torch.tensor([given.age_s]), torch.tensor([float(given.new)])
         with torch.no_grad():
-            estimate, torch_hidden = model.step(arrays[0], arrays[1], arrays[2], arrays[3], torch_hidden)
-        expected = (estimate.height[0], estimate.log_std[0].exp(), torch_hidden[0])
-        worst = max(worst, *(float(np.abs(a - b.numpy()).max()) for a, b in zip(tick, expected, strict=True)))
-        hidden = tick.hidden
+            estimate, torch_hidden = model.step(image, age, new, features, torch_hidden)
+        expected = (estimate.height[0].numpy(), estimate.log_std[0].exp().numpy())
+        worst = max(worst, *(float(np.abs(a - b).max()) for a, b in zip((height, std), expected, strict=True)))
     return worst
 
 
-def _example(model: HeightmapModel, rng: np.random.Generator, *, batch: int) -> tuple[Floats, ...]:
-    """Random inputs as they occur: image, age, new, proprioception, hidden."""
-    valid = rng.uniform(size=(batch, *IMAGE_SHAPE[1:])) < rng.uniform(0.2, 1.0)
-    image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid], 1)
-    mean, std = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
-    return tuple(
-        value.astype(np.float32)
-        for value in (
-            image,
-            rng.uniform(0.03, 0.2, batch),
-            rng.uniform(size=batch) < 0.5,
-            mean + std * rng.normal(size=(batch, len(mean))),
-            np.tanh(rng.normal(size=(batch, model.config.hidden))),
-        )
-    )
+def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[Inputs]:
+    """Inputs in the range of what occurs, without rhyme or reason."""
+    mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
+    for _ in range(steps):
+        valid = rng.uniform(size=IMAGE_SHAPE[1:]) < rng.uniform(0.2, 1.0)
+        image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(np.float32)
+        features = (mean + spread * rng.normal(size=len(mean))).astype(np.float32)
+        yield Inputs(image, rng.uniform(0.03, 0.2), rng.uniform() < 0.5, features)
+
+
+def _example(model: HeightmapModel) -> tuple[Tensor, ...]:
+    """Arguments of `_Step` for two robots."""
+    images, ages, news, features = zip(*random_inputs(model, np.random.default_rng(0), 2), strict=True)
+    arrays = (np.stack(images), np.array(ages), np.array(news), np.stack(features), np.zeros((2, model.config.hidden)))
+    return tuple(torch.from_numpy(array.astype(np.float32)) for array in arrays)

@@ -32,6 +32,17 @@ def camera_metadata() -> dict[str, Any]:
     }
 
 
+class Inputs(NamedTuple):
+    """What one tick of one robot is computed from, next to its memory."""
+
+    image: Floats
+    """Depth in [0, 1] and validity, shape (2, 48, 16)."""
+    age_s: float
+    new: bool
+    features: Floats
+    """See `heightmap.features`, shape (n,)."""
+
+
 class Tick(NamedTuple):
     """What one call returns; not checked."""
 

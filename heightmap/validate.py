@@ -1,13 +1,13 @@
 """How good a model file is on episodes that it was not fitted to: errors by region and terrain, and its warm-up."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from heightmap.delivery import DeliveryModel, deliver
-from heightmap.network import HeightmapNetwork
+from heightmap.network import HeightmapNetwork, Inputs
 from heightmap.shards import Episode
 from saltus.depth import MILLIMETRE, NOTHING, model_images
 from saltus.grid import HEIGHTMAP_X
@@ -101,18 +101,22 @@ def run_episode(
         delivery: How images travel; drawn from a seed of its own, so always the same.
         forget_at: Tick before which the memory is lost once.
     """
+    height, std = np.empty_like(episode.height), np.empty_like(episode.height)
+    hidden = np.zeros(network.hidden_size, np.float32)
+    for i, inputs in enumerate(episode_inputs(episode, delivery)):
+        if i == forget_at:
+            hidden = np.zeros_like(hidden)
+        height[i], std[i], hidden = network.tick(*inputs, hidden)
+    return height, std
+
+
+def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
+    """What the network gets at each tick of an episode, images without noise."""
     depth_m = np.where(episode.depth == NOTHING, np.inf, episode.depth * MILLIMETRE)
     seen = model_images(depth_m)
     images = np.stack([seen.depth, seen.valid], 1).astype(np.float32)
     blank = np.zeros_like(images[0])
     blank[0] = 1.0
-    ticks = len(episode.height)
-    delivered = deliver(episode.frame_tick, ticks, delivery, np.random.default_rng(0))
-    height, std = np.empty_like(episode.height), np.empty_like(episode.height)
-    hidden = np.zeros(network.hidden_size, np.float32)
-    for i, (frame, age_s, new) in enumerate(zip(*delivered, strict=True)):
-        if i == forget_at:
-            hidden = np.zeros_like(hidden)
-        image = images[frame] if frame >= 0 else blank
-        height[i], std[i], hidden = network.tick(image, age_s, bool(new), episode.proprioception[i], hidden)
-    return height, std
+    delivered = deliver(episode.frame_tick, len(episode.height), delivery, np.random.default_rng(0))
+    for features, frame, age_s, new in zip(episode.proprioception, *delivered, strict=True):
+        yield Inputs(images[frame] if frame >= 0 else blank, float(age_s), bool(new), features)

@@ -1,0 +1,118 @@
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from heightmap_inputs import on_time, states
+
+from heightmap.__main__ import HeightmapProcess
+from heightmap.service import HeightmapService
+from saltus.bus import Publisher
+from saltus.config import Pace, RunConfig
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import DepthFrame, Heightmap, RobotState
+from saltus.process import ProcessContext
+
+PATIENCE_S = 5.0
+
+
+class House:
+    """The heightmap process in a thread, and the buses of a robot and a camera."""
+
+    def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
+        self.hub = MemoryHub()
+        config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns())
+        self.context = ProcessContext("heightmap", config, run_dir, MemoryBus(config.robot, self.hub))
+        self.process = HeightmapProcess(self.context)
+        self.epoch_ns = config.epoch_ns
+        self.bus = MemoryBus(config.robot, self.hub)
+        self.states: Publisher = self.bus.publisher("controller/state")
+        self.frames: Publisher = self.bus.publisher("camera/depth")
+        self.heightmaps = self.bus.latest("heightmap/heightmap")
+        self.done = self.bus.latest("done", "heightmap")
+        self.thread = threading.Thread(target=self.process.run)
+
+    def ask(self, state: RobotState) -> Heightmap:
+        """Sends a state and waits for its answer."""
+        self.states.put(state)
+        sample = self.heightmaps.wait(PATIENCE_S)
+        assert sample is not None
+        done = self.done.wait(PATIENCE_S)
+        assert done is not None
+        assert done.message.step == sample.message.step
+        answer: Heightmap = sample.message
+        return answer
+
+
+@pytest.fixture
+def house(model_path: Path, tmp_path: Path, request: Any) -> Iterator[House]:
+    house = House(model_path, tmp_path, request.param)
+    house.thread.start()
+    yield house
+    house.context.stopped = True
+    house.thread.join(PATIENCE_S)
+    assert not house.thread.is_alive()
+    house.bus.close()
+
+
+def due(state: RobotState) -> RobotState:
+    """The state as the controller sends it in lockstep."""
+    newest = (state.step - 5) // 2 if state.step >= 5 else -1
+    return replace(state, depth_due=newest)
+
+
+def answers_alone(model_path: Path, steps: int) -> list[Heightmap]:
+    service = HeightmapService(model_path)
+    return [service.step(state, on_time(state.step), state.time_ns) for state in states(steps)]
+
+
+@pytest.mark.parametrize("house", ["lockstep"], indirect=True)
+def test_lockstep_answers_are_those_of_the_service_whatever_comes_first(house: House, model_path: Path) -> None:
+    for state, expected in zip(states(40), answers_alone(model_path, 40), strict=True):
+        frame = on_time(state.step)
+        late = state.step % 3 == 0
+        timer = threading.Timer(0.02, house.frames.put, (frame,)) if late and frame is not None else None
+        if timer is not None:
+            timer.start()
+        elif frame is not None:
+            house.frames.put(frame)
+        answer = house.ask(due(state))
+        assert answer.frame_id == expected.frame_id
+        assert answer.status == expected.status
+        np.testing.assert_array_equal(answer.height, np.asarray(expected.height, answer.height.dtype))
+
+
+@pytest.mark.parametrize("house", ["lockstep"], indirect=True)
+def test_lockstep_asks_twice_and_gets_the_same(house: House) -> None:
+    for state in states(12):
+        frame: DepthFrame | None = on_time(state.step)
+        if frame is not None:
+            house.frames.put(frame)
+        first, second = house.ask(due(state)), house.ask(due(state))
+        assert first.step == second.step == state.step
+        np.testing.assert_array_equal(first.height, second.height)
+
+
+@pytest.mark.parametrize("house", ["lockstep"], indirect=True)
+def test_a_robot_that_starts_anew_gets_a_new_memory(house: House, model_path: Path) -> None:
+    for state in states(3):
+        house.ask(due(state))
+    house.states = MemoryBus(house.context.config.robot, house.hub).publisher("controller/state")
+    answer = house.ask(due(states(1)[0]))
+    assert answer.step == 0
+    np.testing.assert_allclose(answer.height, answers_alone(model_path, 1)[0].height, atol=1e-6)
+
+
+@pytest.mark.parametrize("house", ["realtime"], indirect=True)
+def test_in_real_time_old_states_are_not_answered(house: House) -> None:
+    now_ns = time.monotonic_ns() - house.epoch_ns
+    old = replace(states(1)[0], time_ns=max(0, now_ns - 500_000_000), step=1)
+    fresh = replace(states(1)[0], time_ns=now_ns, step=2)
+    house.context.clock.epoch_ns -= 0
+    if now_ns > 500_000_000:
+        house.states.put(old)
+    assert house.ask(fresh).step == 2
