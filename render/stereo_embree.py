@@ -5,7 +5,7 @@ import open3d
 from numpy.typing import NDArray
 
 from render.camera import Mount, camera_pose
-from render.capsules import capsule_depth, capsules_in_camera
+from render.capsules import NEAREST, capsule_depth, capsules_in_camera
 from render.embree import RAYS_PER_CAST, EmbreeRenderer
 from render.legs import Capsules, leg_capsules
 from render.stereo.optics import Optics
@@ -81,8 +81,10 @@ class StereoEmbree(EmbreeRenderer):
         rays[..., :3] = (origin + to_right)[:, None, :]
         np.multiply(flat @ rotation.mT.astype(np.float32), along, out=rays[..., 3:])
         rays[..., 3:] -= to_right[:, None, :]
-        blocked = self._scene.test_occlusions(open3d.core.Tensor(rays), 0.0, ALONG_RAY, self._threads)
-        return blocked.numpy().reshape(depth.shape)
+        blocked = self._scene.test_occlusions(
+            open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads
+        ).numpy()
+        return np.asarray(blocked).reshape(depth.shape)
 
 
 def _hide_behind(
@@ -110,14 +112,13 @@ def _hide_behind(
 
 def _may_hide(
     start: Floats, end: Floats, radius: float, directions: Floats, shift: NDArray[np.float32]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of the points whose ray from the right imager passes the box around a capsule's image."""
     ends = np.stack([start, end])
-    depths = np.stack([ends[:, 2] - radius, ends[:, 2] + radius], axis=-1)
-    if depths.min() <= radius:  # reaches behind the imager: anywhere
-        return np.nonzero(np.ones(shift.shape, dtype=bool))
-    low = ((ends[:, :2] - radius)[..., None] / depths[:, None, :]).min(axis=(0, 2))
-    high = ((ends[:, :2] + radius)[..., None] / depths[:, None, :]).max(axis=(0, 2))
+    # of a capsule that reaches behind the imager, what lies in front of it
+    depths = np.array([max(ends[:, 2].min() - radius, NEAREST), ends[:, 2].max() + radius])
+    low = ((ends[:, :2].min(axis=0) - radius)[:, None] / depths).min(axis=-1)
+    high = ((ends[:, :2].max(axis=0) + radius)[:, None] / depths).max(axis=-1)
     tall = directions[:, 0, 1]
     first, last = np.searchsorted(tall, [low[1], high[1]])
     across = directions[first:last, :, 0] - shift[first:last]

@@ -49,7 +49,7 @@ class StereoConfig:
 
     def only(self, names: Sequence[str]) -> "StereoConfig":
         """The same camera with none but the named effects."""
-        nulls = {e.name: type(e)() for e in self.effects if e.name not in names}
+        nulls: dict[str, Any] = {e.name: type(e)() for e in self.effects if e.name not in names}
         return replace(self, **nulls)
 
 

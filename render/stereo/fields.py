@@ -16,12 +16,12 @@ from saltus.effects.draws import uniform
 # The 32-bit hash of saltus.effects.draws on int32, whose products wrap; a shift is masked because it keeps the sign.
 _FACTORS = (0x21F0AAAD, 0x735A2D97)
 _GOLDEN = 0x9E3779B1  # 2^32 over the golden ratio: spreads consecutive counters over all bits
-_LEVELS = 1 << 16
-_DEVIATION = math.sqrt((_LEVELS**2 - 1) / 12.0)  # of a uniform integer below _LEVELS
+_LARGEST = 0x7FFFFFFF
+ENOUGH_TO_ADD = 9  # uniform numbers, for a sum that is normal to 0.3 % of its standard deviation up to three of them
 
 
 def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
-    """Independent uniform integers in [0, 2^16), int32, shape (..., *shape).
+    """Independent random int32 of 31 bits (not negative), shape (..., *shape).
 
     Args:
         keys: one per image, from `saltus.effects.draws.draw_keys`, shape (...).
@@ -35,20 +35,21 @@ def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
     value *= _FACTORS[0]
     value ^= (value >> 15) & 0x1FFFF
     value *= _FACTORS[1]
-    return (value >> 15) & (_LEVELS - 1)
+    value ^= (value >> 15) & 0x1FFFF
+    return value & _LARGEST
 
 
 def unit_uniform(keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
     """Independent uniform numbers in (0, 1) of the given type, shape (..., *shape)."""
     xp = namespace(time_s)
-    return (xp.astype(white(keys, time_s, shape), dtype) + 0.5) * (1.0 / _LEVELS)
+    return (xp.astype(white(keys, time_s, shape) >> 15, dtype) + 0.5) * 2.0**-16
 
 
 def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Any:
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
 
-    A sum over a window of uniform numbers is as good as normal from about nine on, so that no normal numbers are drawn;
-    below that, several are added up for each sample.
+    A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn; a window that has
+    fewer than nine samples adds up three for each.
 
     Args:
         keys: one per image, shape (...).
@@ -62,15 +63,17 @@ def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, 
     """
     xp = namespace(time_s)
     rows, columns = window
-    repeat = 1 if rows * columns >= 9 else 3  # windows below three by three have three times the columns to add
-    padded = (shape[0] + rows - 1, (shape[1] + columns - 1) * repeat)
-    values = white(keys, time_s, padded)
-    if repeat > 1:
-        width = padded[1] // repeat
-        values = values[..., :width] + values[..., width : 2 * width] + values[..., 2 * width :]
+    values = white(keys, time_s, (shape[0] + rows - 1, shape[1] + columns - 1))
+    if rows * columns >= ENOUGH_TO_ADD:
+        parts, bits = 1, 16
+        values = values >> 15
+    else:
+        parts, bits = 3, 10
+        values = (values & 1023) + ((values >> 10) & 1023) + ((values >> 20) & 1023)
     total = windowed_sum(windowed_sum(values, rows, -2), columns, -1)
-    count = rows * columns * repeat
-    return (xp.astype(total, dtype) - 0.5 * count * (_LEVELS - 1)) * (1.0 / (_DEVIATION * math.sqrt(count)))
+    count, levels = rows * columns * parts, 1 << bits
+    deviation = math.sqrt(count * (levels**2 - 1) / 12.0)
+    return (xp.astype(total, dtype) - 0.5 * count * (levels - 1)) * (1.0 / deviation)
 
 
 def windowed_sum(values: Any, size: int, axis: int) -> Any:

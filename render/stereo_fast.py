@@ -1,0 +1,105 @@
+"""Stereo depth for training: poses of many robots in, noisy images of the model out.
+
+Three rays, one under the other, stand for the 25 pixels of the sensor that a pixel of the model averages. All effects
+know how far apart their samples are, so that the images have the statistics of the full chain: bias, spread, invalid
+pixels and correlation (a test compares them). Depth edges are horizontal in most of what a robot sees ahead, hence one
+column and three rows.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.camera import Mount
+from render.stereo.camera import StereoCamera, StereoConfig, StereoState
+from render.stereo.model_view import pooled, sampled_model_camera
+from render.stereo.optics import Optics
+from render.stereo_embree import StereoEmbree
+from saltus.messages import Floats
+from saltus.terrain.terrain import Terrain
+
+ROWS, COLUMNS = 3, 1
+CHUNK = 32  # images that one thread works on: their arrays of 300 kB stay in its cache
+
+
+class FastStereo:
+    """A batch of stereo cameras on one terrain, each reporting the model's 16 x 48 pixels.
+
+    Args:
+        terrain: what there is to see.
+        config: of the cameras; parameters may be arrays with one value a camera.
+        mount: on the trunk.
+        legs: whether the robots' legs can be seen.
+        threads: to work with.
+    """
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        config: StereoConfig | None = None,
+        mount: Mount | None = None,
+        *,
+        legs: bool = True,
+        threads: int = 1,
+    ) -> None:
+        camera = sampled_model_camera(ROWS, COLUMNS)
+        self.optics = Optics.of(camera)
+        self.config = config or StereoConfig()
+        self._renderer = StereoEmbree(terrain, self.optics, camera, mount, legs=legs, threads=threads)
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def init(self, count: int, rng: np.random.Generator) -> tuple[tuple[StereoCamera, StereoState], ...]:
+        """State before the first images, for `count` cameras."""
+        parts = [slice(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+        cameras = [StereoCamera(part_of(self.config, part), self.optics) for part in parts]
+        return tuple(
+            (camera, camera.init((part.stop - part.start,), rng)) for camera, part in zip(cameras, parts, strict=True)
+        )
+
+    def step(
+        self,
+        base_position: Floats,
+        base_quaternion: Floats,
+        joint_position: Floats,
+        time_s: float,
+        state: tuple[tuple[StereoCamera, StereoState], ...],
+    ) -> tuple[NDArray[np.float32], tuple[tuple[StereoCamera, StereoState], ...]]:
+        """One exposure of every camera at `time_s`.
+
+        Args:
+            base_position: see `Renderer.render_batch`, as the two that follow.
+            base_quaternion: see there.
+            joint_position: see there.
+            time_s: capture time [s].
+            state: what `init` or the last `step` returned.
+
+        Returns:
+            Depth [m], 0 where invalid, shape (count, 48, 16), and the next state.
+        """
+        depth, hidden = self._renderer.render_pair_batch(base_position, base_quaternion, joint_position)
+        images = np.empty((len(depth), depth.shape[1] // ROWS, depth.shape[2] // COLUMNS), dtype=np.float32)
+
+        def expose(index: int) -> tuple[StereoCamera, StereoState]:
+            camera, memory = state[index]
+            part = slice(index * CHUNK, (index + 1) * CHUNK)
+            times = np.full(len(depth[part]), time_s)
+            image, memory = camera.step(depth[part], hidden[part], times, memory)
+            images[part] = pooled(image.depth, ROWS, COLUMNS)
+            return camera, memory
+
+        chunks = range(len(state))
+        following = tuple(self._pool.map(expose, chunks) if self._pool else map(expose, chunks))
+        return images, following
+
+
+def part_of(config: StereoConfig, part: slice) -> StereoConfig:
+    """The config of some of the cameras of a batch: parameters that are arrays are cut."""
+    cut: dict[str, Any] = {}
+    for effect in config.effects:
+        arrays = {f.name: getattr(effect, f.name) for f in fields(effect)}
+        own = {name: value[part] for name, value in arrays.items() if isinstance(value, np.ndarray)}
+        cut[effect.name] = replace(effect, **own) if own else effect
+    return replace(config, **cut)
