@@ -13,8 +13,12 @@ from saltus.messages import Floats, RobotState
 class Observation:
     """The robot in its yaw frame; all arrays share their leading batch dimensions."""
 
+    roll: Floats
+    """[rad], shape (...)."""
     pitch: Floats
     """Nose down positive [rad], shape (...)."""
+    angular_velocity: Floats
+    """Yaw frame [rad/s], shape (..., 3)."""
     velocity: Floats
     """Estimated velocity of the base, yaw frame [m/s], shape (..., 3)."""
     base_height: Floats
@@ -30,21 +34,25 @@ class Observation:
 def observe(
     *,
     quaternion_base_in_world: Floats,
+    angular_velocity_base: Floats,
     joint_position: Floats,
     velocity_base_in_world: Floats,
     base_height: Floats,
     leg_contact: NDArray[np.bool_],
     leg_progress: Floats,
 ) -> Observation:
-    """Derives the observation from the fields of `RobotState` with the same names, with leading batch dimensions."""
+    """Derives the observation from the fields of `RobotState` with the same names; numpy and torch, any batch."""
     rotation = rotation_matrix(quaternion_base_in_world)
-    _, pitch, yaw = roll_pitch_yaw(rotation)
+    roll, pitch, yaw = roll_pitch_yaw(rotation)
     world_in_yaw = yaw_rotation(yaw).mT
+    base_in_yaw = world_in_yaw @ rotation
     return Observation(
+        roll=roll,
         pitch=pitch,
+        angular_velocity=(base_in_yaw @ angular_velocity_base[..., None])[..., 0],
         velocity=(world_in_yaw @ velocity_base_in_world[..., None])[..., 0],
         base_height=base_height,
-        foot=foot_position(joint_position) @ (world_in_yaw @ rotation).mT,
+        foot=foot_position(joint_position) @ base_in_yaw.mT,
         contact=leg_contact,
         progress=leg_progress,
     )
@@ -54,6 +62,7 @@ def observe_message(state: RobotState) -> Observation:
     """The observation of a single robot from its message."""
     return observe(
         quaternion_base_in_world=np.asarray(state.quaternion_base_in_world, dtype=np.float64),
+        angular_velocity_base=np.asarray(state.angular_velocity_base, dtype=np.float64),
         joint_position=np.asarray(state.joint_position, dtype=np.float64),
         velocity_base_in_world=np.asarray(state.velocity_base_in_world, dtype=np.float64),
         base_height=np.asarray(state.base_height, dtype=np.float64),

@@ -72,6 +72,7 @@ class Rollout:
         profile: Hardware; each trial's motor strength and delay are put into it.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
+        stand_steps: Policy steps before the first plan is obeyed.
         threads: Of the physics.
     """
 
@@ -84,11 +85,13 @@ class Rollout:
         profile: Profile = GO1,
         heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
+        stand_steps: int = STAND_STEPS,
         threads: int = 1,
     ) -> None:
         self.trials = tuple(trials)
         self.count = len(self.trials)
         self.planner = planner
+        self._stand_steps = stand_steps
         self._plant = BatchPlant(
             terrains,
             self.count,
@@ -134,7 +137,7 @@ class Rollout:
         running = np.array([outcome is None for outcome in self.outcomes])
 
         # 3. track it
-        mode = ControllerMode.STAND if self._index < STAND_STEPS else ControllerMode.RUN
+        mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
         touched = np.zeros(self.count, dtype=np.bool_)
         for _ in range(go1.POLICY_STEPS):
             touched |= self._substep(plan, mode)
@@ -242,6 +245,7 @@ def observe_states(states: RobotStates) -> Observation:
     """What a planner reads of a batch of states."""
     return observe(
         quaternion_base_in_world=states.quaternion_base_in_world,
+        angular_velocity_base=states.angular_velocity_base,
         joint_position=states.joint_position,
         velocity_base_in_world=states.velocity_base_in_world,
         base_height=states.base_height,

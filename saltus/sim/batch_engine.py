@@ -25,7 +25,8 @@ class BatchEngine(Engine):
         self._batch = Batch(self.model, nsim=count, nthread=threads)
         bind, expand = self._batch.bind, self._batch.expand
         self.qpos, self.qvel, self.ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
-        self.qacc, self.warmstart, self._sensors = bind("qacc"), bind("qacc_warmstart"), bind("sensordata")
+        self.warmstart, self._qacc, self._sensors = bind("qacc_warmstart"), bind("qacc"), bind("sensordata")
+        self.qacc = self._qacc.copy()  # the engine's own array cannot be shared with torch: it must not be written
         self.trunk_wrench = bind("xfrc_applied").reshape(count, self.model.nbody, 6)[:, self._where.trunk]
         self._geom_pos, self._geom_size = expand("geom_pos"), expand("geom_size")
         self._geom_rbound, self._geom_friction = expand("geom_rbound"), expand("geom_friction")
@@ -36,6 +37,7 @@ class BatchEngine(Engine):
     def step(self) -> None:
         """Advances all robots by `PHYSICS_DT`."""
         self._batch.step()
+        self.qacc[:] = self._qacc
 
     def touching(self) -> Array:
         """Which shapes touched the terrain, shape (count, 16)."""

@@ -1,0 +1,60 @@
+"""How far the learned policy may go: its ten outputs, from [-1, 1] to the values of a plan and back."""
+
+from dataclasses import dataclass
+
+from policy.action import Action
+from saltus.arrays import Array, Constant, namespace
+
+ACTIONS = (
+    "stepping_frequency_hz",
+    "velocity_x",
+    "velocity_z",
+    "pitch_rate",
+    "front_residual_x",
+    "front_residual_y",
+    "front_residual_z",
+    "rear_residual_x",
+    "rear_residual_y",
+    "rear_residual_z",
+)
+"""What each output is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionBounds:
+    """Lowest and highest value of each entry of `ACTIONS`.
+
+    Wider than the original where its own range held back high steps: its configuration names residuals of +-0.3 m and
+    more lift for them, and a first training spent 17 % of the time at +-6 rad/s. Feet may also aim below the nominal
+    swing, which ends at the height of the feet in stance: on stairs the rear feet land lower than the front feet.
+    """
+
+    low: tuple[float, ...] = (0.5, -3.0, -3.0, -8.0, -0.3, -0.07, -0.25, -0.3, -0.07, -0.25)
+    high: tuple[float, ...] = (4.0, 3.0, 3.0, 8.0, 0.3, 0.07, 0.5, 0.3, 0.07, 0.5)
+
+    def denormalised(self, output: Array) -> Array:
+        """Values of a plan from outputs: -1 is `low`, 1 is `high`; not clipped. Shape (..., 10)."""
+        low, high = Constant(self.low).like(output), Constant(self.high).like(output)
+        return low + 0.5 * (output + 1.0) * (high - low)
+
+    def clipped(self, values: Array) -> Array:
+        """The nearest values within the bounds, shape (..., 10)."""
+        xp = namespace(values)
+        return xp.clip(values, Constant(self.low).like(values), Constant(self.high).like(values))
+
+    def normalised(self, values: Array) -> Array:
+        """Outputs that stand for given values, shape (..., 10)."""
+        low, high = Constant(self.low).like(values), Constant(self.high).like(values)
+        return 2.0 * (values - low) / (high - low) - 1.0
+
+
+def action_from_values(values: Array) -> Action:
+    """The action of values in the order of `ACTIONS`, shape (..., 10)."""
+    return Action(
+        stepping_frequency_hz=values[..., 0],
+        velocity_x=values[..., 1],
+        velocity_z=values[..., 2],
+        pitch_rate=values[..., 3],
+        foot_residual_front=values[..., 4:7],
+        foot_residual_rear=values[..., 7:10],
+    )

@@ -1,0 +1,72 @@
+"""How difficult a robot's next course is: a level that rises with the way it came, and falls again."""
+
+from dataclasses import dataclass
+
+from saltus.arrays import Array, namespace
+from saltus.config import TerrainKind
+from saltus.terrain.batch import KINDS
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurriculumConfig:
+    """Kinds of terrain, levels, and what is asked for a promotion."""
+
+    flat: float = 0.05
+    stairs: float = 0.40
+    stepping_stones: float = 0.15
+    step: float = 0.25
+    gap: float = 0.15
+    """Share of the robots on each kind of terrain; a robot stays on its kind."""
+    levels: int = 10
+    """Level k has difficulties from k / levels to (k + 1) / levels."""
+    promotion_m: float = 4.5
+    """Way along the terrain's profile, up and along, that earns a harder course; original, but horizontal there: 10
+    jumps of 0.4 m up steep stairs never sufficed."""
+    demotion_m: float = 2.5
+    """Less than this leads to an easier course; original."""
+
+    def share(self, kind: TerrainKind) -> float:
+        """Share of the robots on a kind of terrain."""
+        shares = {
+            "flat": self.flat,
+            "stairs": self.stairs,
+            "stepping_stones": self.stepping_stones,
+            "step": self.step,
+            "gap": self.gap,
+        }
+        return shares[kind] / sum(shares.values())
+
+
+def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
+    """The kind of each robot as its place in `KINDS`; kinds lie side by side, in the shares of `config`."""
+    ends, total = [], 0.0
+    for kind in KINDS:
+        total += config.share(kind)
+        ends.append(round(total * count))
+    return [next(k for k, end in enumerate(ends) if robot < end) for robot in range(count)]
+
+
+def next_level(
+    config: CurriculumConfig, level: Array, way: Array, failed: Array, finished: Array, draw: Array
+) -> Array:
+    """Level of the next course, whole numbers as floats; beyond the last, any level.
+
+    Args:
+        config: What is asked for.
+        level: of the course that is over, shape (n,).
+        way: Way along the profile [m], shape (n,).
+        failed: The robot fell, bool, shape (n,).
+        finished: It came to the end of the course, bool, shape (n,).
+        draw: Uniform in [0, 1), shape (n,).
+    """
+    xp = namespace(level)
+    one = xp.ones_like(level)
+    up = ~failed & (finished | (way > config.promotion_m))
+    down = ~up & (way < config.demotion_m)
+    moved = xp.clip(level + xp.where(up, one, 0.0 * one) - xp.where(down, one, 0.0 * one), 0.0, None)
+    return xp.where(moved >= config.levels, xp.floor(draw * config.levels), moved)
+
+
+def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:
+    """Difficulty of a course of `level`, shape (n,)."""
+    return (level + draw) / config.levels

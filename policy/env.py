@@ -1,0 +1,252 @@
+"""The training environment: thousands of robots, each on its course, in lockstep at 100 Hz.
+
+A step is: clip the action; five times control, physics, sense; then judge, reset who is done, observe. All state lives
+in the tensors of `Memory`, which every stage changes in place, so that on a GPU each stage is replayed as a CUDA graph
+and nothing waits for the processor.
+"""
+
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from controller.estimator import Estimator, EstimatorState, Measurement
+from controller.gait import GaitState
+from controller.law import LawState, LegController
+from controller.signals import Sensed, plan_from_values
+from controller.stance_batched import BatchedSolver
+from policy.bounds import ACTIONS, ActionBounds, action_from_values
+from policy.compiled import Stage
+from policy.curriculum import CurriculumConfig, kinds_of_robots
+from policy.drives import Drives
+from policy.episode import EpisodeConfig, Episodes
+from policy.memory import blank_memory, store
+from policy.randomisation import RandomisationConfig
+from policy.rewards import RewardConfig, RewardInputs, reward_terms
+from policy.views import Views
+from saltus import go1
+from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.messages import ControllerMode
+from saltus.sim.engine import Engine
+from saltus.terrain.batch import Courses
+
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvConfig:
+    """Everything that shapes the task."""
+
+    bounds: ActionBounds = field(default_factory=ActionBounds)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Transition:
+    """What a step returns; nothing in it changes with the next step."""
+
+    actor: Tensor
+    """What the policy is shown, after resets. Shape (n, `policy.features.SIZE`)."""
+    critic: Tensor
+    """What only training knows of it, shape (n, `Views.privileged_size`)."""
+    reward: Tensor
+    """Shape (n,)."""
+    done: Tensor
+    """The episode is over and the next has begun, bool, shape (n,)."""
+    timed_out: Tensor
+    """It is over for a reason that says nothing about its worth: time, or the end of the course. Bool, shape (n,)."""
+
+
+class JumpEnv:
+    """Robots that jump.
+
+    Args:
+        engine: Simulates them.
+        config: The task.
+        seed: Of everything that is drawn.
+        device: Of all tensors; that of the engine.
+    """
+
+    def __init__(self, engine: Engine, config: EnvConfig, *, seed: int, device: str = "cpu") -> None:
+        self.config = config
+        self.count = engine.count
+        self.device = torch.device(device)
+        self._engine = engine
+        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._ctrl = torch.as_tensor(engine.ctrl)
+        self._law = LegController(solver=BatchedSolver())
+        self._estimator = Estimator()
+        self._drives = Drives(config.randomisation.feedforward_delay_s[1])
+        kinds = kinds_of_robots(config.curriculum, self.count)
+        self.memory = blank_memory(kinds, self._drives.length, self.device)
+        self._blank_law = self._law.init((self.count,), self.memory.phase)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
+        self.views = Views(self.memory, config, self._qpos, self._qvel)
+        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
+        self._stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
+        self._begin(prepare=True)
+
+    def step(self, output: Tensor) -> Transition:
+        """Ten milliseconds with the network's output, shape (n, 10), of which [-1, 1] is within bounds."""
+        plan, control, sense, finish = self._stages
+        self._output.copy_(output)
+        plan()
+        for _ in range(go1.POLICY_STEPS):
+            control()
+            self._engine.step()
+            sense()
+        self.episodes.draws.uniform_(generator=self._generator)
+        finish()
+        return self.transition()
+
+    def transition(self) -> Transition:
+        """The last one; before the first step, with the first observation."""
+        return Transition(
+            actor=self.views.actor.clone(),
+            critic=self.views.critic.clone(),
+            reward=self.episodes.reward.clone(),
+            done=self.episodes.done.clone(),
+            timed_out=self.episodes.timed_out.clone(),
+        )
+
+    @torch.no_grad()
+    def _begin(self, prepare: bool) -> None:
+        """Starts an episode of every robot, at a random age so that not all end at once."""
+        self.episodes.draws.uniform_(generator=self._generator)
+        self.episodes.reset(torch.ones(self.count, dtype=torch.bool, device=self.device))
+        self.views.observe(self.episodes.draws)
+        if prepare and self.device.type == "cuda":
+            for stage in self._stages:
+                stage.prepare()
+            self._begin(prepare=False)
+            return
+        age = torch.rand(self.count, generator=self._generator, device=self.device)
+        self.memory.time_s.copy_(age * self.config.episode.time_limit_s)
+        self.episodes.tally.zero_()
+
+    @torch.no_grad()
+    def _plan(self) -> None:
+        bounds = self.config.bounds
+        wanted = bounds.denormalised(self._output)
+        plan = bounds.clipped(wanted)
+        beyond = bounds.normalised(wanted) - bounds.normalised(plan)
+        excess = (0.25 * beyond * beyond).sum(-1)  # outputs span 2, ranges 1
+        store(self.memory, plan=plan, excess=excess)
+        self.memory.terms.zero_()
+        self.memory.touched.zero_()
+
+    @torch.no_grad()
+    def _control(self) -> None:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        action = action_from_values(memory.plan)
+        plan = plan_from_values(
+            stepping_frequency=action.stepping_frequency_hz,
+            velocity_x=action.velocity_x,
+            velocity_z=action.velocity_z,
+            pitch_rate=action.pitch_rate,
+            foot_residual_front=action.foot_residual_front,
+            foot_residual_rear=action.foot_residual_rear,
+            heading=memory.heading,
+        )
+        sensed = Sensed(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=qvel[:, 3:6],
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:],
+            velocity_base_in_world=memory.estimate[:, :3],
+            base_height=memory.estimate[:, 3],
+        )
+        command, state, seen = self._law.step(plan, sensed, self._law_state(), ControllerMode.RUN)
+        torque, line = self._drives.step(
+            command, qpos[:, 7:], qvel[:, 6:], memory.torque_line, memory.delay_s, memory.motor_strength
+        )
+        self._ctrl.copy_(torque)
+        store(
+            memory,
+            phase=state.gait.phase,
+            liftoff=state.liftoff,
+            torque_line=line,
+            contact=seen.gait.contact,
+            progress=seen.gait.progress,
+            trusted=seen.gait.trusted,
+            tracking_cost=seen.tracking_cost,
+        )
+
+    def _law_state(self) -> LawState:
+        return LawState(
+            gait=GaitState(phase=self.memory.phase),
+            liftoff=self.memory.liftoff,
+            landed=self._blank_law.landed,
+            mode=ControllerMode.RUN,
+            blend_from=self._blank_law.blend_from,
+            mode_time_s=0.0,
+        )
+
+    @torch.no_grad()
+    def _sense(self) -> None:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        rotation = rotation_matrix(qpos[:, 3:7])
+        felt = torch.as_tensor(self._engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, _GRAVITY])
+        measured = Measurement(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=qvel[:, 3:6],
+            acceleration_base=(rotation.mT @ felt[..., None])[..., 0],
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:],
+        )
+        old = EstimatorState(mean=memory.estimate, variance=memory.variance)
+        new = self._estimator.step(measured, memory.trusted, old)
+        touching = torch.as_tensor(self._engine.touching())
+        terms = reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
+        store(
+            memory,
+            estimate=new.mean,
+            variance=new.variance,
+            touched=memory.touched | touching,
+            terms=memory.terms + terms,
+        )
+
+    def _reward_inputs(self, rotation: Tensor, touching: Tensor) -> RewardInputs:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        position, velocity, angular_velocity = qpos[:, :3], qvel[:, :3], qvel[:, 3:6]
+        foot, jacobian = foot_kinematics(qpos[:, 7:])
+        foot_world = position[:, None] + foot @ rotation.mT
+        relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
+        relative = relative + torch.linalg.cross(angular_velocity[:, None].expand_as(foot), foot)
+        foot_velocity = velocity[:, None] + relative @ rotation.mT
+        x = torch.cat([foot_world[..., 0], position[:, :1]], -1)
+        ground = self.courses().height_at(x)
+        _, _, yaw = roll_pitch_yaw(rotation)
+        return RewardInputs(
+            contact=memory.contact,
+            foot_touching=touching[:, :4],
+            leg_touching=touching[:, 4:8] | touching[:, 8:12],
+            foot_speed_squared=foot_velocity[..., 0] ** 2 + foot_velocity[..., 1] ** 2,
+            foot_clearance=foot_world[..., 2] - ground[:, :4] - go1.FOOT_RADIUS,
+            excess=memory.excess,
+            stepping_frequency=memory.plan[:, 0],
+            goal_error=(memory.goal_x - position[:, 0]) / memory.goal_length,
+            height_error=memory.goal_z - position[:, 2],
+            yaw_error=yaw - memory.heading,
+            base_height=position[:, 2] - ground[:, 4],
+            tracking_cost=memory.tracking_cost,
+        )
+
+    @torch.no_grad()
+    def _finish(self) -> None:
+        self.episodes.judge()
+        self.episodes.reset(self.episodes.done)
+        self.views.set_goals(self.episodes.done)
+        self.episodes.disturb()
+        self.views.observe(self.episodes.draws)
+
+    def courses(self) -> Courses:
+        """The terrain of every robot."""
+        return self.views.courses()

@@ -1,0 +1,50 @@
+"""What the learned policy is shown: one vector, in SI units, made from an observation and a heightmap.
+
+Everything in it is known to a robot without its position: attitude from the IMU, velocity and height from the
+estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
+"""
+
+from policy.observation import Observation
+from saltus.arrays import Array, namespace
+from saltus.grid import HEIGHTMAP_X
+
+LAYOUT: dict[str, int] = {
+    "contact": 4,
+    "progress": 4,
+    "roll": 1,
+    "pitch": 1,
+    "velocity": 3,
+    "angular_velocity": 3,
+    "base_height": 1,
+    "foot": 12,
+    "heights": len(HEIGHTMAP_X),
+}
+"""Names of the parts of the vector, in order, and their lengths."""
+
+SIZE = sum(LAYOUT.values())
+
+
+def features(observation: Observation, heights: Array) -> Array:
+    """The vector that goes into the policy's network.
+
+    Args:
+        observation: of the robots, leading dimensions (...).
+        heights: Terrain relative to the base [m], shape (..., 30).
+
+    Returns:
+        Shape (..., SIZE), of the type of `heights`.
+    """
+    xp = namespace(heights)
+    one = xp.ones_like(observation.progress)
+    parts = {
+        "contact": xp.where(observation.contact, one, xp.zeros_like(one)),
+        "progress": observation.progress,
+        "roll": observation.roll[..., None],
+        "pitch": observation.pitch[..., None],
+        "velocity": observation.velocity,
+        "angular_velocity": observation.angular_velocity,
+        "base_height": observation.base_height[..., None],
+        "foot": observation.foot.reshape((*observation.pitch.shape, 12)),
+        "heights": heights,
+    }
+    return xp.concat([parts[name] for name in LAYOUT], axis=-1)
