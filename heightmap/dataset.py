@@ -53,14 +53,23 @@ class Window(NamedTuple):
     valid: Tensor
     """0 beyond the end of an episode, shape (time, batch)."""
     starts: Tensor
-    """Whether the robot begins a new episode with this window, shape (batch,)."""
+    """Whether the robot enters an episode, without memory, with this window, shape (batch,)."""
 
 
 class EpisodeStore:
-    """Episodes on a device, with the windows that can be cut from them."""
+    """Episodes on a device, with the windows that can be cut from them.
 
-    def __init__(self, episodes: Sequence[Episode], device: torch.device) -> None:
+    Args:
+        episodes: All of them.
+        device: Holds images and labels.
+        weight: How often each episode is chosen, relative to the others; all alike where it is not given.
+    """
+
+    def __init__(
+        self, episodes: Sequence[Episode], device: torch.device, weight: Sequence[float] | None = None
+    ) -> None:
         self.episodes = episodes
+        self._share = np.cumsum(np.ones(len(episodes)) if weight is None else weight)
         self.device = device
         self._first_frame = np.cumsum([0, *(len(e.depth) for e in episodes)])
         self._first_tick = np.cumsum([0, *(len(e.height) for e in episodes)])
@@ -78,27 +87,31 @@ class EpisodeStore:
     def windows(
         self, batch: int, length: int, delivery: DeliveryModel, noise: ImageNoise, rng: np.random.Generator
     ) -> Iterator[Window]:
-        """Yields windows for ever: each of `batch` robots runs through random episodes, window after window."""
+        """Yields windows for ever: each of `batch` robots runs through random episodes, window after window.
+
+        Half of the robots enter an episode somewhere in it, so that a memory is also built up in full motion.
+        """
         slots = [self._slot(rng, delivery) for _ in range(batch)]
         generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
         while True:
-            starts = np.array([slot.position == 0 for slot in slots])
-            window = self._cut(slots, length, starts)
+            window = self._cut(slots, length)
             yield window._replace(image=with_noise(window.image, noise, generator))
             for i, slot in enumerate(slots):
                 slot.position += length
+                slot.starts = False
                 if slot.position >= len(self.episodes[slot.episode].height):
                     slots[i] = self._slot(rng, delivery)
 
     def _slot(self, rng: np.random.Generator, model: DeliveryModel) -> "_Slot":
-        chosen = int(rng.integers(len(self.episodes)))
-        episode = self.episodes[chosen]
-        return _Slot(chosen, deliver(episode.frame_tick, len(episode.height), model, rng))
+        chosen = int(np.searchsorted(self._share, rng.uniform(0.0, self._share[-1]), side="right"))
+        ticks = len(self.episodes[chosen].height)
+        begin = int(rng.integers(2)) * int(rng.integers(ticks))
+        return _Slot(chosen, deliver(self.episodes[chosen].frame_tick, ticks, model, rng), begin)
 
     def _ticks(self, rows: list[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.concatenate(rows).astype(np.float32)).to(self.device)
 
-    def _cut(self, slots: Sequence["_Slot"], length: int, starts: np.ndarray) -> Window:
+    def _cut(self, slots: Sequence["_Slot"], length: int) -> Window:
         batch = len(slots)
         tick = np.zeros((length, batch), np.int64)
         frame = np.zeros((length, batch), np.int64)
@@ -125,7 +138,7 @@ class EpisodeStore:
             proprioception=self._proprioception[rows_t],
             height=self._height[rows_t],
             valid=self._to(valid),
-            starts=self._to(starts),
+            starts=self._to(np.array([slot.starts for slot in slots])),
         )
 
     def _images(self, wanted: Tensor) -> Tensor:
@@ -147,7 +160,9 @@ class _Slot:
 
     episode: int
     delivery: Delivery
-    position: int = 0
+    position: int
+    starts: bool = True
+    """Whether it has just entered the episode."""
 
 
 def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> Tensor:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import torch
@@ -15,9 +15,10 @@ from torch import Tensor
 from heightmap.dataset import TRAINING_NOISE, EpisodeStore, Window
 from heightmap.delivery import TRAINING
 from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
-from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
+from heightmap.shards import DatasetError, dataset_hash, read_dataset, read_manifest
 
 _LOG = logging.getLogger(__name__)
+Item = TypeVar("Item")
 HELD_OUT = 10  # every tenth episode is for validation
 
 
@@ -73,12 +74,15 @@ def train(
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
     """
     device = _device(config.device)
+    records = read_manifest(data)
     fitted, _ = split(read_dataset(data))
-    store = EpisodeStore(fitted, device)
+    # Every round of the dataset is met equally often, however many episodes it has.
+    weight, _ = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
+    store = EpisodeStore(fitted, device, weight)
     torch.manual_seed(config.seed)
     model = HeightmapModel(config.model, store.normalisation()).to(device)
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    origin = {"config": asdict(config), "dataset": dataset_hash(read_manifest(data))}
+    origin = {"config": asdict(config), "dataset": dataset_hash(records)}
     first = _resume(checkpoint, origin, model, optimiser)
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
@@ -115,7 +119,7 @@ def train(
     return model.cpu().eval()
 
 
-def split(episodes: list[Episode]) -> tuple[list[Episode], list[Episode]]:
+def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
     """Episodes to fit and episodes to validate on; always the same ones of a dataset."""
     fitted = [e for i, e in enumerate(episodes) if i % HELD_OUT != HELD_OUT - 1]
     held_out = episodes[HELD_OUT - 1 :: HELD_OUT]
