@@ -113,15 +113,23 @@ class JumpEnv:
             timed_out=self.episodes.timed_out.clone(),
         )
 
+    def set_levels(self, level: Tensor) -> None:
+        """Starts every robot again on a course of the given level, shape (n,)."""
+        store(self.memory, level=level)
+        self._begin(prepare=False)
+
     @torch.no_grad()
     def _begin(self, prepare: bool) -> None:
         """Starts an episode of every robot, at a random age so that not all end at once."""
         self.episodes.draws.uniform_(generator=self._generator)
-        self.episodes.reset(torch.ones(self.count, dtype=torch.bool, device=self.device))
+        everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
+        self.episodes.reset(everyone)
+        self.views.set_goals(everyone)
         self.views.observe(self.episodes.draws)
         if prepare and self.device.type == "cuda":
             for stage in self._stages:
-                stage.prepare()
+                stage.prepare()  # which runs it
+            self.memory.level.zero_()
             self._begin(prepare=False)
             return
         age = torch.rand(self.count, generator=self._generator, device=self.device)

@@ -1,0 +1,44 @@
+"""Configuration of a training run."""
+
+from dataclasses import dataclass, field
+
+from policy.env import EnvConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningConfig:
+    """Networks and PPO; original where nothing else is said."""
+
+    hidden: tuple[int, ...] = (512, 256, 128)
+    """Widths of actor and critic, ELU between."""
+    horizon: int = 24
+    """Steps of each robot in an iteration."""
+    epochs: int = 5
+    minibatches: int = 4
+    gamma: float = 0.99
+    lam: float = 0.95
+    clip: float = 0.2
+    learning_rate: float = 1e-3
+    """At first; then adapted to `desired_kl`."""
+    desired_kl: float = 0.01
+    max_grad_norm: float = 1.0
+    first_std: float = 0.4
+    """Of the action, in units of half its range; original 0.5, for narrower ranges."""
+    std_range: tuple[float, float] = (0.05, 1.0)
+    first_entropy: float = 0.01
+    """Weight of the entropy at the first iteration; original, where it stays, and with it a standard deviation of half
+    the range."""
+    last_entropy: float = 0.001
+    """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
+    entropy_iterations: int = 4000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run."""
+
+    robots: int = 256
+    """4,096 in the original; on a GPU 8,192 to 16,384."""
+    seed: int = 0
+    env: EnvConfig = field(default_factory=EnvConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
