@@ -21,7 +21,7 @@ ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
 FLOAT_SLACK = 1e-2  # of a unit: float32 metres are whole units only up to rounding
 AGREEING = 2  # of the last four frames
-HOLE_RADIUS = (0, 2, 4, 8, 16, 255)  # pixels by level of the spatial filter's option (librealsense)
+HOLE_RADIUS = (0, 2, 4, 8, 16, 256)  # pixels by level of the option (librealsense; the last is "unlimited")
 
 
 def _unit() -> Any:
@@ -83,7 +83,8 @@ class SpatialFilter(Effect[DepthImage]):
     """Edge-preserving exponential smoothing, forth and back along rows, then along columns, `magnitude` times.
 
     Along rows a pixel is blended with the one before it where they differ by at most `delta` units, along columns
-    where they differ by less. On the way along rows, holes take the value before them, up to a radius.
+    where they differ by less. On the way along rows, holes take the value before them, up to a radius from the last
+    valid pixel.
     """
 
     name: ClassVar[str] = "spatial_filter"
@@ -120,7 +121,8 @@ class SpatialFilter(Effect[DepthImage]):
         image = xp.round(depth * (1.0 / self.unit))
         for axis, limit in ((-1, self.delta), (-2, self.delta - 1.0)):
             lines = [image[..., i, :] if axis == -2 else image[..., i] for i in range(image.shape[axis])]
-            for order in (range(1, len(lines)), range(len(lines) - 2, -1, -1)):
+            last = len(lines) - 1 if axis == -1 else len(lines)  # forward along rows, the last column is left out
+            for order in (range(1, last), range(len(lines) - 2, -1, -1)):
                 step = 1 if order.step > 0 else -1
                 for i in order:
                     lines[i] = self._blended(lines[i], lines[i - step], limit)

@@ -1,0 +1,202 @@
+"""The stereo camera on rendered terrain: the second view, and the fast chain against the native one."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from stereo_scenes import flat_wall, wall_and_panel
+
+from render.embree import EmbreeRenderer
+from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
+from render.stereo.disparity_noise import DisparityNoise
+from render.stereo.model_view import pooled, sampled_model_camera
+from render.stereo.optics import Optics
+from render.stereo.second_view import hidden_from, right_camera, right_mount
+from render.stereo_embree import StereoEmbree
+from render.stereo_fast import CHUNK, COLUMNS, ROWS, FastStereo
+from render.stereo_torch import TorchStereo
+from saltus.config import TerrainConfig
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_images
+from saltus.effects.effect import map_arrays
+from saltus.go1 import STAND_POSE
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+
+NATIVE = 5  # sensor pixels for each of the model's, along each axis
+
+
+def terrain(kind: Any = "stairs") -> Terrain:
+    return make_terrain(TerrainConfig(terrain=kind))
+
+
+def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
+    """Robots in mid-bound anywhere on the course, legs anywhere."""
+    rng = np.random.default_rng(seed)
+    position = np.stack([rng.uniform(0.0, 4.0, count), rng.uniform(-0.3, 0.3, count), np.zeros(count)], axis=-1)
+    position[:, 2] = ground.height_at(position[:, 0]) + rng.uniform(0.25, 0.45, count)
+    yaw, pitch = rng.uniform(-0.4, 0.4, count) / 2, rng.uniform(-0.3, 0.2, count) / 2
+    quaternion = np.stack(
+        [
+            np.cos(yaw) * np.cos(pitch),
+            -np.sin(yaw) * np.sin(pitch),
+            np.cos(yaw) * np.sin(pitch),
+            np.sin(yaw) * np.cos(pitch),
+        ],
+        axis=-1,
+    )
+    return position, quaternion, STAND_POSE + rng.normal(0.0, 0.4, (count, 12))
+
+
+@pytest.mark.parametrize("kind", ["stairs", "stepping_stones", "step", "gap"])
+def test_rays_from_the_right_agree_with_an_image_from_the_right(kind: Any) -> None:
+    ground = terrain(kind)
+    camera = replace(D435I, width=212, height=120, fx=105.66, fy=105.66, cx=106.7, cy=60.0)
+    optics = Optics.of(camera, sensor=camera)
+    pair = StereoEmbree(ground, optics, camera)
+    second = EmbreeRenderer(ground, right_camera(camera, optics, nearest_m=0.03), right_mount(pair.mount, optics))
+    robots = poses(12, ground, seed=3)
+    depth, hidden = pair.render_pair_batch(*robots)
+    by_image = hidden_from(depth, second.render_batch(*robots), optics)
+    assert np.any(hidden)
+    assert np.mean(hidden != by_image) < 0.003  # columns that a shadow's border runs through
+    np.testing.assert_array_equal(depth, EmbreeRenderer(ground, camera).render_batch(*robots))
+
+
+def test_image_from_the_right_finds_the_shadow_of_a_panel() -> None:
+    optics = Optics.of(D435I)
+    depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
+    wide = right_camera(D435I, optics, nearest_m=0.4)
+    # seen from the right imager the panel's tangents are smaller by baseline over depth
+    shift = optics.baseline_m / 0.5
+    right, _ = wall_and_panel(wide, optics, 2.0, 0.5, -0.3 - shift, 0.2 - shift)
+    assert np.mean(hidden_from(depth, right, optics) != hidden) < 0.003
+
+
+def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) -> Any:
+    """Pooled images of a batch, shape (frames, n, 48, 16); `scene(camera, optics)` gives depth and what is hidden."""
+    camera = sampled_model_camera(rows, columns)
+    optics = Optics.of(camera)
+    depth, hidden = scene(camera, optics)
+    stereo = StereoCamera(config, optics)
+    state = stereo.init(depth.shape[:-2], np.random.default_rng(9))
+    images = []
+    for k in range(frames):
+        image, state = stereo.step(depth, hidden, np.full(depth.shape[:-2], 0.1 * k), state)
+        images.append(pooled(image.depth, rows, columns))
+    return np.stack(images)
+
+
+def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
+    ground = terrain()
+    return StereoEmbree(ground, optics, camera).render_pair_batch(*poses(70, ground))
+
+
+@pytest.mark.parametrize("config", [UNFILTERED, StereoConfig()], ids=["unfiltered", "filtered"])
+def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -> None:
+    clean = np.where(np.isinf(on_stairs(*_native())[0]), 100.0, on_stairs(*_native())[0])
+    truth = pooled(clean, NATIVE, NATIVE)
+    native, fast = (run(*size, config, on_stairs, 4) for size in ((NATIVE, NATIVE), (ROWS, COLUMNS)))
+    for near, far in ((0.3, 0.5), (0.5, 0.8), (0.8, 1.2), (1.2, 1.8), (1.8, 2.6)):
+        place = (truth >= near) & (truth < far)
+        sigma = {}
+        for label, images in (("native", native), ("fast", fast)):
+            error = (images - truth)[:, place]
+            error = error[images[:, place] > 0.0]
+            middle = np.median(error)
+            assert abs(middle) < 0.003 * near**2, label  # bias
+            sigma[label] = 1.4826 * np.median(np.abs(error - middle))
+        assert sigma["fast"] == pytest.approx(sigma["native"], rel=0.1)
+    assert np.mean(fast == 0.0) == pytest.approx(np.mean(native == 0.0), rel=0.1, abs=0.005)
+    for axis in (2, 3):  # by row and by column
+        others = tuple(a for a in range(4) if a != axis)
+        np.testing.assert_allclose(np.mean(fast == 0.0, others), np.mean(native == 0.0, others), atol=0.04)
+
+
+def _native() -> tuple[Intrinsics, Optics]:
+    camera = sampled_model_camera(NATIVE, NATIVE)
+    return camera, Optics.of(camera)
+
+
+def test_fast_chain_has_the_correlation_of_the_native_one() -> None:
+    def scene(camera: Intrinsics, optics: Optics) -> Any:
+        depth, hidden = flat_wall(camera, 1.0)
+        return np.repeat(depth[None], 60, 0), np.repeat(hidden[None], 60, 0)
+
+    found = []
+    for rows, columns in ((NATIVE, NATIVE), (ROWS, COLUMNS)):
+        noise = run(rows, columns, UNFILTERED, scene, 3) - 1.0
+        variance = np.mean(noise**2)
+        lags = [np.mean(noise[..., k:, :] * noise[..., :-k, :]) / variance for k in (1, 2, 3)]
+        lags += [np.mean(noise[..., k:] * noise[..., :-k]) / variance for k in (1, 2, 3)]
+        found.append([1e3 * np.sqrt(variance), *lags])
+    np.testing.assert_allclose(found[1][0], found[0][0], rtol=0.08)
+    np.testing.assert_allclose(found[1][1:], found[0][1:], atol=0.1)
+
+
+def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
+    """At the left of a near panel lies its shadow, at the right only what an edge loses."""
+
+    def scene(camera: Intrinsics, optics: Optics) -> Any:
+        pairs = [wall_and_panel(camera, optics, 1.5, 0.4, left, left + 0.1) for left in np.linspace(-0.02, 0.05, 32)]
+        return tuple(np.stack(part) for part in zip(*pairs, strict=True))
+
+    native, fast = (
+        np.mean(run(*size, UNFILTERED, scene, 3) == 0.0, axis=(0, 1, 2)) for size in ((5, 5), (ROWS, COLUMNS))
+    )
+    np.testing.assert_allclose(fast, native, atol=0.08)
+    assert np.sum(fast) == pytest.approx(np.sum(native), rel=0.1)
+    assert np.sum(native[:8]) > 2.0 * np.sum(native[12:])
+
+
+def test_torch_and_threads_give_the_images_of_numpy() -> None:
+    ground = terrain()
+    count = CHUNK + 5
+    robots = poses(count, ground, seed=8)
+    results = []
+    for threads in (1, 2):
+        fast = FastStereo(ground, threads=threads)
+        state = fast.init(count, np.random.default_rng(1))
+        for k in range(3):
+            images, state = fast.step(*robots, 0.02 * k, state)
+        results.append(images)
+    np.testing.assert_array_equal(*results)
+    assert images.shape == (count, MODEL_CAMERA.height, MODEL_CAMERA.width)
+    assert 0.5 < np.mean(model_images(images).valid) <= 1.0
+    camera = sampled_model_camera(ROWS, COLUMNS)
+    optics = Optics.of(camera)
+    depth, hidden = StereoEmbree(ground, optics, camera).render_pair_batch(*robots)
+    stereo = TorchStereo(StereoConfig(), optics)
+    # the same keys as those of the two chunks
+    rng = np.random.default_rng(1)
+    parts = [StereoCamera(StereoConfig(), optics).init((n,), rng) for n in (CHUNK, 5)]
+    memory: Any = tuple(_joined(a, b) for a, b in zip(*parts, strict=True))
+    memory = map_arrays(torch.from_numpy, memory)
+    for k in range(3):
+        time_s = torch.full((count,), 0.02 * k, dtype=torch.float64)
+        image, memory = stereo.step_pooled(
+            torch.from_numpy(depth), torch.from_numpy(hidden), time_s, memory, ROWS, COLUMNS
+        )
+    assert np.mean(~np.isclose(image.numpy(), images, atol=2e-3)) < 2e-3
+    assert stereo.init(4, rng) is not None
+
+
+def _joined(one: Any, other: Any) -> Any:
+    if isinstance(one, tuple):
+        return tuple(_joined(a, b) for a, b in zip(one, other, strict=True))
+    return None if one is None else np.concatenate([one, other])
+
+
+def test_cameras_of_one_batch_may_differ() -> None:
+    count = CHUNK + 3
+    sigma = np.where(np.arange(count) % 2 == 0, 0.02, 0.3)
+    config = replace(UNFILTERED, disparity_noise=DisparityNoise(sigma=sigma))
+    fast = FastStereo(terrain("flat"), config, legs=False)
+    position, quaternion = np.tile([0.0, 0.0, 0.3], (count, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    images, _ = fast.step(
+        position, quaternion, np.tile(STAND_POSE, (count, 1)), 0.0, fast.init(count, np.random.default_rng(0))
+    )
+    near = images[:, 24:]
+    spread = np.std(near - np.mean(near, axis=0), axis=(1, 2))
+    assert np.min(spread[sigma > 0.1]) > 3.0 * np.max(spread[sigma < 0.1])
