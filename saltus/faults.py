@@ -123,8 +123,8 @@ def _complaints(recording: Recording, process: str) -> Iterable[int]:
             if isinstance(plan, MotionPlan) and plan.status == PlanStatus.STOP:
                 yield arrival
     else:
-        for arrival, _, state in recording.messages("controller/state"):
-            if isinstance(state, RobotState) and state.mode in (ControllerMode.LANDING, ControllerMode.STOPPED):
+        for arrival, _, event in recording.messages("event/controller"):
+            if isinstance(event, Event) and event.code in ("plan_lost", "mode_landing"):
                 yield arrival
 
 
