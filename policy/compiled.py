@@ -28,6 +28,7 @@ class Stage:
         """Compiles and records the function, which changes the tensors; nothing on a CPU."""
         if self._device.type != "cuda":
             return
+        self._function()  # what is computed once and kept is not to be traced
         compiled = torch.compile(self._function, backend=_fusing_backend(), dynamic=False, fullgraph=True)
         beside = torch.cuda.Stream()
         beside.wait_stream(torch.cuda.current_stream())

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from policy.curriculum import CurriculumConfig
 from policy.env import EnvConfig
 
 
@@ -37,8 +38,21 @@ class LearningConfig:
 class TrainConfig:
     """One training run."""
 
-    robots: int = 256
-    """4,096 in the original; on a GPU 8,192 to 16,384."""
+    robots: int = 4096
+    """Of each process; original."""
     seed: int = 0
     env: EnvConfig = field(default_factory=EnvConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
+
+
+def for_gpu() -> TrainConfig:
+    """What one GPU trains: all terrains."""
+    return TrainConfig(robots=16384)
+
+
+def for_cpu() -> TrainConfig:
+    """What two cores learn within minutes: to bound on flat ground, with networks a twelfth of the size."""
+    flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
+    return TrainConfig(
+        robots=256, env=EnvConfig(curriculum=flat), learning=LearningConfig(hidden=(128, 128, 64), epochs=4)
+    )

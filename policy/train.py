@@ -13,17 +13,15 @@ from pathlib import Path
 
 import torch
 
-from policy.curriculum import CurriculumConfig
 from policy.env import JumpEnv
 from policy.learner import Learner
 from policy.progress import Progress
-from policy.settings import TrainConfig
+from policy.settings import TrainConfig, for_cpu, for_gpu
 from saltus.config import from_toml, load, to_toml
 from saltus.provenance import commit
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import BOXES
 
-FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
 _REPORT_S = 10.0
 _SAVE_S = 120.0
 
@@ -126,13 +124,14 @@ def _rank(device: str) -> Rank:
     return Rank(rank=int(os.environ.get("RANK", "0")), world=world, device=f"cuda:{local}")
 
 
-def _config(arguments: argparse.Namespace) -> TrainConfig:
-    config = load(TrainConfig, arguments.config) if arguments.config else TrainConfig()
-    if arguments.resume and not arguments.config:
+def _config(arguments: argparse.Namespace, device: str) -> TrainConfig:
+    if arguments.config:
+        config = load(TrainConfig, arguments.config)
+    elif arguments.resume:
         state = torch.load(arguments.resume, map_location="cpu", weights_only=True)
         config = from_toml(TrainConfig, state["config"])
-    if arguments.flat:
-        config = replace(config, env=replace(config.env, curriculum=FLAT))
+    else:
+        config = for_cpu() if device == "cpu" else for_gpu()
     if arguments.robots is not None:
         config = replace(config, robots=arguments.robots)
     return config if arguments.seed is None else replace(config, seed=arguments.seed)
@@ -145,17 +144,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--minutes", type=float, default=15.0, help="time limit, with compilation")
     parser.add_argument("--iterations", type=int, help="stop at this iteration, counted from the very first")
     parser.add_argument("--resume", type=Path, help="checkpoint.pt to go on from")
-    parser.add_argument("--config", type=Path, help="TOML file; default: that of the checkpoint, or the built-in one")
+    parser.add_argument("--config", type=Path, help="TOML file; default: that of the checkpoint, or the device's own")
     parser.add_argument("--robots", type=int, help="number of robots of each process")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
-    parser.add_argument("--flat", action="store_true", help="flat ground only")
     given = parser.parse_args(arguments)
+    rank = _rank(given.device)
     train(
-        _config(given),
+        _config(given, rank.device),
         given.out,
         minutes=given.minutes,
-        rank=_rank(given.device),
+        rank=rank,
         resume=given.resume,
         iterations=given.iterations,
     )

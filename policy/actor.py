@@ -1,0 +1,85 @@
+"""The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded, without memory."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from policy.action import Action
+from policy.bounds import ACTIONS, action_from_values
+from policy.features import LAYOUT, SIZE, features
+from policy.observation import Observation
+from saltus.errors import ModelError
+from saltus.grid import HEIGHTMAP_X
+from saltus.messages import Floats
+
+FORMAT = "saltus-policy-1"
+_TOLERANCE = 1e-6  # of a number that went through text
+
+
+class PolicyActor:
+    """Plans for any batch of robots, with the interface of the scripted planner.
+
+    One thread that sleeps between calls; a plan follows from one observation and one heightmap.
+
+    Args:
+        path: A file written by `policy.export`.
+
+    Raises:
+        ModelError: the file is unreadable or made for other features or actions; the message names which.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise ModelError(f"cannot read {path}: {error.strerror}") from error
+        self.model_id = hashlib.sha256(data).hexdigest()[:16]
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
+        try:
+            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # the runtime has no common base class of its errors
+            raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        _check(path, self.metadata)
+
+    @property
+    def swing_foot_z_range_m(self) -> tuple[float, float]:
+        """Limits of the swing feet with which the policy was trained; the leg controller must have the same."""
+        low, high = json.loads(self.metadata["swing_foot_z_range_m"])
+        return float(low), float(high)
+
+    def step(self, observation: Observation, heights: Floats) -> Action:
+        """Plans the next 10 ms.
+
+        Args:
+            observation: of the robots, leading dimensions (...).
+            heights: Terrain relative to the base [m], shape (..., 30).
+
+        Returns:
+            The action, within its bounds.
+        """
+        return action_from_values(self.values(features(observation, heights)))
+
+    def values(self, given: Floats) -> Floats:
+        """Values of `policy.bounds.ACTIONS`, shape (..., 10), for `policy.features`, shape (..., SIZE)."""
+        flat = np.ascontiguousarray(given.reshape(-1, SIZE), dtype=np.float32)
+        plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
+        return plan.reshape((*given.shape[:-1], len(ACTIONS)))
+
+
+def _check(path: Path, metadata: dict[str, str]) -> None:
+    expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
+    for name, value in expected.items():
+        found = json.loads(metadata.get(name, "null"))
+        if found != value:
+            raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again")
+    grid = np.asarray(json.loads(metadata.get("grid_m", "[]")))
+    if grid.shape != HEIGHTMAP_X.shape or np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
+        raise ModelError(f"{path}: 'grid_m' is not the heightmap's grid of this program")
