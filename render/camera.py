@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import Intrinsics
-from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION
+from saltus.errors import SaltusError
+from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
 from saltus.kinematics import rotation_matrix
 from saltus.messages import Floats
 
@@ -57,3 +58,35 @@ def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:
     y = (np.arange(intrinsics.height) + 0.5 - intrinsics.cy) / intrinsics.fy
     grid_x, grid_y = np.meshgrid(x, y)
     return np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
+
+
+def check_camera(intrinsics: Intrinsics) -> None:
+    """Refuses a camera that is no pin-hole.
+
+    Raises:
+        SaltusError: a size or focal length that is not positive, or a number that is not finite.
+    """
+    for name, value in vars(intrinsics).items():
+        if not math.isfinite(value) or (name not in ("cx", "cy") and value <= 0):
+            allowed = "finite" if name in ("cx", "cy") else "finite and positive"
+            raise SaltusError(
+                f"camera of {intrinsics.width} x {intrinsics.height} pixels: {name} = {value}; it must be {allowed}"
+            )
+
+
+def check_mount(mount: Mount) -> None:
+    """Refuses a camera that would see the robot from inside.
+
+    Raises:
+        SaltusError: the optical centre lies in the trunk, or a number is not finite.
+    """
+    position = np.asarray(mount.position)
+    if not (np.isfinite(position).all() and math.isfinite(mount.pitch)):
+        raise SaltusError(
+            f"camera mount at {position.tolist()} m, pitch {mount.pitch} rad: every number must be finite"
+        )
+    if (np.abs(position) <= 0.5 * TRUNK_SIZE).all():
+        raise SaltusError(
+            f"camera mount at {position.tolist()} m is inside the robot's trunk, which reaches to "
+            f"{(0.5 * TRUNK_SIZE).tolist()} m from its centre; the Go1's camera is at {CAMERA_POSITION.tolist()} m"
+        )

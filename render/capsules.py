@@ -1,5 +1,8 @@
 """Exact depth of capsules in a pin-hole image."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,7 +10,8 @@ from render.legs import Capsules
 from saltus.depth import Intrinsics
 from saltus.messages import Floats
 
-NEAREST = 1e-3  # a capsule that reaches nearer to the image plane than this is looked for in the whole image [m]
+NEAREST = 1e-3  # what is nearer to the image plane than this is taken to be this far [m]: bounds the window it is in
+PIXELS_PER_PASS = 1 << 14  # pixels that are worked on together: their numbers stay in the processor's cache
 
 
 def capsules_in_camera(capsules: Capsules, origin: Floats, rotation: Floats) -> Capsules:
@@ -19,82 +23,155 @@ def capsules_in_camera(capsules: Capsules, origin: Floats, rotation: Floats) -> 
 def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Floats, intrinsics: Intrinsics) -> None:
     """Draws capsules into depth images, in place: each pixel keeps what is nearer.
 
+    All images are worked on together, pixel by pixel of the windows in which capsules can be.
+
     Args:
-        depth: along the optical axis [m], infinite where there is nothing yet; shape (n, height, width).
+        depth: along the optical axis [m], infinite where there is nothing yet; shape (n, height, width), contiguous.
         capsules: in the camera frames; arrays of shape (n, capsules, 3).
         directions: of the pixels, of depth 1, shape (height, width, 3).
         intrinsics: of the camera.
     """
-    rows, columns, seen = _windows(capsules, intrinsics)
-    for image, k in np.argwhere(seen):
-        window = slice(*rows[image, k]), slice(*columns[image, k])
-        hit = capsule_depth(
-            capsules.start[image, k], capsules.end[image, k], float(capsules.radius[k]), directions[window]
-        )
-        part = depth[image][window]
-        np.minimum(part, hit, out=part, casting="same_kind")
+    rows, columns, seen = windows(capsules, intrinsics)
+    image, k = np.nonzero(seen)
+    coefficients = _coefficients(capsules.start[image, k], capsules.end[image, k], capsules.radius[k])
+    flat_directions, flat_depth = directions.reshape(-1, 3), depth.reshape(-1)
+    for owner, pixel in _pixels(rows[image, k], columns[image, k], intrinsics.width):
+        hit = _entry(coefficients.take(owner), flat_directions[pixel])
+        found = np.flatnonzero(hit < np.inf)
+        place = image[owner[found]] * (intrinsics.width * intrinsics.height) + pixel[found]
+        np.minimum.at(flat_depth, place, hit[found].astype(np.float32))
 
 
-def capsule_depth(start: Floats, end: Floats, radius: float, directions: Floats) -> Floats:
+def capsule_depth(start: Floats, end: Floats, radius: Floats | float, directions: Floats) -> Floats:
     """Depth at which rays from the origin enter a capsule; infinite where they miss it.
 
     Args:
-        start: one end of the axis [m], shape (3,).
+        start: one end of the axis [m], shape (..., 3).
         end: the other end.
-        radius: [m].
+        radius: [m], shape (...).
         directions: shape (..., 3), of depth 1: the ray's parameter is the depth.
 
     Returns:
-        Shape (...).
+        Shape (...), all dimensions broadcast.
     """
+    return _entry(_coefficients(start, end, radius), directions)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Coefficients:
+    """What the entry of any ray into capsules depends on; arrays of shape (..., 3) or (...)."""
+
+    start: Floats
+    axis: Floats
+    length_squared: Floats
+    offset: Floats
+    """Start along the axis, times its length."""
+    start_ball: Floats
+    end_ball: Floats
+    side: Floats
+    """Terms of the three quadratics in depth that do not depend on the ray."""
+
+    def take(self, index: NDArray[np.int64]) -> "_Coefficients":
+        return _Coefficients(**{name: value[index] for name, value in vars(self).items()})
+
+
+def _coefficients(start: Floats, end: Floats, radius: Floats | float) -> _Coefficients:
     axis = end - start
-    length_squared = float(axis @ axis)
-    speed_squared = np.sum(directions * directions, axis=-1)
-    nearest = np.minimum(
-        _ball_depth(start, radius, directions, speed_squared), _ball_depth(end, radius, directions, speed_squared)
+    length_squared, offset, distance_squared = _dot(axis, axis), _dot(axis, start), _dot(start, start)
+    radius_squared = np.square(radius)
+    return _Coefficients(
+        start=start,
+        axis=axis,
+        length_squared=length_squared,
+        offset=offset,
+        start_ball=distance_squared - radius_squared,
+        end_ball=_dot(end, end) - radius_squared,
+        side=length_squared * (distance_squared - radius_squared) - offset * offset,
     )
-    if length_squared == 0.0:
-        return nearest
-    # the side: distance of the ray's point from the axis line is the radius, a quadratic in depth
-    along = directions @ axis
-    offset = float(axis @ start)
-    a = length_squared * speed_squared - along * along
-    b = directions @ (start * length_squared) - offset * along
-    c = length_squared * float(start @ start) - offset * offset - radius * radius * length_squared
+
+
+def _entry(capsule: _Coefficients, directions: Floats) -> Floats:
+    """The least depth at which a ray is within the radius of an end or of the line between them, shape (...)."""
+    speed_squared = _dot(directions, directions)
+    to_start, along = _dot(directions, capsule.start), _dot(directions, capsule.axis)
+    nearest = np.minimum(
+        _first_root(speed_squared, to_start, capsule.start_ball),
+        _first_root(speed_squared, to_start + along, capsule.end_ball),
+    )
+    # the side: distance of the ray's point from the axis line is the radius
+    a = capsule.length_squared * speed_squared - along * along
+    b = capsule.length_squared * to_start - capsule.offset * along
+    depth = _first_root(a, b, capsule.side)
+    place = np.where(depth < np.inf, depth, 0.0) * along - capsule.offset
+    return np.minimum(nearest, np.where((place > 0.0) & (place < capsule.length_squared), depth, np.inf))
+
+
+def _first_root(a: Floats, b: Floats, c: Floats) -> Floats:
+    """The lesser t with a t^2 - 2 b t + c = 0; infinite where there is none or it is not positive."""
     inside = b * b - a * c
-    depth = (b - np.sqrt(np.maximum(inside, 0.0))) / np.where(a > 0.0, a, 1.0)
-    place = depth * along - offset
-    hit = (inside >= 0.0) & (a > 0.0) & (place > 0.0) & (place < length_squared) & (depth > 0.0)
-    return np.minimum(nearest, np.where(hit, depth, np.inf))
+    root = (b - np.sqrt(np.maximum(inside, 0.0))) / np.where(a > 0.0, a, 1.0)
+    return np.where((inside >= 0.0) & (a > 0.0) & (root > 0.0), root, np.inf)
 
 
-def _ball_depth(centre: Floats, radius: float, directions: Floats, speed_squared: Floats) -> Floats:
-    b = directions @ centre
-    inside = b * b - speed_squared * (float(centre @ centre) - radius * radius)
-    depth = (b - np.sqrt(np.maximum(inside, 0.0))) / speed_squared
-    return np.where((inside >= 0.0) & (depth > 0.0), depth, np.inf)
+def _dot(left: Floats, right: Floats) -> Floats:
+    """Inner product over the last axis; by components, so that it does not depend on the other dimensions."""
+    return left[..., 0] * right[..., 0] + left[..., 1] * right[..., 1] + left[..., 2] * right[..., 2]
 
 
-def _windows(
+def windows(
     capsules: Capsules, intrinsics: Intrinsics
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Rows and columns [first, last) that a capsule can cover, shape (n, capsules, 2), and whether there are any."""
-    ends = np.stack([capsules.start, capsules.end], axis=-2)
-    radius = capsules.radius[:, None]
-    near, far = ends[..., 2] - radius, ends[..., 2] + radius
-    behind = np.all(far <= 0.0, axis=-1)
-    crossing = np.any(near <= NEAREST, axis=-1)
-    # the image of a capsule lies in that of the cubes around its two balls, as long as all of it is in front
-    depths = np.maximum(np.stack([near, far], axis=-1), NEAREST)
+    """Where in an image capsules can be.
+
+    Args:
+        capsules: in the camera frames; arrays of shape (n, capsules, 3).
+        intrinsics: of the camera.
+
+    Returns:
+        Rows and columns [first, last), each of shape (n, capsules, 2), and whether there are any, shape (n, capsules).
+    """
+    start, end = _in_front(capsules)
+    radius = capsules.radius
+    low, high = np.minimum(start, end) - radius[:, None], np.maximum(start, end) + radius[:, None]
+    # the image of a capsule lies in that of the box around it
+    nearest, farthest = np.maximum(low[..., 2], NEAREST), np.maximum(high[..., 2], NEAREST)
 
     def window(axis: int, focal: float, centre: float, count: int) -> NDArray[np.int64]:
-        low = ((ends[..., axis] - radius)[..., None] / depths).min(axis=(-1, -2)) * focal + centre
-        high = ((ends[..., axis] + radius)[..., None] / depths).max(axis=(-1, -2)) * focal + centre
-        first = np.where(crossing, 0, np.clip(np.floor(low), 0, count))
-        last = np.where(crossing, count, np.clip(np.ceil(high), 0, count))
-        return np.stack([first, last], axis=-1).astype(np.int64)
+        first = np.minimum(low[..., axis] / nearest, low[..., axis] / farthest) * focal + centre
+        last = np.maximum(high[..., axis] / nearest, high[..., axis] / farthest) * focal + centre
+        return np.stack([np.clip(np.floor(first), 0, count), np.clip(np.ceil(last), 0, count)], axis=-1).astype(int)
 
     columns = window(0, intrinsics.fx, intrinsics.cx, intrinsics.width)
     rows = window(1, intrinsics.fy, intrinsics.cy, intrinsics.height)
-    seen = ~behind & (rows[..., 1] > rows[..., 0]) & (columns[..., 1] > columns[..., 0])
+    seen = (high[..., 2] > 0.0) & (rows[..., 1] > rows[..., 0]) & (columns[..., 1] > columns[..., 0])
     return rows, columns, seen
+
+
+def _in_front(capsules: Capsules) -> tuple[Floats, Floats]:
+    """Both ends of the part of each axis from which the capsule reaches in front of the image plane."""
+    start, end = capsules.start, capsules.end
+    behind = -capsules.radius
+    run = end[..., 2] - start[..., 2]
+    share = np.clip((behind - start[..., 2]) / np.where(run == 0.0, 1.0, run), 0.0, 1.0)
+    crossing = start + share[..., None] * (end - start)
+    return (
+        np.where((start[..., 2] < behind)[..., None], crossing, start),
+        np.where((end[..., 2] < behind)[..., None], crossing, end),
+    )
+
+
+def _pixels(
+    rows: NDArray[np.int64], columns: NDArray[np.int64], width: int
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """All pixels of windows, about `PIXELS_PER_PASS` at a time: place of the window, and place in a flat image."""
+    if not len(rows):
+        return
+    wide = columns[:, 1] - columns[:, 0]
+    size = wide * (rows[:, 1] - rows[:, 0])
+    last = np.cumsum(size)
+    groups = np.unique(np.searchsorted(last, np.arange(0, last[-1], PIXELS_PER_PASS)))
+    for first, end in zip(groups, [*groups[1:], len(size)], strict=True):
+        owner = np.repeat(np.arange(first, end), size[first:end])
+        begin = last[first:end] - size[first:end]
+        row, column = np.divmod(np.arange(len(owner)) + begin[0] - np.repeat(begin, size[first:end]), wide[owner])
+        yield owner, (rows[owner, 0] + row) * width + columns[owner, 0] + column

@@ -7,10 +7,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from render._gl import load_pyrender
-from render.boxes import box_triangles
 from render.camera import Mount, camera_pose
 from render.legs import RADIUS, leg_capsules
 from render.renderer import Renderer
+from render.surface import terrain_triangles
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.go1 import CALF_LENGTH, STAND_POSE, THIGH_LENGTH
 from saltus.kinematics import rotation_matrix
@@ -45,7 +45,7 @@ class PyrenderRenderer(Renderer):
         super().__init__(terrain, intrinsics, mount, legs=legs)
         self._pyrender: Any = load_pyrender()
         self._scene = self._pyrender.Scene()
-        vertices, triangles = box_triangles(terrain)
+        vertices, triangles = terrain_triangles(terrain)
         # both sides: a camera that has sunk into a box sees its inside, as rays do
         both_sides = np.concatenate([triangles, triangles[:, ::-1]])
         self._add(trimesh.Trimesh(vertices, both_sides, process=False))
@@ -56,10 +56,7 @@ class PyrenderRenderer(Renderer):
         self._camera = self._scene.add(camera)
         self._gl = self._pyrender.OffscreenRenderer(intrinsics.width, intrinsics.height)
 
-    def render_batch(
-        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
-    ) -> NDArray[np.float32]:
-        """See `Renderer`."""
+    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
         links = self._link_poses(base_position, base_quaternion, joint_position)
         images = np.empty((len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32)

@@ -6,8 +6,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Mount
+from render.camera import Mount, check_camera, check_mount
+from render.surface import check_terrain
 from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.errors import SaltusError
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
 
@@ -20,6 +22,9 @@ class Renderer(ABC):
         intrinsics: of the camera.
         mount: of the camera on the trunk; the Go1's where it is not given.
         legs: whether the robot's legs can be seen.
+
+    Raises:
+        SaltusError: the terrain cannot be drawn, the camera is no pin-hole, or it sits inside the robot.
     """
 
     name: ClassVar[str]
@@ -32,9 +37,12 @@ class Renderer(ABC):
         *,
         legs: bool = True,
     ) -> None:
+        check_terrain(terrain)
+        check_camera(intrinsics)
+        self.mount = mount or Mount()
+        check_mount(self.mount)
         self.terrain = terrain
         self.intrinsics = intrinsics
-        self.mount = mount or Mount()
         self.legs = legs
 
     def render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
@@ -47,12 +55,37 @@ class Renderer(ABC):
         """
         return self.render_batch(base_position[None], base_quaternion[None], joint_position[None])[0]
 
-    @abstractmethod
     def render_batch(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> NDArray[np.float32]:
-        """The same for many poses: arrays of shape (n, ...), images of shape (n, height, width)."""
+        """The same for many poses: arrays of shape (n, ...), images of shape (n, height, width).
+
+        Raises:
+            SaltusError: a pose is not finite or has another shape.
+        """
+        check_poses(base_position, base_quaternion, joint_position)
+        return self._render(base_position, base_quaternion, joint_position)
+
+    @abstractmethod
+    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+        """What `render_batch` does, of poses that have been checked."""
 
     def close(self) -> None:
         """Frees what the back end holds; the renderer cannot be used afterwards."""
         return
+
+
+def check_poses(base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> None:
+    """Refuses poses that are no poses.
+
+    Raises:
+        SaltusError: an array has another shape than (n, 3), (n, 4), (n, 12), or holds a number that is not finite.
+    """
+    count = len(base_position)
+    given = {"base_position": (base_position, 3), "base_quaternion": (base_quaternion, 4)}
+    for name, (value, size) in {**given, "joint_position": (joint_position, 12)}.items():
+        if value.shape != (count, size):
+            raise SaltusError(f"{name} has the shape {tuple(value.shape)}: it must be ({count}, {size})")
+        if not np.isfinite(value).all():
+            pose = int(np.flatnonzero(~np.isfinite(value).all(axis=-1))[0])
+            raise SaltusError(f"{name} of pose {pose} is {value[pose].tolist()}: every number must be finite")
