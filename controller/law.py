@@ -19,7 +19,6 @@ from saltus.kinematics import foot_position
 from saltus.messages import ControllerMode, JointCommand
 
 _STAND_POSE = Constant(go1.STAND_POSE)
-_LANDING_SPEED = 0.5  # [m/s]: bounds of the corrections while landing, well within what a stance can brake
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
 
@@ -44,8 +43,10 @@ class LegControllerConfig:
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
-    landing_gain: float = 5.0
-    """Speed by error of base height and pitch while landing [1/s]: half the velocity gain of stance."""
+    landing_kp: float = 60.0
+    landing_kd: float = 4.0
+    """Of all joints while landing: softer and better damped than standing. Measured: 24 of 24 landings out of
+    bounding at 1 m/s, at any phase; ground reaction forces from the stance problem managed 16."""
     settled_speed_mps: float = 0.3
     """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
     damp_kd: float = 3.0
@@ -150,7 +151,7 @@ class LegController:
         if mode in _MOVING:
             return self._run(plan, sensed, body, state)
         if mode == ControllerMode.LANDING:
-            return self._land(plan, sensed, body, state)
+            return self._land(sensed, plan, body, state)
         command = self._damp(sensed) if mode == ControllerMode.DAMP else self._stand(sensed, state)
         return (command, *self._at_rest(body, state))
 
@@ -187,9 +188,13 @@ class LegController:
         return self._track(plan, sensed, body, state, signal)
 
     def _land(
-        self, plan: Plan, sensed: Sensed, body: Body, state: LawState
+        self, sensed: Sensed, plan: Plan, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        """As running, but legs that have come down stay down, and the body is brought to rest in standing height."""
+        """All legs as springs that reach for the ground at the capture point, whoever touches it first.
+
+        Forces cannot be planned here: without a plan that fits the motion, feet come down when the schedule does not
+        say so. The schedule still tells the estimator which feet to trust.
+        """
         xp = namespace(body.roll)
         config = self.config
         frequency = xp.maximum(plan.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
@@ -197,20 +202,17 @@ class LegController:
         signal = self._gait.read(gait, frequency)
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
-        zero = xp.zeros_like(body.roll)
-        # Without a pull to the middle of its feet the body creeps off them until the friction cones hold it no more.
-        down = xp.all(landed, axis=-1)
-        pull = xp.clip(config.landing_gain * xp.mean(body.foot_yaw, axis=-2), -_LANDING_SPEED, _LANDING_SPEED)
-        rise = xp.clip(config.landing_gain * (go1.STAND_HEIGHT - sensed.base_height), -_LANDING_SPEED, _LANDING_SPEED)
-        rest = Plan(
-            stepping_frequency=frequency,
-            velocity=xp.stack([xp.where(down, pull[..., 0], zero), xp.where(down, pull[..., 1], zero), rise], -1),
-            angular_velocity=xp.stack([zero, -config.landing_gain * body.pitch, zero], -1),
-            foot_residual=xp.zeros_like(body.foot_yaw),
-            heading=body.yaw,
+
+        target = self._swing.capture_point(body, go1.STAND_HEIGHT)
+        zero = xp.zeros_like(sensed.joint_position)
+        command = JointCommand(
+            position=self._swing.joint_target(body, target, sensed.joint_position),
+            velocity=zero,
+            kp=zero + config.landing_kp,
+            kd=zero + config.landing_kd,
+            torque=zero,
         )
-        state = replace(state, gait=gait, landed=landed, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
-        return self._track(rest, sensed, body, state, signal)
+        return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
 
     def _track(
         self, plan: Plan, sensed: Sensed, body: Body, state: LawState, signal: GaitSignal
@@ -293,13 +295,18 @@ class LegController:
             cycle=self._gait.read(state.gait, zero + 1.0).cycle,
             stance_duration=zero,
         )
+        return self._without_plan(body, replace(state, landed=down), signal)
+
+    def _without_plan(self, body: Body, state: LawState, signal: GaitSignal) -> tuple[LawState, Diagnostics]:
+        """State and diagnostics of a step in which no forces are planned."""
+        xp = namespace(body.roll)
+        still = xp.zeros_like(body.velocity)
         diagnostics = Diagnostics(
             gait=signal,
             body=body,
             force=xp.zeros_like(body.foot_yaw.reshape((*body.foot_yaw.shape[:-2], 12))),
-            tracking_cost=zero,
-            velocity_reference=xp.zeros_like(body.velocity),
-            angular_velocity_reference=xp.zeros_like(body.velocity),
+            tracking_cost=xp.zeros_like(body.roll),
+            velocity_reference=still,
+            angular_velocity_reference=still,
         )
-        state = replace(state, liftoff=body.foot_yaw, landed=down, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
-        return state, diagnostics
+        return replace(state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + go1.PHYSICS_DT), diagnostics

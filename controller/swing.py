@@ -76,6 +76,18 @@ class SwingLegs:
         second = _smooth(xp.clip(2.0 * t - 1.0, 0.0, 1.0))
         return liftoff + (middle - liftoff) * first + step * second
 
+    def capture_point(self, body: Body, height: float) -> Array:
+        """Where feet must stand to bring the body to rest at a height [m]: hip + velocity sqrt(height / g).
+
+        The capture point of the linear inverted pendulum, within the landing limits; yaw frame, shape (..., 4, 3).
+        """
+        xp = namespace(body.roll)
+        hip = self._hip.like(body.roll) @ body.base_in_yaw.mT
+        limit = self._landing_limit.like(body.roll)
+        step = xp.clip(body.velocity * float(np.sqrt(height / 9.81)), -limit, limit)
+        ground = height * self._down.like(body.roll)
+        return hip * self._horizontal.like(body.roll) + (step + ground)[..., None, :]
+
     def joint_target(self, body: Body, target: Array, joint_position: Array) -> Array:
         """Joint angles for feet at `target`, with every clip applied.
 
