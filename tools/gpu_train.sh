@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Trains the motion policy on a machine with GPUs that reaches no package index.
+# usage: tools/gpu_train.sh WHEELS OUT [arguments of policy.train]
+# WHEELS: a folder of wheels to put beside what python3 has, or "" where they are installed: mujoco, mujoco-core,
+# mujoco-warp, warp-lang, etils, absl-py, glfw, pyopengl, rsl-rl-lib, tensordict, pyvers, cloudpickle,
+# array-api-compat, tomli-w. Expected in python3: torch, numpy, scipy, tensorboard.
+# With GPUS=N in the environment N GPUs of this machine learn together.
+set -euo pipefail
+wheels=$1; out=$2; shift 2
+site=${SITE:-/tmp/site}
+if [ -n "$wheels" ]; then
+  python3 -m pip install -q --no-index --no-deps --no-compile --no-cache-dir --upgrade --target "$site" "$wheels"/*.whl
+fi
+export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
+export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
+if [ "${GPUS:-1}" -gt 1 ]; then
+  run=(python3 -m torch.distributed.run --standalone --nproc_per_node "$GPUS" -m policy.train)
+else
+  run=(python3 -m policy.train)
+fi
+mkdir -p "$out"
+"${run[@]}" --out "$out" "$@" 2>&1 | tee "$out/log.txt"
