@@ -87,12 +87,13 @@ class JumpEnv:
         self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
         self.views = Views(self.memory, config, self._qpos, self._qvel)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
-        self._stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
+        self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
+        """Plan, control, sense and finish: what a step does around the physics."""
         self._begin(prepare=True)
 
     def step(self, output: Tensor) -> Transition:
         """Ten milliseconds with the network's output, shape (n, 10), of which [-1, 1] is within bounds."""
-        plan, control, sense, finish = self._stages
+        plan, control, sense, finish = self.stages
         self._output.copy_(output)
         plan()
         for _ in range(go1.POLICY_STEPS):
@@ -127,7 +128,7 @@ class JumpEnv:
         self.views.set_goals(everyone)
         self.views.observe(self.episodes.draws)
         if prepare and self.device.type == "cuda":
-            for stage in self._stages:
+            for stage in self.stages:
                 stage.prepare()  # which runs it
             self.memory.level.zero_()
             self._begin(prepare=False)

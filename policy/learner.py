@@ -62,13 +62,17 @@ class Learner:
     def collect(self) -> None:
         """Steps the environment `horizon` times."""
         for _ in range(self._config.horizon):
-            transition = self._env.step(self.ppo.act(self._observation))
+            transition = self._env.step(self.act())
             self._observation = _observation(transition)
             self.ppo.process_env_step(
                 self._observation, transition.reward, transition.done, {"time_outs": transition.timed_out.float()}
             )
         self.ppo.compute_returns(self._observation)
         self.steps += self._config.horizon * self._env.count
+
+    def act(self) -> torch.Tensor:
+        """Output of the network for the present observation, with exploration, shape (n, 10)."""
+        return self.ppo.act(self._observation)
 
     def learn(self) -> dict[str, float]:
         """Updates the networks; returns the mean losses."""

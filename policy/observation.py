@@ -3,43 +3,43 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Array
 from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.messages import Floats, RobotState
+from saltus.messages import RobotState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
     """The robot in its yaw frame; all arrays share their leading batch dimensions."""
 
-    roll: Floats
+    roll: Array
     """[rad], shape (...)."""
-    pitch: Floats
+    pitch: Array
     """Nose down positive [rad], shape (...)."""
-    angular_velocity: Floats
+    angular_velocity: Array
     """Yaw frame [rad/s], shape (..., 3)."""
-    velocity: Floats
+    velocity: Array
     """Estimated velocity of the base, yaw frame [m/s], shape (..., 3)."""
-    base_height: Floats
+    base_height: Array
     """Estimated height of the base above the feet in stance [m], shape (...)."""
-    foot: Floats
+    foot: Array
     """Foot centres relative to the base, yaw frame [m], shape (..., 4, 3)."""
-    contact: NDArray[np.bool_]
+    contact: Array
     """Scheduled contact, bool, shape (..., 4)."""
-    progress: Floats
+    progress: Array
     """Of the present stance or swing, [0, 1], shape (..., 4)."""
 
 
 def observe(
     *,
-    quaternion_base_in_world: Floats,
-    angular_velocity_base: Floats,
-    joint_position: Floats,
-    velocity_base_in_world: Floats,
-    base_height: Floats,
-    leg_contact: NDArray[np.bool_],
-    leg_progress: Floats,
+    quaternion_base_in_world: Array,
+    angular_velocity_base: Array,
+    joint_position: Array,
+    velocity_base_in_world: Array,
+    base_height: Array,
+    leg_contact: Array,
+    leg_progress: Array,
 ) -> Observation:
     """Derives the observation from the fields of `RobotState` with the same names; numpy and torch, any batch."""
     rotation = rotation_matrix(quaternion_base_in_world)

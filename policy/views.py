@@ -85,14 +85,13 @@ class Views:
         true = courses.height_at(position[:, :1] + ahead * self._grid) - position[:, 2:]
         self.actor.copy_(torch.nan_to_num(features(seen, shifted + noise)))
         exact = features(seen, true[:, : self.points])
-        known = self._privileged(rotation, yaw, true)
+        known = self._privileged(yaw, true)
         self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
 
-    def _privileged(self, rotation: Tensor, yaw: Tensor, heights: Tensor) -> Tensor:
+    def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
         """What the critic is told besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
         memory, config = self._memory, self._config
         position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
-        one = torch.ones_like(yaw)
         scalars = [
             memory.goal_x - position[:, 0],
             memory.goal_z - position[:, 2],
@@ -107,7 +106,7 @@ class Views:
             memory.pitch_torque,
             memory.slope,
             memory.level / config.curriculum.levels,
-            torch.floor(memory.phase).clamp(max=2.0) * one,
+            torch.floor(memory.phase).clamp(max=2.0),
         ]
         parts = [
             torch.stack(scalars, -1),
