@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -73,50 +73,51 @@ def train(
     Raises:
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
     """
-    device = _device(config.device)
     records = read_manifest(data)
     fitted, _ = split(read_dataset(data))
     # Every round of the dataset is met equally often, however many episodes it has.
     weight, _ = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
-    store = EpisodeStore(fitted, device, weight)
+    store = EpisodeStore(fitted, _device(config.device), weight)
     torch.manual_seed(config.seed)
-    model = HeightmapModel(config.model, store.normalisation()).to(device)
+    model = HeightmapModel(config.model, store.normalisation()).to(store.device)
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     origin = {"config": asdict(config), "dataset": dataset_hash(records)}
     first = _resume(checkpoint, origin, model, optimiser)
+    updates = _updates(model, optimiser, store, config, first)
+    began = saved = told = time.monotonic()
+    for update, (loss, error) in enumerate(updates, start=first + 1):
+        now, last = time.monotonic(), update == config.updates
+        if progress is not None and (now - told > 1.0 or last):
+            told = now
+            state = Progress(
+                update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began
+            )
+            progress(state)
+        if now - saved > config.save_every_s or last:
+            saved = now
+            _save(checkpoint, origin, update, model, optimiser)
+    return model.cpu().eval()
+
+
+def _updates(
+    model: HeightmapModel, optimiser: torch.optim.Optimizer, store: EpisodeStore, config: TrainConfig, first: int
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
     windows = store.windows(config.batch, config.window, TRAINING, TRAINING_NOISE, rng)
-    hidden = torch.zeros(config.batch, config.model.hidden, device=device)
-    began = saved = told = time.monotonic()
-    for update in range(first, config.updates):
-        window = next(windows)
+    hidden = torch.zeros(config.batch, config.model.hidden, device=store.device)
+    for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
             group["lr"] = config.learning_rate * _schedule(update / config.updates)
-        estimate, hidden = run_window(model, window, hidden)
+        estimate, hidden = run_window(model, window, hidden.detach())
         loss = _loss(estimate, window, config.beta if update >= config.warm_start else None)
         optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_norm)
         optimiser.step()
-        hidden = hidden.detach()
-        now = time.monotonic()
-        if progress is not None and (now - told > 1.0 or update + 1 == config.updates):
-            told = now
-            error = _masked_mean((estimate.height - window.height).abs().mean(-1), window.valid)
-            progress(
-                Progress(
-                    update=update + 1,
-                    updates=config.updates,
-                    loss=float(loss.detach()),
-                    mae_m=float(error.detach()),
-                    seconds=now - began,
-                )
-            )
-        if now - saved > config.save_every_s or update + 1 == config.updates:
-            saved = now
-            _save(checkpoint, origin, update + 1, model, optimiser)
-    return model.cpu().eval()
+        error = (estimate.height.detach() - window.height).abs().mean(-1)
+        yield loss.detach(), _masked_mean(error, window.valid)
 
 
 def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
