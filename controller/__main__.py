@@ -102,7 +102,8 @@ class Run:
         self._robot.write(self._loop.act(plan, age_s))
         if self._loop.mode != self._mode:
             self._mode = self._loop.mode
-            self._context.event(f"mode_{self._mode.name.lower()}", self._plans.reason(now_ns))
+            reason = "the trial is over" if self._progress.halt else self._plans.reason(now_ns)
+            self._context.event(f"mode_{self._mode.name.lower()}", reason)
 
     def _close_step(self, start_ns: int) -> None:
         self._joints.put(self._loop.take_joint_log(start_ns, self._step))
