@@ -57,7 +57,11 @@ class Progress:
 
 
 def train(
-    data: Path, checkpoint: Path, config: TrainConfig, progress: Callable[[Progress], None] | None = None
+    data: Path,
+    checkpoint: Path,
+    config: TrainConfig,
+    progress: Callable[[Progress], None] | None = None,
+    start: Path | None = None,
 ) -> HeightmapModel:
     """Trains on a dataset until `config.updates`, going on from `checkpoint` where it is from the same training.
 
@@ -66,6 +70,7 @@ def train(
         checkpoint: Written every `save_every_s` and at the end: weights, optimiser, and what they were made from.
         config: How to train.
         progress: Called about once a second.
+        start: Checkpoint whose network to begin with, its normalisation included: for a further round of data.
 
     Returns:
         The trained network, on the CPU.
@@ -79,9 +84,12 @@ def train(
     weight, _ = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
     store = EpisodeStore(fitted, _device(config.device), weight)
     torch.manual_seed(config.seed)
-    model = HeightmapModel(config.model, store.normalisation()).to(store.device)
+    model, before = load_checkpoint(start) if start else (HeightmapModel(config.model, store.normalisation()), None)
+    model.to(store.device).train()
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    origin = {"config": asdict(config), "dataset": dataset_hash(records)}
+    settings = {**asdict(config), "model": asdict(model.config)}
+    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records)}
+    origin["start"] = before and {name: before[name] for name in ("dataset", "update")}
     first = _resume(checkpoint, origin, model, optimiser)
     updates = _updates(model, optimiser, store, config, first)
     began = saved = told = time.monotonic()

@@ -66,6 +66,15 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
         torch.testing.assert_close(a, b)
 
 
+def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path) -> None:
+    train(data, tmp_path / "d.pt", CONFIG)
+    told: list[Progress] = []
+    further = TrainConfig(**{**vars(CONFIG), "updates": 1, "learning_rate": 0.0, "seed": 5})
+    model = train(data, tmp_path / "e.pt", further, told.append, start=tmp_path / "d.pt")
+    for a, b in zip(model.parameters(), load_checkpoint(tmp_path / "d.pt")[0].parameters(), strict=True):
+        torch.testing.assert_close(a, b)
+
+
 def found(store: EpisodeStore, heights: np.ndarray) -> tuple[Episode, int]:
     """The episode that holds a run of heights, and the tick at which the run begins."""
     for episode in store.episodes:
