@@ -5,10 +5,12 @@ Camera frame: x right in the image, y down in the image, z forward along the opt
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Array, Constant
 from saltus.depth import Intrinsics
 from saltus.errors import SaltusError
 from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
@@ -32,21 +34,26 @@ class Mount:
         right, down, forward = (0.0, -1.0, 0.0), (-s, 0.0, -c), (c, 0.0, -s)
         return np.array([right, down, forward]).T
 
+    @cached_property
+    def in_base(self) -> tuple[Constant, Constant]:
+        """Position and rotation for arrays of any library."""
+        return Constant(self.position), Constant(self.rotation)
 
-def camera_pose(mount: Mount, base_position: Floats, base_quaternion: Floats) -> tuple[Floats, Floats]:
+
+def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> tuple[Array, Array]:
     """Pose of the camera in the world.
 
     Args:
         mount: on the trunk.
-        base_position: [m], world frame, shape (..., 3).
+        base_position: [m], world frame, numpy or torch, shape (..., 3).
         base_quaternion: (w, x, y, z), base to world, shape (..., 4).
 
     Returns:
         Optical centre [m], world frame, shape (..., 3), and rotation from camera to world, shape (..., 3, 3).
     """
-    base_in_world = rotation_matrix(np.asarray(base_quaternion, dtype=np.float64))
-    centre = np.asarray(base_position, dtype=np.float64) + base_in_world @ mount.position
-    return centre, base_in_world @ mount.rotation
+    base_in_world = rotation_matrix(base_quaternion)
+    position, rotation = (constant.like(base_in_world) for constant in mount.in_base)
+    return base_position + base_in_world @ position, base_in_world @ rotation
 
 
 def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:

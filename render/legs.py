@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Array, Constant, namespace
 from saltus.go1 import ABDUCTION_LENGTH, FOOT_RADIUS, HIP_ANCHOR, SIDE, THIGH_LENGTH
 from saltus.kinematics import foot_position
 from saltus.messages import Floats
@@ -20,9 +21,9 @@ CALF_RADIUS = 0.015  # unitree_ros: the collision box is 0.016 m wide; the visua
 class Capsules:
     """Points within `radius` of a segment; a ball where its ends coincide."""
 
-    start: Floats
+    start: Array
     """[m], shape (..., 12, 3)."""
-    end: Floats
+    end: Array
     """[m], shape (..., 12, 3)."""
     radius: Floats
     """[m], shape (12,)."""
@@ -31,26 +32,26 @@ class Capsules:
 RADIUS = np.repeat([THIGH_RADIUS, CALF_RADIUS, FOOT_RADIUS], 4)
 
 
-def leg_capsules(joint_position: Floats) -> Capsules:
+_ANCHOR = Constant(HIP_ANCHOR)
+_OFFSET = Constant(SIDE * ABDUCTION_LENGTH)
+
+
+def leg_capsules(joint_position: Array) -> Capsules:
     """Four thighs, four calves and four feet in the base frame, each in the order of `saltus.go1.LEGS`.
 
     Args:
-        joint_position: [rad], shape (..., 12).
+        joint_position: [rad], numpy or torch, shape (..., 12).
     """
-    q = np.asarray(joint_position, dtype=np.float64)
-    angles = q.reshape((*q.shape[:-1], 4, 3))
-    sine, cosine = np.sin(angles[..., 0]), np.cos(angles[..., 0])
-    offset = SIDE * ABDUCTION_LENGTH
-    thigh_joint = HIP_ANCHOR + _abducted(np.zeros_like(sine), offset, np.zeros_like(sine), sine, cosine)
-    along = -THIGH_LENGTH * np.sin(angles[..., 1])
-    drop = -THIGH_LENGTH * np.cos(angles[..., 1])
-    knee = HIP_ANCHOR + _abducted(along, offset, drop, sine, cosine)
-    foot = foot_position(q)
-    start = np.concatenate([thigh_joint, knee, foot], axis=-2)
-    end = np.concatenate([knee, foot, foot], axis=-2)
-    return Capsules(start=start, end=end, radius=RADIUS)
-
-
-def _abducted(x: Floats, y: Floats, z: Floats, sine: Floats, cosine: Floats) -> Floats:
-    """Turns points about the x axis, shapes (..., 4) -> (..., 4, 3)."""
-    return np.stack([x, y * cosine - z * sine, y * sine + z * cosine], axis=-1)
+    xp = namespace(joint_position)
+    angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3))
+    sine, cosine = xp.sin(angles[..., 0]), xp.cos(angles[..., 0])
+    anchor, offset = _ANCHOR.like(joint_position), _OFFSET.like(joint_position)
+    along = -THIGH_LENGTH * xp.sin(angles[..., 1])
+    drop = -THIGH_LENGTH * xp.cos(angles[..., 1])
+    # the leg's own plane, turned about x by the abduction
+    thigh_joint = anchor + xp.stack([xp.zeros_like(sine), offset * cosine, offset * sine], -1)
+    knee = anchor + xp.stack([along, offset * cosine - drop * sine, offset * sine + drop * cosine], -1)
+    foot = foot_position(joint_position)
+    return Capsules(
+        start=xp.concat([thigh_joint, knee, foot], axis=-2), end=xp.concat([knee, foot, foot], axis=-2), radius=RADIUS
+    )

@@ -1,0 +1,157 @@
+"""Back end on Warp: ray casts on a GPU, for thousands of robots at once, with no copy to or from torch."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+import warp
+from numpy.typing import NDArray
+
+from render.camera import Mount, camera_pose, check_camera, check_mount
+from render.capsules import capsules_in_camera
+from render.legs import RADIUS, leg_capsules
+from render.renderer import Renderer
+from render.warp_kernels import cast_kernel, hide_kernel
+from saltus.arrays import Array
+from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.messages import Floats
+from saltus.terrain.terrain import Terrain
+
+FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
+ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on
+
+
+class WarpCaster:
+    """Casts the rays of many cameras, each over boxes of its own or all over the same.
+
+    Torch tensors on the device are read where they are, in the order of torch's present stream; results are Warp
+    arrays, which `warp.to_torch` turns into tensors without a copy.
+
+    Args:
+        box_center: [m], world frame, numpy or torch, shape (n, boxes, 3), or (1, boxes, 3) for one terrain under all.
+        box_half_size: [m], the same shape; see `saltus.terrain.batch.Courses.boxes`.
+        intrinsics: of the cameras.
+        mount: of the cameras on the trunks; the Go1's where it is not given.
+        legs: whether the robots' legs can be seen.
+        device: "cuda:0" or "cpu"; the first GPU where there is one, if not given.
+    """
+
+    def __init__(
+        self,
+        box_center: Array,
+        box_half_size: Array,
+        intrinsics: Intrinsics = MODEL_CAMERA,
+        mount: Mount | None = None,
+        *,
+        legs: bool = True,
+        device: str | None = None,
+    ) -> None:
+        check_camera(intrinsics)
+        self.intrinsics = intrinsics
+        self.mount = mount or Mount()
+        check_mount(self.mount)
+        self.legs = legs
+        warp.config.log_level = warp.LOG_WARNING  # no banner
+        self.device = str(warp.get_device(device))
+        self._radius = warp.array(RADIUS if legs else RADIUS[:0], dtype=float, device=self.device)
+        self.set_boxes(box_center, box_half_size)
+
+    def set_boxes(self, center: Array, half_size: Array) -> None:
+        """Puts other boxes under the robots; arguments as those of the class."""
+        self._low = self._on_device(center - half_size, warp.vec3f)
+        self._high = self._on_device(center + half_size, warp.vec3f)
+
+    def cast(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> warp.array:
+        """Depth along the optical axis [m], infinite where nothing is hit, float32, shape (n, height, width).
+
+        Args:
+            base_position: [m], world frame, numpy or torch, shape (n, 3).
+            base_quaternion: (w, x, y, z), base to world, shape (n, 4).
+            joint_position: [rad], shape (n, 12).
+        """
+        with self._stream_of(base_position):
+            return self._cast(self._scene(base_position, base_quaternion, joint_position))
+
+    def cast_pair(
+        self, base_position: Array, base_quaternion: Array, joint_position: Array, baseline_m: float
+    ) -> tuple[warp.array, warp.array]:
+        """Depth as from `cast`, and whether an imager `baseline_m` to the right does not see the point."""
+        with self._stream_of(base_position):
+            scene = self._scene(base_position, base_quaternion, joint_position)
+            depth = self._cast(scene)
+            hidden = warp.empty(depth.shape, dtype=warp.bool, device=self.device)
+            warp.launch(
+                hide_kernel,
+                dim=depth.shape,
+                inputs=[*scene, depth, baseline_m, FARTHEST_M, ALONG_RAY],
+                outputs=[hidden],
+                device=self.device,
+            )
+            return depth, hidden
+
+    def _cast(self, scene: list[Any]) -> warp.array:
+        shape = (scene[0].shape[0], self.intrinsics.height, self.intrinsics.width)
+        depth = warp.empty(shape, dtype=float, device=self.device)
+        warp.launch(cast_kernel, dim=shape, inputs=scene, outputs=[depth], device=self.device)
+        return depth
+
+    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> list[Any]:
+        """First arguments of the kernels."""
+        origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
+        legs = leg_capsules(joint_position if self.legs else joint_position[:0])
+        position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.mount.in_base)
+        seen = capsules_in_camera(legs, position_in_base, camera_in_base)
+        camera = self.intrinsics
+        return [
+            self._on_device(origin, warp.vec3f),
+            self._on_device(rotation, warp.mat33f),
+            self._low,
+            self._high,
+            self._on_device(seen.start, warp.vec3f),
+            self._on_device(seen.end, warp.vec3f),
+            self._radius,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+        ]
+
+    def _on_device(self, array: Array, dtype: Any) -> warp.array:
+        if isinstance(array, np.ndarray):
+            return warp.array(array.astype(np.float32), dtype=dtype, device=self.device)
+        return warp.from_torch(array.float().contiguous(), dtype=dtype)
+
+    def _stream_of(self, array: Array) -> Any:
+        """Torch's present stream for its tensors on a GPU, else Warp's own."""
+        on_gpu = not isinstance(array, np.ndarray) and array.is_cuda
+        return warp.ScopedStream(warp.stream_from_torch(array.device) if on_gpu else None)
+
+
+class WarpRenderer(Renderer):
+    """See `Renderer`; `caster` does the same without leaving the device.
+
+    Args:
+        terrain: see `Renderer`.
+        intrinsics: see `Renderer`.
+        mount: see `Renderer`.
+        legs: see `Renderer`.
+        device: see `WarpCaster`.
+    """
+
+    name: ClassVar[str] = "warp"
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        intrinsics: Intrinsics = MODEL_CAMERA,
+        mount: Mount | None = None,
+        *,
+        legs: bool = True,
+        device: str | None = None,
+    ) -> None:
+        super().__init__(terrain, intrinsics, mount, legs=legs)
+        center, half_size = terrain.box_center[None], 0.5 * terrain.box_size[None]
+        self.caster = WarpCaster(center, half_size, intrinsics, self.mount, legs=legs, device=device)
+
+    def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
+        depth: NDArray[np.float32] = self.caster.cast(base_position, base_quaternion, joint_position).numpy()
+        return depth
