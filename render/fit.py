@@ -1,0 +1,189 @@
+"""Parameters of the stereo camera from a recording of a scene at rest, each with its error or the reason for none."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import tomli_w
+
+from render.stereo.camera import StereoConfig
+from render.stereo.depth_unit import DepthUnit
+from render.stereo.estimate import Estimate, measured, untestable
+from render.stereo.fit_baseline import fit_baseline
+from render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction
+from render.stereo.fit_noise import (
+    NoiseCurves,
+    correlation_px,
+    noise_curves,
+    persistence,
+    range_exponent,
+    sigma_inverse,
+)
+from render.stereo.fit_step import fit_step
+from render.stereo.optics import BASELINE_M, Optics
+from render.stereo.static_scene import StaticScene, static_scene
+from saltus.config import to_toml
+from saltus.messages import DepthFrame
+
+ASSUMED = f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the recording does not show it"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StereoParameters:
+    """What can be fitted; units in the names."""
+
+    baseline_m: Estimate
+    sigma_px: Estimate
+    """Sub-pixel noise."""
+    range_exponent: Estimate
+    """Of the growth of the noise with range: 2 if it is that of stereo. Not a parameter of the model: a check."""
+    correlation_px: Estimate
+    persistence_s: Estimate
+    step_px: Estimate
+    """Of the disparity."""
+    maximum_px: Estimate
+    """Largest disparity of the search."""
+    hole_fraction: Estimate
+    """At edges."""
+    flying_fraction: Estimate
+    """At edges."""
+    reach_m: Estimate
+    """Where the signal gets too weak."""
+    depth_unit_m: Estimate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitResult:
+    """A fitted camera, and what was measured."""
+
+    parameters: StereoParameters
+    scene: StaticScene
+    noise: NoiseCurves | None
+    """None where there are too few frames."""
+    edges: EdgeCurves
+
+    @property
+    def baseline_m(self) -> float:
+        """Fitted, or the data sheet's."""
+        return self.parameters.baseline_m.value or BASELINE_M
+
+    @property
+    def optics(self) -> Optics:
+        """Of the recorded images, whose first column is taken to be the sensor's."""
+        return Optics(focal_px=self.scene.fx, baseline_m=self.baseline_m)
+
+    @property
+    def config(self) -> StereoConfig:
+        """The camera as fitted; defaults where the recording shows nothing, and no post-filters."""
+        found, base = self.parameters, StereoConfig()
+        filters = ("hole_filling", "spatial_filter", "temporal_filter")
+        base = base.only([effect.name for effect in base.effects if effect.name not in filters])
+
+        def changed(effect: Any, **values: Estimate) -> Any:
+            return replace(effect, **{name: e.value for name, e in values.items() if e.value is not None})
+
+        return replace(
+            base,
+            disparity_noise=changed(
+                base.disparity_noise,
+                sigma=found.sigma_px,
+                correlation=found.correlation_px,
+                persistence_s=found.persistence_s,
+            ),
+            disparity_step=changed(base.disparity_step, step=found.step_px),
+            edge_holes=changed(base.edge_holes, fraction=found.hole_fraction),
+            flying_pixels=changed(base.flying_pixels, fraction=found.flying_fraction),
+            depth_unit=DepthUnit(unit=self.scene.unit_m),
+        )
+
+    def to_toml(self) -> str:
+        """The camera as the tables of `StereoConfig` under [stereo], its optics, and under [fit] what each rests on."""
+        report: dict[str, Any] = {}
+        for f in fields(self.parameters):
+            estimate: Estimate = getattr(self.parameters, f.name)
+            entry: dict[str, Any] = {"testable": estimate.testable}
+            entry.update({k: v for k, v in (("value", estimate.value), ("error", estimate.error)) if v is not None})
+            if estimate.note:
+                entry["note"] = estimate.note
+            report[f.name] = entry
+        optics = {"focal_px": self.scene.fx, "baseline_m": self.baseline_m}
+        return tomli_w.dumps({"optics": optics, "stereo": tomllib.loads(to_toml(self.config)), "fit": report})
+
+
+def fit(frames: Sequence[DepthFrame]) -> FitResult:
+    """Fits the stereo camera to a recording.
+
+    The focal length is taken from the frames. Noise gives sigma over f B, the comb of quantised disparities step over
+    f B; the left band and shadows give B, so that all three are known where a wall and something near are in view.
+
+    Args:
+        frames: of one camera, raw (no post-filters); the longest part in which nothing moves is used.
+
+    Raises:
+        RecordingError: no frames, frames of different cameras or modes, or nothing valid.
+    """
+    scene = static_scene(frames)
+    baseline = fit_baseline(scene)
+    used = baseline.value or BASELINE_M
+    note = "" if baseline.testable else ASSUMED
+    curves = noise_curves(scene)
+    edges = edge_curves(scene)
+    noise = curves if isinstance(curves, NoiseCurves) else None
+    if isinstance(curves, str):
+        step_inverse = untestable(curves)
+        sigma = correlated = kept = exponent = flying = untestable(curves)
+    else:
+        step_inverse = fit_step(scene, curves.variance_inverse**0.5)
+        sigma = sigma_inverse(curves, scene, step_inverse)
+        correlated = correlation_px(curves, step_inverse)
+        kept = persistence(curves, scene, step_inverse)
+        exponent = range_exponent(curves)
+        flying = flying_fraction(scene, curves.variance_inverse**0.5)
+    return FitResult(
+        parameters=StereoParameters(
+            baseline_m=baseline,
+            sigma_px=_noted(_scaled(sigma, scene.fx * used, baseline), note),
+            range_exponent=exponent,
+            correlation_px=correlated,
+            persistence_s=kept,
+            step_px=_noted(_scaled(step_inverse, scene.fx * used, baseline), note),
+            maximum_px=_maximum(scene, used),
+            hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
+            flying_fraction=flying,
+            reach_m=_reach(scene),
+            depth_unit_m=measured(scene.unit_m, 0.0, "stated by the recording"),
+        ),
+        scene=scene,
+        noise=noise,
+        edges=edges,
+    )
+
+
+def _scaled(estimate: Estimate, factor: float, baseline: Estimate) -> Estimate:
+    """Inverse depth [1/m] as disparity [px]; the error of the baseline comes in."""
+    if estimate.value is None or estimate.error is None:
+        return estimate
+    relative = estimate.error / estimate.value
+    if baseline.value is not None and baseline.error is not None:
+        relative = (relative**2 + (baseline.error / baseline.value) ** 2) ** 0.5
+    return measured(estimate.value * factor, estimate.value * factor * relative)
+
+
+def _noted(estimate: Estimate, note: str) -> Estimate:
+    return replace(estimate, note=note) if estimate.testable and note else estimate
+
+
+def _maximum(scene: StaticScene, baseline_m: float) -> Estimate:
+    largest = float(scene.median.max())
+    return untestable(
+        f"the nearest surface, at {1.0 / largest:.2f} m, has a disparity of {largest * scene.fx * baseline_m:.0f} px: "
+        "nothing is so near that the search must fail"
+    )
+
+
+def _reach(scene: StaticScene) -> Estimate:
+    known = scene.median[scene.median > 0.0]
+    return untestable(
+        f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square on, from 5 m away on"
+    )

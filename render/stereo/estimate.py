@@ -1,0 +1,30 @@
+"""A fitted parameter, or why there is none."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A parameter as a recording shows it."""
+
+    value: float | None = None
+    """None where the recording cannot show it."""
+    error: float | None = None
+    """Standard error."""
+    note: str = ""
+    """Why it is untestable, or what the value rests on."""
+
+    @property
+    def testable(self) -> bool:
+        """Whether there is a value."""
+        return self.value is not None
+
+
+def measured(value: float, error: float, note: str = "") -> Estimate:
+    """A value with its standard error."""
+    return Estimate(value=float(value), error=float(error), note=note)
+
+
+def untestable(reason: str) -> Estimate:
+    """No value, and why."""
+    return Estimate(note=reason)

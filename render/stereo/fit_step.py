@@ -1,0 +1,66 @@
+"""The step of the disparity from the comb that it leaves in the distribution of inverse depth."""
+
+import numpy as np
+
+from render.stereo.estimate import Estimate, measured, untestable
+from render.stereo.static_scene import StaticScene
+from saltus.messages import Floats
+
+BINS = 1 << 18
+SAMPLES = 2_000_000  # inverse depths that are looked at
+QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.9)  # of depth: near surfaces are left out one after the other
+ENVELOPE = 0.6  # beyond 0.6 / sigma a Gaussian's spectrum is below 1e-3
+UNIT_MARGIN = 0.85  # the depth unit makes a comb of its own, from 1 / (unit w^2) on
+PROMINENCE = 8.0  # peak over median of the spectrum
+MIN_LINES = 4.0  # of the comb within the range of inverse depths
+
+
+def fit_step(scene: StaticScene, sigma_inverse: float) -> Estimate:
+    """Step of the inverse depth [1/m]: disparity step over f B.
+
+    Args:
+        scene: the recording.
+        sigma_inverse: noise of the inverse depth [1/m].
+    """
+    if not np.any(scene.surface):
+        return untestable("no surface away from edges is valid throughout")
+    stride = max(1, scene.frames * int(np.sum(scene.surface)) // SAMPLES)
+    values = scene.inverse[:, scene.surface][::stride].ravel().astype(np.float64)
+    best: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    for quantile in QUANTILES:
+        best = max(best, _strongest_line(values, quantile, sigma_inverse, scene.unit_m))
+    prominence, frequency, resolution = best
+    if prominence < PROMINENCE:
+        return untestable(
+            "no comb in the inverse depths: surfaces are so near that the depth unit hides the step, or the noise is "
+            "below the step"
+        )
+    return measured(1.0 / frequency, resolution / frequency**2)
+
+
+def _strongest_line(values: Floats, quantile: float, sigma: float, unit_m: float) -> tuple[float, float, float]:
+    """Prominence, frequency [m], and its error, of the strongest line of the spectrum of all that is far enough."""
+    far = values[values <= np.quantile(values, 1.0 - quantile)]
+    low, high = float(far.min()), float(far.max())
+    span = high - low
+    # a span that holds few lines has been cut out of one surface: its ends would ring
+    if span <= 0.0:
+        return 0.0, 0.0, 0.0
+    density, _ = np.histogram(far, bins=BINS, range=(low, high))
+    window = np.hanning(BINS) if quantile > 0.0 else np.ones(BINS)
+    spectrum = np.abs(np.fft.rfft(density * window, 2 * BINS))
+    frequency = np.arange(len(spectrum)) / (2.0 * span)
+    searched = (frequency > max(ENVELOPE / sigma, MIN_LINES / span)) & (frequency < UNIT_MARGIN / (unit_m * high**2))
+    if np.sum(searched) < 16:
+        return 0.0, 0.0, 0.0
+    index = np.flatnonzero(searched)
+    peak = int(index[np.argmax(spectrum[index])])
+    floor = float(np.median(spectrum[index])) + 1e-9
+    if not 0 < peak < len(spectrum) - 1:
+        return 0.0, 0.0, 0.0
+    before, at, after = spectrum[peak - 1 : peak + 2]
+    curvature = before - 2.0 * at + after
+    offset = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
+    exact = (peak + float(np.clip(offset, -0.5, 0.5))) / (2.0 * span)
+    prominence = float(at) / floor
+    return prominence, exact, 1.0 / (span * prominence)
