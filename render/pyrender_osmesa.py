@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from render._gl import load_pyrender
 from render.camera import Mount, camera_pose
-from render.legs import RADIUS, leg_capsules
+from render.capsules import capsules_in_camera, windows
+from render.legs import RADIUS, Capsules, leg_capsules
 from render.renderer import Renderer
 from render.surface import terrain_triangles
 from saltus.depth import MODEL_CAMERA, Intrinsics
@@ -58,12 +59,17 @@ class PyrenderRenderer(Renderer):
 
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
-        links = self._link_poses(base_position, base_quaternion, joint_position)
         images = np.empty((len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32)
+        camera = _pose(origin, rotation @ _GL_FROM_CAMERA)
+        legs = leg_capsules(joint_position)
+        seen = windows(capsules_in_camera(legs, self.mount.position, self.mount.rotation), self.intrinsics)[2]
+        links = _link_poses(legs, base_position, base_quaternion)
         for i in range(len(origin)):
-            self._scene.set_pose(self._camera, _pose(origin[i], rotation[i] @ _GL_FROM_CAMERA))
-            for node, pose in zip(self._links, links[i], strict=False):
-                self._scene.set_pose(node, pose)
+            self._scene.set_pose(self._camera, camera[i])
+            for node, pose, visible in zip(self._links, links[i], seen[i], strict=False):
+                node.mesh.is_visible = bool(visible)
+                if visible:
+                    self._scene.set_pose(node, pose)
             images[i] = self._gl.render(self._scene, flags=self._pyrender.RenderFlags.DEPTH_ONLY)
         return np.where(images > 0.0, images, np.float32(np.inf))  # pyrender's 0 is "nothing hit"
 
@@ -74,20 +80,18 @@ class PyrenderRenderer(Renderer):
     def _add(self, mesh: trimesh.Trimesh) -> Any:
         return self._scene.add(self._pyrender.Mesh.from_trimesh(mesh, smooth=False))
 
-    def _link_poses(
-        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
-    ) -> NDArray[np.float64]:
-        """Poses of the leg meshes, whose z axes run from start to end, shape (n, 12, 4, 4)."""
-        legs = leg_capsules(joint_position)
-        base = rotation_matrix(np.asarray(base_quaternion, dtype=np.float64))
-        start = base_position[:, None, :] + legs.start @ base.mT
-        axis = (legs.end - legs.start) @ base.mT
-        length = np.linalg.norm(axis, axis=-1, keepdims=True)
-        z = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
-        # any direction across will do; the lateral axis of the base is across a leg unless it is abducted by 90 degrees
-        x = np.cross(np.broadcast_to(base[:, None, :, 1], z.shape), z)
-        x /= np.linalg.norm(x, axis=-1, keepdims=True)
-        return _pose(start, np.stack([x, np.cross(z, x), z], axis=-1))
+
+def _link_poses(legs: Capsules, base_position: Floats, base_quaternion: Floats) -> NDArray[np.float64]:
+    """Poses of the leg meshes, whose z axes run from start to end, shape (n, 12, 4, 4)."""
+    base = rotation_matrix(base_quaternion)
+    start = base_position[:, None, :] + legs.start @ base.mT
+    axis = (legs.end - legs.start) @ base.mT
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    z = np.where(length > 0.0, axis / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
+    # any direction across will do; the lateral axis of the base is across a leg unless it is abducted by 90 degrees
+    x = np.cross(np.broadcast_to(base[:, None, :, 1], z.shape), z)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return _pose(start, np.stack([x, np.cross(z, x), z], axis=-1))
 
 
 def _pose(position: Floats, rotation: Floats) -> NDArray[np.float64]:
