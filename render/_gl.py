@@ -1,12 +1,13 @@
-"""Makes pyrender render on OSMesa with what its own requirements install.
+"""Makes pyrender render on OSMesa, or on EGL where OSMesa is gone, with what its own requirements install.
 
 pyrender 0.1.45 demands PyOpenGL 3.1.0, which lacks the OSMesa calls that pyrender makes. And every PyOpenGL wraps the
-current OSMesa context in a new pointer object at each question, although it keeps tables by context: the tables are
-asked for again at every call and never freed, a quarter of a megabyte a frame. Both are mended here at run time, for
-PyOpenGL 3.1.0 as for later ones, and nothing is changed before `load_pyrender` is called.
+current context in a new pointer object at each question, although it keeps tables by context: the tables are asked for
+again at every call and never freed, a quarter of a megabyte a frame. Both are mended here at run time, for PyOpenGL
+3.1.0 as for later ones, and nothing is changed before `load_pyrender` is called.
 """
 
 import ctypes
+import ctypes.util
 import importlib
 import os
 import warnings
@@ -28,36 +29,61 @@ _ATTRIBUTES = {
 }
 
 
+# Platform of PyOpenGL: the library that it needs, and that library's name for the question which context is current
+_PLATFORMS = {"osmesa": ("OSMesa", "OSMesaGetCurrentContext"), "egl": ("EGL", "eglGetCurrentContext")}
+
+
 def load_pyrender() -> ModuleType:
-    """Imports pyrender for OSMesa; may be called again.
+    """Imports pyrender; may be called again.
 
     Raises:
-        SaltusError: OSMesa is not installed, or this process already uses OpenGL on another platform.
+        SaltusError: neither OSMesa nor EGL is installed, or this process already uses OpenGL on another platform.
     """
-    platform = os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
-    if platform != "osmesa":
-        raise SaltusError(f"PYOPENGL_PLATFORM is '{platform}': the pyrender back end needs 'osmesa', or not set at all")
+    platform = gl_platform()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # deprecations inside PyOpenGL and pyrender, not ours to mend
-            _mend(importlib.import_module("OpenGL.platform"))
+            _mend(importlib.import_module("OpenGL.platform"), platform)
             return importlib.import_module("pyrender")
     except (ImportError, AttributeError) as error:
         raise SaltusError(
-            f"pyrender cannot load OSMesa ({error}): 'apt install libosmesa6', or use the embree renderer"
+            f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6', "
+            "or use the embree renderer"
         ) from error
 
 
-def _mend(platform: Any) -> None:
-    library = platform.PLATFORM.OSMesa
-    _add_missing(importlib.import_module("OpenGL.osmesa"), library)
-    current = library["OSMesaGetCurrentContext"]  # a function object of our own: MuJoCo uses the shared one
+def gl_platform() -> str:
+    """Where pyrender draws: "osmesa" or "egl". What the environment says, else what is installed, OSMesa first.
+
+    Written to the environment, where PyOpenGL and pyrender look.
+
+    Raises:
+        SaltusError: neither is installed, or the environment names another.
+    """
+    found = next((name for name, (library, _) in _PLATFORMS.items() if ctypes.util.find_library(library)), None)
+    platform = os.environ.get("PYOPENGL_PLATFORM") or found
+    if platform is None:
+        raise SaltusError("pyrender needs OSMesa or EGL: 'apt install libosmesa6', or use the embree renderer")
+    if platform not in _PLATFORMS:
+        raise SaltusError(
+            f"PYOPENGL_PLATFORM is '{platform}': the pyrender back end needs 'osmesa' or 'egl', or not set at all"
+        )
+    os.environ["PYOPENGL_PLATFORM"] = platform
+    return platform
+
+
+def _mend(opengl: Any, platform: str) -> None:
+    attribute, question = _PLATFORMS[platform]
+    library = getattr(opengl.PLATFORM, attribute)
+    if platform == "osmesa":
+        _add_missing(importlib.import_module("OpenGL.osmesa"), library)
+    current = library[question]  # a function object of our own: MuJoCo uses the shared one
     current.restype = ctypes.c_void_p  # an address: equal from call to call, as a key must be
 
     def current_context() -> Any:
         return current()
 
-    platform.PLATFORM.GetCurrentContext = platform.GetCurrentContext = current_context
+    opengl.PLATFORM.GetCurrentContext = opengl.GetCurrentContext = current_context
     contextdata = importlib.import_module("OpenGL.contextdata")
     contextdata.getContext = lambda context=None: current() if context is None else context  # type: ignore[attr-defined]
 

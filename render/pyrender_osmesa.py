@@ -1,4 +1,4 @@
-"""Back end on pyrender and OSMesa: a rasteriser that shares nothing with the rays, so each checks the other."""
+"""Back end on pyrender and OSMesa (or EGL): a rasteriser, which shares nothing with the rays: each checks the other."""
 
 from typing import Any, ClassVar
 
@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from render._gl import load_pyrender
+from render._gl import gl_platform, load_pyrender
 from render.camera import Mount, camera_pose
 from render.capsules import capsules_in_camera, windows
 from render.legs import RADIUS, Capsules, leg_capsules
@@ -30,7 +30,7 @@ class PyrenderRenderer(Renderer):
     """See `Renderer`. One image a call of OpenGL; keep to one per process, and `close` it before the next.
 
     Raises:
-        SaltusError: OSMesa is missing.
+        SaltusError: see `Renderer`, or neither OSMesa nor EGL is installed.
     """
 
     name: ClassVar[str] = "pyrender"
@@ -56,6 +56,11 @@ class PyrenderRenderer(Renderer):
         )
         self._camera = self._scene.add(camera)
         self._gl = self._pyrender.OffscreenRenderer(intrinsics.width, intrinsics.height)
+        self._flags = self._pyrender.RenderFlags.DEPTH_ONLY
+        self._drawn: dict[Any, int] | None = None
+        if gl_platform() == "egl":  # where pyrender takes four samples a pixel; SEG has them all at the pixel's centre
+            self._flags |= self._pyrender.RenderFlags.SEG
+            self._drawn = dict.fromkeys(self._scene.mesh_nodes, 255)  # SEG draws what has a colour
 
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
@@ -70,7 +75,7 @@ class PyrenderRenderer(Renderer):
                 node.mesh.is_visible = bool(visible)
                 if visible:
                     self._scene.set_pose(node, pose)
-            images[i] = self._gl.render(self._scene, flags=self._pyrender.RenderFlags.DEPTH_ONLY)
+            images[i] = self._gl.render(self._scene, self._flags, self._drawn)
         return np.where(images > 0.0, images, np.float32(np.inf))  # pyrender's 0 is "nothing hit"
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from saltus.errors import ConfigError, nearest_hint
 
 TerrainKind = Literal["flat", "stairs", "stepping_stones", "step", "gap"]
 Pace = Literal["lockstep", "realtime"]
-Renderer = Literal["auto", "embree", "pyrender"]
+Renderer = Literal["auto", "embree", "pyrender", "warp"]
 
 Config = TypeVar("Config")
 
