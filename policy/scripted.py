@@ -20,6 +20,9 @@ from saltus.messages import Floats
 STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
 LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
 FRONT, REAR = 0, 2  # a leg of each pair
+GRAVITY = 9.81
+# The controller's model of the body: its gain from velocity errors to accelerations, its inertia, its force limit.
+VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
 
 Value = float | Floats
 """A number, or in a search one number for each robot of a batch, shape (n,)."""
@@ -29,51 +32,55 @@ Value = float | Floats
 class ScriptedParameters:
     """All numbers of the planner."""
 
-    stepping_frequency_hz: Value = 3.01
-    velocity_x: Value = 1.79
+    stepping_frequency_hz: Value = 3.44
+    velocity_x: Value = 1.67
     """On level ground [m/s]."""
     velocity_x_per_slope: Value = 0.0
     """Change of speed with the slope ahead [m/s]."""
-    front_velocity_z: Value = 0.22
+    front_velocity_z: Value = 0.698
     """Middle of the stance of the front legs [m/s]."""
-    front_velocity_z_slope: Value = -0.179
+    front_velocity_z_slope: Value = 0.24
     """Change over that stance [m/s]."""
-    rear_velocity_z: Value = 0.657
-    rear_velocity_z_slope: Value = 1.29
-    front_pitch_rate: Value = -2.38
+    rear_velocity_z: Value = 0.776
+    rear_velocity_z_slope: Value = 1.5
+    front_pitch_rate: Value = -1.89
     """Middle of the stance of the front legs, nose down positive [rad/s]."""
-    front_pitch_rate_slope: Value = -4.29
+    front_pitch_rate_slope: Value = -3.29
     """Change over that stance [rad/s]: the front legs push the nose up."""
-    rear_pitch_rate: Value = 0.627
-    rear_pitch_rate_slope: Value = 6.7
-    height_m: Value = 0.27
+    rear_pitch_rate: Value = -1.24
+    rear_pitch_rate_slope: Value = 0.924
+    height_m: Value = 0.266
     """Of the base above the ground."""
-    height_gain: Value = 4.41
+    height_gain: Value = 6.0
     """Vertical velocity by error of height [1/s]."""
-    climb_gain: Value = 1.2
+    lever: Value = 1.0
+    """Share of the height that the standing feet have over the ground under the base that is known to the estimator."""
+    climb_gain: Value = 1.54
     """Vertical velocity by slope times speed."""
-    pitch: Value = -0.094
+    pitch: Value = -0.0067
     """On level ground [rad]."""
-    pitch_per_slope: Value = -0.7
+    pitch_per_slope: Value = -0.46
     """Pitch along the slope of the ground."""
-    pitch_gain: Value = 5.64
+    pitch_gain: Value = 2.92
     """Pitch rate by error of pitch [1/s]."""
-    front_landing_x: Value = -0.00489
+    coupling: Value = 0.418
+    """Share of the pitch rate that the wanted support brings about anyway that is asked for."""
+    front_landing_x: Value = 0.00407
     """Shift of the landing point of the front feet [m]."""
-    rear_landing_x: Value = -0.0628
-    clearance_m: Value = 0.0785
+    rear_landing_x: Value = -0.0466
+    clearance_m: Value = 0.0772
     """Of the sole above the highest terrain on the way."""
-    landing_depth_m: Value = 0.01
+    landing_depth_m: Value = 0.00789
     """How far below the ground a foot aims when it lands."""
-    lift_until: Value = 0.305
+    lift_until: Value = 0.324
     """Progress of the swing at which a foot is up."""
-    lower_from: Value = 0.621
+    lower_from: Value = 0.629
     """Progress of the swing at which a foot begins to come down."""
-    edge_margin_m: Value = 0.12
+    edge_margin_m: Value = 0.099
     """Distance from a landing point within which edges matter, the nearer the more."""
-    edge_cost: Value = 0.03
+    edge_cost: Value = 0.0157
     """Detour that is worth an edge at a landing point, about [m]."""
-    height_trust: Value = 0.5
+    height_trust: Value = 0.408
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
 
 
@@ -117,7 +124,7 @@ class ScriptedPlanner:
         climb = p.climb_gain * incline * observation.velocity[..., 0]
         # The height is felt over the standing feet, which on a slope are above or below the ground under the base.
         lever = np.where(front, go1.HIP_ANCHOR[FRONT, 0], go1.HIP_ANCHOR[REAR, 0])
-        rise = p.height_gain * (p.height_m - lever * incline - observation.base_height)
+        rise = p.height_gain * (p.height_m - p.lever * lever * incline - observation.base_height)
         velocity_z = _by_mode(
             front,
             p.front_velocity_z + p.front_velocity_z_slope * moment,
@@ -128,16 +135,28 @@ class ScriptedPlanner:
             p.front_pitch_rate + p.front_pitch_rate_slope * moment,
             p.rear_pitch_rate + p.rear_pitch_rate_slope * moment,
         )
+        # At the start all legs stand: the body only gathers speed.
+        bounding = ~(front & observation.contact[..., REAR])
+        velocity_z = bounding * velocity_z + rise + climb
         pitch_error = p.pitch + p.pitch_per_slope * incline - observation.pitch
+        pitch_rate = pitch_rate + p.coupling * self._rate_of_support(observation, front, velocity_z)
+        pitch_rate = bounding * pitch_rate + p.pitch_gain * pitch_error
         shape = observation.pitch.shape
         return Action(
             stepping_frequency_hz=np.broadcast_to(np.asarray(p.stepping_frequency_hz), shape),
             velocity_x=np.broadcast_to(p.velocity_x + p.velocity_x_per_slope * np.abs(incline), shape),
-            velocity_z=velocity_z + rise + climb,
-            pitch_rate=pitch_rate + p.pitch_gain * pitch_error,
+            velocity_z=velocity_z,
+            pitch_rate=pitch_rate,
             foot_residual_front=self._residual(observation, heights, FRONT, p.front_landing_x),
             foot_residual_rear=self._residual(observation, heights, REAR, p.rear_landing_x),
         ).bounded()
+
+    def _rate_of_support(self, observation: Observation, front: NDArray[np.bool_], velocity_z: Floats) -> Floats:
+        """Pitch rate that the controller must be asked for lest it takes weight off the feet to hold the pitch."""
+        mean_x = np.where(front, observation.foot[..., :2, 0].mean(axis=-1), observation.foot[..., 2:, 0].mean(axis=-1))
+        lift = GRAVITY + VELOCITY_GAIN * (velocity_z - observation.velocity[..., 2])
+        acceleration = -mean_x * go1.MASS * np.clip(lift, 0.0, MAX_LIFT) / PITCH_INERTIA
+        return observation.angular_velocity[..., 1] + acceleration / VELOCITY_GAIN
 
     def _offset(self, observation: Observation, heights: Floats) -> Floats:
         """What to add to the heights so that the ground under the standing feet is where those feet feel it."""

@@ -1,0 +1,138 @@
+"""When the planner says STAND, GO and STOP: over the whole family of heightmap histories."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from policy.process import LOST_NS, STAND_NS, PlannerProcess
+from saltus import go1
+from saltus.grid import HEIGHTMAP_X
+from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+
+STEP_NS = 10_000_000
+STATE = RobotState(
+    time_ns=0,
+    step=0,
+    quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+    angular_velocity_base=np.zeros(3),
+    acceleration_base=np.array([0.0, 0.0, 9.81]),
+    joint_position=go1.STAND_POSE,
+    joint_velocity=np.zeros(12),
+    joint_torque=np.zeros(12),
+    velocity_base_in_world=np.zeros(3),
+    base_height=0.27,
+    leg_contact=np.ones(4, dtype=np.bool_),
+    leg_progress=np.zeros(4),
+    leg_trusted=np.ones(4, dtype=np.bool_),
+    cycle=0,
+    mode=ControllerMode.STAND,
+    depth_due=-1,
+)
+
+
+def state(step: int) -> RobotState:
+    return replace(STATE, step=step, time_ns=step * STEP_NS)
+
+
+def heightmap(step: int, status: HeightmapStatus = HeightmapStatus.OK) -> Heightmap:
+    return Heightmap(
+        time_ns=step * STEP_NS,
+        step=step,
+        x=HEIGHTMAP_X,
+        height=np.full(30, -0.27),
+        std=np.full(30, 0.01),
+        status=status,
+        depth_age_s=0.06,
+        frame_id=step // 2,
+        model_id="0" * 16,
+    )
+
+
+def run(statuses: list[HeightmapStatus | None], process: PlannerProcess, first: int = 0) -> list[MotionPlan]:
+    """One step for each entry; None where no heightmap arrives."""
+    plans = []
+    for step, status in enumerate(statuses, first):
+        seen = None if status is None else heightmap(step, status)
+        plans.append(process.step(state(step), seen, step * STEP_NS))
+    return plans
+
+
+def going() -> tuple[PlannerProcess, int]:
+    """A planner that has just said GO, and its next step."""
+    process, steps = PlannerProcess(), STAND_NS // STEP_NS + 1
+    assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
+    return process, steps
+
+
+def test_stands_until_it_has_stood_and_sees() -> None:
+    stand_steps = STAND_NS // STEP_NS
+    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess())
+    assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
+    assert all(plan.reason for plan in plans[:stand_steps])
+    assert not any(plan.reason for plan in plans[stand_steps:])
+
+
+@pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
+def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
+    process = PlannerProcess()
+    plans = run([status] * 200, process)
+    assert {plan.status for plan in plans} == {PlanStatus.STAND}
+    assert all(plan.reason for plan in plans)
+    assert not process.notices
+    assert run([HeightmapStatus.OK], process, first=200)[0].status == PlanStatus.GO
+
+
+def test_every_history_of_four_heightmaps() -> None:
+    """Once it goes: OK and DEGRADED keep it going, WARMING and INVALID stop it for good, single losses are bridged."""
+    kinds = (None, *HeightmapStatus)
+    fatal = (HeightmapStatus.WARMING, HeightmapStatus.INVALID)
+    for history in product(kinds, repeat=4):
+        process, first = going()
+        plans = run(list(history), process, first)
+        bad = [i for i, status in enumerate(history) if status in fatal]
+        stop_at = bad[0] if bad else len(history)
+        expected = [PlanStatus.GO] * stop_at + [PlanStatus.STOP] * (len(history) - stop_at)
+        assert [plan.status for plan in plans] == expected, history
+        assert [notice.code for notice in process.notices] == (["heightmap_invalid"] if bad else [])
+        assert all(bool(plan.reason) == (plan.status != PlanStatus.GO) for plan in plans)
+
+
+def test_says_within_110_ms_that_heightmaps_have_ended() -> None:
+    process, first = going()
+    plans = run([None] * 30, process, first)
+    stopped = [i for i, plan in enumerate(plans) if plan.status == PlanStatus.STOP]
+    assert stopped == list(range(stopped[0], 30))
+    since_last_arrival = (stopped[0] + 1) * STEP_NS
+    assert LOST_NS <= since_last_arrival <= 105_000_000  # 5 ms are left for the wait of the process
+    assert [notice.code for notice in process.notices] == ["heightmap_lost"]
+
+
+def test_old_heightmaps_are_no_heightmaps() -> None:
+    process, first = going()
+    plan = process.step(state(first), heightmap(first - 9), first * STEP_NS)
+    assert plan.status == PlanStatus.STOP
+    assert [notice.code for notice in process.notices] == ["heightmap_lost"]
+
+
+def test_a_stop_is_final() -> None:
+    process, first = going()
+    plans = run([HeightmapStatus.INVALID] + [HeightmapStatus.OK] * 300, process, first)
+    assert {plan.status for plan in plans} == {PlanStatus.STOP}
+    assert len(process.notices) == 1
+
+
+def test_the_same_step_again_gets_the_same_plan() -> None:
+    process, first = going()
+    plan = process.step(state(first), heightmap(first), first * STEP_NS)
+    for again in (None, heightmap(first), heightmap(first, HeightmapStatus.INVALID)):
+        assert process.step(state(first), again, first * STEP_NS + STEP_NS // 2) is plan
+
+
+def test_plans_name_the_state_that_they_answer() -> None:
+    process, first = going()
+    for plan, step in zip(run([HeightmapStatus.OK] * 5, process, first), range(first, first + 5), strict=True):
+        assert (plan.step, plan.time_ns) == (step, step * STEP_NS)
+        assert plan.foot_residual_front.shape == plan.foot_residual_rear.shape == (3,)
+        assert 0.5 <= plan.stepping_frequency_hz <= 4.0

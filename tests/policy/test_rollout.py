@@ -1,0 +1,73 @@
+"""The closed loop with real physics: the robot bounds, and a batch is made of single robots."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from policy.rollout import Rollout, exact_heights
+from policy.scripted import ScriptedPlanner
+from saltus.config import TerrainConfig
+from saltus.grid import HEIGHTMAP_X
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
+
+FLAT = make_terrain(TerrainConfig(terrain="flat"))
+
+
+def test_four_robots_bound_two_metres_of_flat_ground() -> None:
+    rollout = Rollout([FLAT] * 4, [Trial.draw(seed) for seed in range(4)], ScriptedPlanner(), stand_steps=30)
+    start = None
+    flying = np.zeros(4)
+    for step in (rollout.step() for _ in range(330)):
+        assert step.running.all(), [outcome for outcome in rollout.outcomes if outcome]
+        start = step.truth.position_base_in_world if start is None else start
+        flying += (step.truth.foot_force < 1.0).all(axis=-1)
+        way = step.truth.position_base_in_world - start
+        if (way[:, 0] > 2.0).all():
+            break
+    assert (way[:, 0] > 2.0).all()
+    assert (np.abs(way[:, 1]) < 0.3).all()
+    assert (flying > 10).all()  # a bound has flight phases
+
+
+def test_a_batch_is_made_of_single_robots() -> None:
+    trials = [Trial.draw(seed) for seed in (5, 6)]
+    terrains = [FLAT, make_terrain(TerrainConfig(terrain="stairs"))]
+    together = Rollout(terrains, trials, ScriptedPlanner(), stand_steps=5)
+    alone = [Rollout([terrains[i]], [trials[i]], ScriptedPlanner(), stand_steps=5) for i in range(2)]
+    for _ in range(25):
+        batch = together.step()
+        for i, rollout in enumerate(alone):
+            single = rollout.step()
+            for f in fields(batch.states):
+                expected = np.asarray(getattr(single.states, f.name))
+                got = np.asarray(getattr(batch.states, f.name))
+                np.testing.assert_allclose(
+                    got[i] if got.ndim else got, expected[0] if got.ndim else expected, atol=1e-9
+                )
+
+
+def test_whoever_is_done_starts_again_and_no_longer_counts() -> None:
+    rollout = Rollout([FLAT] * 2, [Trial.draw(0), Trial.draw(1)], ScriptedPlanner(), stand_steps=0, time_limit_s=0.1)
+    steps = [rollout.step() for _ in range(14)]
+    assert all(outcome is not None and outcome.cause == "time_limit" for outcome in rollout.outcomes)
+    fresh = [i for i, step in enumerate(steps) if step.fresh.all()]
+    assert len(fresh) == 2
+    assert fresh[0] == 0
+    assert all(step.running.all() for step in steps[: fresh[1]])
+    assert not any(step.running.any() for step in steps[fresh[1] :])
+
+
+@pytest.mark.parametrize(("shift_x", "shift_z"), [(0.0, 0.0), (0.08, -0.05), (-0.03, 0.02)])
+def test_true_heights_are_the_terrain_where_they_say(shift_x: float, shift_z: float) -> None:
+    stairs = make_terrain(TerrainConfig(terrain="stairs"))
+    trial = Trial(height_shift_x=shift_x, height_shift_z=shift_z, yaw=0.1, position_x=1.2)
+    step = Rollout([stairs], [trial], ScriptedPlanner(), stand_steps=1).step()
+    position = step.truth.position_base_in_world[0]
+    x = position[0] + (HEIGHTMAP_X + shift_x) * np.cos(0.1)
+    np.testing.assert_allclose(step.heights[0], stairs.height_at(x) - position[2] + shift_z, atol=1e-9)
+    exact = Rollout([stairs], [trial], ScriptedPlanner(), stand_steps=1, heights=exact_heights).step()
+    np.testing.assert_allclose(
+        exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1)) - position[2], atol=1e-9
+    )

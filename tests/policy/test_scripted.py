@@ -1,0 +1,161 @@
+"""Laws of the scripted planner over random robots and terrains."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from policy.action import PITCH_RATE_LIMIT, RESIDUAL_HIGH, RESIDUAL_LOW, VELOCITY_X_LIMIT, VELOCITY_Z_LIMIT, Action
+from policy.observation import Observation, observe
+from policy.profile import height_at, highest_between, slope
+from policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus import go1
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.messages import Floats
+
+COUNT = 64
+
+
+def observations(rng: np.random.Generator, count: int = COUNT) -> Observation:
+    angles = rng.uniform(-0.4, 0.4, (3, count))
+    contact = rng.uniform(size=(count, 2)) < 0.5
+    progress = rng.uniform(size=(count, 2))
+    return observe(
+        quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
+        angular_velocity_base=rng.uniform(-6.0, 6.0, (count, 3)),
+        joint_position=go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12)),
+        velocity_base_in_world=rng.uniform(-1.0, 2.0, (count, 3)),
+        base_height=rng.uniform(0.15, 0.4, count),
+        leg_contact=np.repeat(contact, 2, axis=-1),
+        leg_progress=np.repeat(progress, 2, axis=-1),
+    )
+
+
+def terrains(rng: np.random.Generator, count: int = COUNT) -> Floats:
+    steps = np.cumsum(rng.choice([0.0, 0.0, 0.0, 0.0, 0.06, 0.2, -0.4], (count, len(HEIGHTMAP_X))), axis=-1)
+    return steps - rng.uniform(0.2, 0.35, (count, 1))
+
+
+def arrays(action: Action) -> list[Floats]:
+    return [np.asarray(getattr(action, f.name)) for f in fields(action)]
+
+
+def pick(observation: Observation, i: int) -> Observation:
+    return Observation(**{f.name: np.asarray(getattr(observation, f.name))[i] for f in fields(observation)})
+
+
+def test_a_batch_gets_what_each_robot_gets_alone() -> None:
+    rng = np.random.default_rng(0)
+    observation, heights = observations(rng), terrains(rng)
+    planner = ScriptedPlanner()
+    together = arrays(planner.step(observation, heights))
+    for i in range(COUNT):
+        alone = arrays(planner.step(pick(observation, i), heights[i]))
+        for batch, single in zip(together, alone, strict=True):
+            np.testing.assert_allclose(batch[i], single, atol=1e-12)
+
+
+def test_parameters_of_its_own_for_each_robot() -> None:
+    rng = np.random.default_rng(1)
+    observation, heights = observations(rng, 3), terrains(rng, 3)
+    speeds, margins = np.array([0.5, 1.0, 1.5]), np.array([0.05, 0.1, 0.15])
+    each = ScriptedParameters(velocity_x=speeds, edge_margin_m=margins)
+    together = arrays(ScriptedPlanner(each).step(observation, heights))
+    for i in range(3):
+        own = ScriptedParameters(velocity_x=float(speeds[i]), edge_margin_m=float(margins[i]))
+        alone = arrays(ScriptedPlanner(own).step(pick(observation, i), heights[i]))
+        for batch, single in zip(together, alone, strict=True):
+            np.testing.assert_allclose(batch[i], single, atol=1e-12)
+
+
+def test_the_same_again_and_nothing_is_changed() -> None:
+    rng = np.random.default_rng(2)
+    observation, heights = observations(rng), terrains(rng)
+    before = heights.copy()
+    planner = ScriptedPlanner()
+    first, second = planner.step(observation, heights), planner.step(observation, heights)
+    for a, b in zip(arrays(first), arrays(second), strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(heights, before)
+
+
+def test_plans_are_finite_and_within_their_bounds() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        action = ScriptedPlanner().step(observations(rng), terrains(rng))
+        assert all(np.isfinite(values).all() for values in arrays(action))
+        assert np.all((action.stepping_frequency_hz >= 0.5) & (action.stepping_frequency_hz <= 4.0))
+        assert np.all(np.abs(action.velocity_x) <= VELOCITY_X_LIMIT)
+        assert np.all(np.abs(action.velocity_z) <= VELOCITY_Z_LIMIT)
+        assert np.all(np.abs(action.pitch_rate) <= PITCH_RATE_LIMIT)
+        for residual in (action.foot_residual_front, action.foot_residual_rear):
+            assert np.all((residual >= RESIDUAL_LOW) & (residual <= RESIDUAL_HIGH))
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.06, 0.12])
+@pytest.mark.parametrize("progress", [0.45, 0.55])
+def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: float) -> None:
+    """Seen from a level robot at 1 m/s with a step ahead of its front feet."""
+    base_height = 0.28
+    observation = observe(
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
+        base_height=np.asarray(base_height),
+        leg_contact=np.array([False, False, True, True]),
+        leg_progress=np.array([progress, progress, 0.7, 0.7]),
+    )
+    heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
+    # where the rear feet stand they feel the ground exactly where the heightmap has it
+    heights = heights + base_height + observation.foot[2, 2] - go1.FOOT_RADIUS
+    action = ScriptedPlanner().step(observation, heights)
+    sole = -base_height + action.foot_residual_front[2] - go1.FOOT_RADIUS  # the nominal swing is at -base_height
+    assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
+
+
+def test_a_foot_does_not_aim_into_a_trench() -> None:
+    observation = observe(
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
+        base_height=np.asarray(0.28),
+        leg_contact=np.array([False, False, True, True]),
+        leg_progress=np.array([0.2, 0.2, 0.5, 0.5]),
+    )
+    flat = np.full(len(HEIGHTMAP_X), -0.28)
+    planner = ScriptedPlanner()
+    level = planner.step(observation, flat).foot_residual_front[0]
+    neutral = _landing_x(planner, observation)
+    for ahead in (-0.08, 0.0, 0.08):
+        trench = flat - 0.4 * (np.abs(HEIGHTMAP_X - neutral - ahead) < 0.06)
+        landing = neutral + planner.step(observation, trench).foot_residual_front[0] - level
+        assert height_at(trench, np.array([landing]))[0] > -0.35
+
+
+def _landing_x(planner: ScriptedPlanner, observation: Observation) -> float:
+    """Where the front feet land on level ground, relative to the base now."""
+    p = planner.parameters
+    speed, frequency = float(observation.velocity[0]), float(p.stepping_frequency_hz)
+    remaining = (1.0 - float(observation.progress[0])) * 0.6 / frequency
+    return float(go1.HIP_ANCHOR[0, 0] + 0.5 * speed * 0.4 / frequency + p.front_landing_x + speed * remaining)
+
+
+def test_reading_a_profile() -> None:
+    rng = np.random.default_rng(4)
+    heights = terrains(rng)
+    for i in range(len(HEIGHTMAP_X)):
+        exact = height_at(heights, np.full((COUNT, 1), HEIGHTMAP_X[i]))[:, 0]
+        np.testing.assert_allclose(exact, heights[:, i], atol=1e-9)
+    x = rng.uniform(-0.6, 1.0, (COUNT, 5))
+    expected = np.stack([np.interp(x[i], HEIGHTMAP_X, heights[i]) for i in range(COUNT)])
+    np.testing.assert_allclose(height_at(heights, x), expected, atol=1e-9)
+    start, end = x[:, 0], x[:, 1]
+    between = height_at(heights, np.linspace(start, end, 2000, axis=-1)).max(axis=-1)
+    highest = highest_between(heights, start, end)
+    assert np.all(highest >= between - 1e-9)
+    assert np.all(highest <= between + 0.01)
+    line = 0.3 * HEIGHTMAP_X + np.array([[-0.3], [0.1]])
+    np.testing.assert_allclose(slope(line, -0.2, 0.5), 0.3)
