@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import tomli_w
@@ -24,8 +25,13 @@ from render.stereo.fit_step import fit_step
 from render.stereo.optics import BASELINE_M, Optics
 from render.stereo.static_scene import StaticScene, static_scene
 from saltus.config import to_toml
+from saltus.errors import RecordingError
 from saltus.messages import DepthFrame
+from saltus.realsense import read_realsense
+from saltus.recording import read_recording
 
+FEW_FRAMES = 10  # below, a hole at an edge may be there in all of them
+WIDENED = "from few frames: holes at edges that never closed count as shadow and widen it"
 ASSUMED = f"with the data sheet's baseline of {1e3 * BASELINE_M:g} mm, as the recording does not show it"
 
 
@@ -44,6 +50,8 @@ class StereoParameters:
     """Of the disparity."""
     maximum_px: Estimate
     """Largest disparity of the search."""
+    margin_px: Estimate
+    """Of the search at the left of the image; below 0 the invalid band is wider than f B / z."""
     hole_fraction: Estimate
     """At edges."""
     flying_fraction: Estimate
@@ -92,6 +100,7 @@ class FitResult:
                 persistence_s=found.persistence_s,
             ),
             disparity_step=changed(base.disparity_step, step=found.step_px),
+            search_range=changed(base.search_range, margin=found.margin_px),
             edge_holes=changed(base.edge_holes, fraction=found.hole_fraction),
             flying_pixels=changed(base.flying_pixels, fraction=found.flying_fraction),
             depth_unit=DepthUnit(unit=self.scene.unit_m),
@@ -111,6 +120,20 @@ class FitResult:
         return tomli_w.dumps({"optics": optics, "stereo": tomllib.loads(to_toml(self.config)), "fit": report})
 
 
+def load_frames(path: Path) -> list[DepthFrame]:
+    """Depth frames of a recording: a RealSense bag (.bag), or a run of Saltus (.mcap).
+
+    Raises:
+        RecordingError: neither, or not readable.
+    """
+    if path.suffix == ".bag":
+        return list(read_realsense(path))
+    if path.suffix == ".mcap":
+        messages = [message for _, _, message in read_recording(path).messages("camera/depth")]
+        return [message for message in messages if isinstance(message, DepthFrame)]
+    raise RecordingError(f"{path} is neither a RealSense bag (.bag) nor a recorded run (.mcap)")
+
+
 def fit(frames: Sequence[DepthFrame]) -> FitResult:
     """Fits the stereo camera to a recording.
 
@@ -124,7 +147,9 @@ def fit(frames: Sequence[DepthFrame]) -> FitResult:
         RecordingError: no frames, frames of different cameras or modes, or nothing valid.
     """
     scene = static_scene(frames)
-    baseline = fit_baseline(scene)
+    baseline, margin = fit_baseline(scene)
+    if scene.frames < FEW_FRAMES:
+        baseline = _noted(baseline, WIDENED)
     used = baseline.value or BASELINE_M
     note = "" if baseline.testable else ASSUMED
     curves = noise_curves(scene)
@@ -149,6 +174,7 @@ def fit(frames: Sequence[DepthFrame]) -> FitResult:
             persistence_s=kept,
             step_px=_noted(_scaled(step_inverse, scene.fx * used, baseline), note),
             maximum_px=_maximum(scene, used),
+            margin_px=margin,
             hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
             flying_fraction=flying,
             reach_m=_reach(scene),

@@ -32,7 +32,7 @@ class StereoConfig:
     disparity_noise: DisparityNoise = field(default_factory=lambda: DisparityNoise(sigma=0.08))
     disparity_step: DisparityStep = field(default_factory=lambda: DisparityStep(step=1.0 / 32.0))
     search_range: SearchRange = field(default_factory=lambda: SearchRange(maximum=126.0, margin=0.0))
-    edge_holes: EdgeHoles = field(default_factory=lambda: EdgeHoles(fraction=0.3))
+    edge_holes: EdgeHoles = field(default_factory=lambda: EdgeHoles(fraction=0.1))
     weak_signal: WeakSignal = field(default_factory=lambda: WeakSignal(reach=10.0))
     flying_pixels: FlyingPixels = field(default_factory=lambda: FlyingPixels(fraction=0.2))
     depth_unit: DepthUnit = field(default_factory=lambda: DepthUnit(unit=0.001))

@@ -25,7 +25,8 @@ class EdgeHoles(Effect[StereoImage]):
     name: ClassVar[str] = "edge_holes"
     site: ClassVar[Site] = "depth"
 
-    # what the D435 frame of librealsense's tests shows beyond the shadow of the baseline
+    # a D435 frame of smooth surfaces (librealsense's tests) loses 12 % of the pixels right beside an edge, 3 % of those
+    # within 4.5 px; frames of clutter lose several times that
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
     # half of a matching window of 9 px
     reach: float = field(default=4.5, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})

@@ -1,6 +1,7 @@
 """Baseline from what the right imager misses: the band at the left of the image and the shadows of near things."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ MIN_WIDTH = 3  # px: narrower ones may be holes at edges
 MIN_STEP_PX = 2.0  # of nominal disparity across a shadow
 MIN_ROWS = 10
 ROUNDING_PX = 0.29  # standard deviation of a width in whole pixels, the same in all rows of an upright edge
+ROWS_ALIKE = 10  # neighbouring rows whose widths err alike: a matching window
+NO_MARGIN_PX = 1.5  # a margin that rounding can feign
 BESIDE = 2  # pixels from the border of a shadow at which depth is read: clear of flying pixels
 
 
@@ -25,21 +28,59 @@ class Shadows:
     """[px], shape (n,)."""
     step: Floats
     """Difference of inverse depth between its sides [1/m]; inverse depth itself for the left band. Shape (n,)."""
+    end: Floats
+    """First column to the right of it, shape (n,)."""
+
+    def __getitem__(self, index: Any) -> "Shadows":
+        return Shadows(width=self.width[index], step=self.step[index], end=self.end[index])
 
 
-def fit_baseline(scene: StaticScene) -> Estimate:
-    """Baseline [m]: width over focal length times step, over all shadows and the band."""
+def fit_baseline(scene: StaticScene) -> tuple[Estimate, Estimate]:
+    """Baseline [m], and the margin [px] of `SearchRange`.
+
+    Shadows are f B (1 / z_near - 1 / z_far) wide. The band is f B / z wide less the margin, so it counts for the
+    baseline only where it agrees with the shadows without one, or where there are no shadows.
+    """
     bands, shadows = left_bands(scene), edge_shadows(scene)
-    width = np.concatenate([bands.width, shadows.width])
-    step = np.concatenate([bands.step, shadows.step])
-    if len(width) < MIN_ROWS:
-        return untestable("no invalid band at the left of the image and no shadow beside a near edge")
-    value = float(np.sum(width) / (scene.fx * np.sum(step)))
-    # least absolute deviation from it tells the outliers: shadows of something that is not in view
-    residual = width - value * scene.fx * step
-    fits = np.abs(residual) <= max(2.0, 3.0 * 1.4826 * float(np.median(np.abs(residual))))
-    value = float(np.sum(width[fits]) / (scene.fx * np.sum(step[fits])))
-    return measured(value, value * ROUNDING_PX / float(np.mean(width[fits])))
+    if len(shadows.width) < MIN_ROWS:
+        if len(bands.width) < MIN_ROWS:
+            nothing = untestable("no invalid band at the left of the image and no shadow beside a near edge")
+            return nothing, nothing
+        note = "from the band at the left alone, taken to be f B / z wide"
+        return replace(_slope(bands, scene.fx), note=note), untestable("no shadow tells band from margin")
+    baseline = _slope(shadows, scene.fx)
+    if len(bands.width) < MIN_ROWS:
+        return baseline, untestable("no invalid band at the left of the image")
+    margin = _margin(bands, scene.fx, baseline)
+    if abs(margin.value or 0.0) < NO_MARGIN_PX:
+        baseline = _slope(_joined(bands, shadows), scene.fx)
+        return baseline, _margin(bands, scene.fx, baseline)
+    return baseline, margin
+
+
+def _margin(bands: Shadows, fx: float, baseline: Estimate) -> Estimate:
+    rest = fx * (baseline.value or 0.0) * bands.step - bands.width
+    return measured(float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5))
+
+
+def _joined(one: Shadows, other: Shadows) -> Shadows:
+    return Shadows(
+        width=np.concatenate([one.width, other.width]),
+        step=np.concatenate([one.step, other.step]),
+        end=np.concatenate([one.end, other.end]),
+    )
+
+
+def _slope(shadows: Shadows, fx: float) -> Estimate:
+    """Width over focal length times step, without outliers: shadows of something that is not in view."""
+    value = float(np.median(shadows.width / shadows.step)) / fx
+    for _ in range(3):
+        residual = np.abs(shadows.width - value * fx * shadows.step)
+        fits = residual <= max(2.0, 3.0 * 1.4826 * float(np.median(residual)))
+        value = float(np.sum(shadows.width[fits]) / (fx * np.sum(shadows.step[fits])))
+    mean_width = float(np.mean(shadows.width[fits]))
+    spread = 1.4826 * float(np.median(residual[fits])) / (np.sum(fits) / ROWS_ALIKE) ** 0.5
+    return measured(value, value * float(np.hypot(ROUNDING_PX, spread)) / mean_width)
 
 
 def left_bands(scene: StaticScene) -> Shadows:
@@ -50,7 +91,7 @@ def left_bands(scene: StaticScene) -> Shadows:
     step = np.take_along_axis(scene.median, beside[:, None], axis=1)[:, 0]
     # the band of a near object next to it would reach farther: what limits the band is the depth just beside it
     kept = (width >= MIN_WIDTH) & (step > 0.0)
-    return Shadows(width=width[kept].astype(float), step=step[kept].astype(float))
+    return Shadows(width=width.astype(float), step=step.astype(float), end=width.astype(float))[kept]
 
 
 def edge_shadows(scene: StaticScene) -> Shadows:
@@ -67,4 +108,4 @@ def edge_shadows(scene: StaticScene) -> Shadows:
     nominal = step * scene.fx * BASELINE_M
     # a hole in a pattern-less surface has no reason to be as wide as the step is high: within a factor of 3
     kept = known & (width >= MIN_WIDTH) & (nominal > MIN_STEP_PX) & (width < 3.0 * nominal) & (nominal < 3.0 * width)
-    return Shadows(width=width[kept].astype(float), step=step[kept].astype(float))
+    return Shadows(width=width.astype(float), step=step.astype(float), end=ends.astype(float))[kept]

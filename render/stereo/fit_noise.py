@@ -79,7 +79,9 @@ def sigma_inverse(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimat
     # independent values: patches of the image, and frames as far apart as the noise remembers
     memory = (1.0 + curves.sequential) / max(1e-3, 1.0 - curves.sequential)
     independent = max(1.0, float(np.sum(scene.surface)) / CORRELATED_PX * scene.frames / memory)
-    return measured(value, value / math.sqrt(2.0 * independent))
+    # rounding to so coarse a unit is not even: its share of the variance may be off by as much as itself
+    uneven = 0.5 * curves.unit_variance / variance
+    return measured(value, value * math.hypot(1.0 / math.sqrt(2.0 * independent), uneven))
 
 
 def persistence(curves: NoiseCurves, scene: StaticScene, step_inverse: Estimate) -> Estimate:

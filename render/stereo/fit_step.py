@@ -11,7 +11,9 @@ SAMPLES = 2_000_000  # inverse depths that are looked at
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.9)  # of depth: near surfaces are left out one after the other
 ENVELOPE = 0.6  # beyond 0.6 / sigma a Gaussian's spectrum is below 1e-3
 UNIT_MARGIN = 0.85  # the depth unit makes a comb of its own, from 1 / (unit w^2) on
-PROMINENCE = 8.0  # peak over median of the spectrum
+PROMINENCE = 10.0  # peak over median of the spectrum, added up over all cuts that show the same line
+SAME_LINE = 0.02
+MIN_CUTS = 2
 MIN_LINES = 4.0  # of the comb within the range of inverse depths
 
 
@@ -26,16 +28,18 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> Estimate:
         return untestable("no surface away from edges is valid throughout")
     stride = max(1, scene.frames * int(np.sum(scene.surface)) // SAMPLES)
     values = scene.inverse[:, scene.surface][::stride].ravel().astype(np.float64)
-    best: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    for quantile in QUANTILES:
-        best = max(best, _strongest_line(values, quantile, sigma_inverse, scene.unit_m))
-    prominence, frequency, resolution = best
-    if prominence < PROMINENCE:
+    lines = np.array([_strongest_line(values, quantile, sigma_inverse, scene.unit_m) for quantile in QUANTILES])
+    # the comb is there whichever surfaces are left out; products with the depth unit's own comb are not
+    alike = np.abs(lines[:, None, 1] - lines[None, :, 1]) < SAME_LINE * lines[:, None, 1]
+    support = alike @ lines[:, 0]
+    chosen = alike[int(np.argmax(support))]
+    if np.max(support) < PROMINENCE or np.sum(chosen) < MIN_CUTS:
         return untestable(
             "no comb in the inverse depths: surfaces are so near that the depth unit hides the step, or the noise is "
             "below the step"
         )
-    return measured(1.0 / frequency, resolution / frequency**2)
+    _, frequency, resolution = max(lines[chosen], key=lambda line: float(line[0]))
+    return measured(1.0 / float(frequency), float(resolution) / float(frequency) ** 2)
 
 
 def _strongest_line(values: Floats, quantile: float, sigma: float, unit_m: float) -> tuple[float, float, float]:

@@ -16,7 +16,8 @@ class SearchRange(Effect[StereoImage]):
     """Pixels whose match would lie beyond the range of the search, or beyond the right image, are invalid.
 
     `maximum` makes the minimum depth f B / maximum. `margin` is by how much the right image goes on to the left of
-    where the left image begins; at 0 there is an invalid band of f B / z pixels at the left of the sensor.
+    where the left image begins; at 0 there is an invalid band of f B / z pixels at the left of the sensor, below 0 it
+    is wider, as where half a matching window does not fit.
     """
 
     name: ClassVar[str] = "search_range"
@@ -24,8 +25,8 @@ class SearchRange(Effect[StereoImage]):
 
     # 126 px (Intel: MinZ = f B / 126, 0.17 m at 848x480)
     maximum: PerRobot = parameter(unit="px", null=np.inf, low=1.0, high=1e4)
-    # 0 px (D435 datasheet: the band is f B / z wide)
-    margin: PerRobot = parameter(unit="px", null=np.inf, low=0.0, high=1e4)
+    # 0 px (D435 datasheet: the band is f B / z wide; a recorded D435 at 640x480 shows 12 px more)
+    margin: PerRobot = parameter(unit="px", null=np.inf, low=-200.0, high=1e4)
 
     def apply(self, signal: StereoImage, time_s: float, state: None) -> tuple[StereoImage, None]:
         """Invalidates what cannot be found."""

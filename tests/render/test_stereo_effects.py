@@ -227,7 +227,8 @@ def test_shadow_lies_left_of_what_is_near_and_is_as_wide_as_the_geometry() -> No
 def test_edge_holes_and_flying_pixels_stay_at_edges() -> None:
     optics = Optics.of(D435I)
     depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
-    frames = series(only("edge_holes", "flying_pixels"), optics, depth, hidden, 20)
+    config = only("edge_holes", "flying_pixels", edge_holes=replace(DEFAULTS.edge_holes, fraction=0.3))
+    frames = series(config, optics, depth, hidden, 20)
     panel = depth[0] == np.float32(0.5)
     first, last = np.flatnonzero(panel)[[0, -1]]
     invalid = np.mean(frames == 0.0, axis=(0, 1))
