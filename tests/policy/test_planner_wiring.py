@@ -1,0 +1,125 @@
+"""The planner process on a bus."""
+
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from policy.__main__ import body
+from saltus import go1
+from saltus.config import Pace, RunConfig
+from saltus.grid import HEIGHTMAP_X
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus, RobotState
+from saltus.process import ProcessContext
+
+STEP_NS = 10_000_000
+STATE = RobotState(
+    time_ns=0,
+    step=0,
+    quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+    angular_velocity_base=np.zeros(3),
+    acceleration_base=np.array([0.0, 0.0, 9.81]),
+    joint_position=go1.STAND_POSE,
+    joint_velocity=np.zeros(12),
+    joint_torque=np.zeros(12),
+    velocity_base_in_world=np.zeros(3),
+    base_height=0.27,
+    leg_contact=np.ones(4, dtype=np.bool_),
+    leg_progress=np.zeros(4),
+    leg_trusted=np.ones(4, dtype=np.bool_),
+    cycle=0,
+    mode=ControllerMode.STAND,
+    depth_due=-1,
+)
+HEIGHTMAP = Heightmap(
+    time_ns=0,
+    step=0,
+    x=HEIGHTMAP_X,
+    height=np.full(30, -0.27),
+    std=np.full(30, 0.01),
+    status=HeightmapStatus.OK,
+    depth_age_s=0.06,
+    frame_id=0,
+    model_id="0" * 16,
+)
+
+
+class Stage:
+    """A planner in a thread, and the others' end of its bus."""
+
+    def __init__(self, pace: Pace, tmp_path: Path) -> None:
+        hub = MemoryHub()
+        self.epoch_ns = time.monotonic_ns()
+        config = RunConfig(pace=pace, epoch_ns=self.epoch_ns)
+        self.context = ProcessContext("policy", config, tmp_path, MemoryBus("go1/0", hub))
+        self.others = MemoryBus("go1/0", hub)
+        self.states = self.others.publisher("controller/state")
+        self.heightmaps = self.others.publisher("heightmap/heightmap")
+        self.plans = self.others.latest("policy/plan")
+        self.done = self.others.latest("done", "policy")
+        self.events = self.others.latest("event", "policy")
+        self.status = self.others.latest("status", "policy")
+        self.thread = threading.Thread(target=body, args=(self.context,), daemon=True)
+
+    def __enter__(self) -> "Stage":
+        self.thread.start()
+        assert self.status.wait(timeout_s=10.0) is not None  # subscribed
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.context.stopped = True
+        self.thread.join(timeout=5.0)
+        assert not self.thread.is_alive()
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() - self.epoch_ns
+
+
+@pytest.mark.parametrize("heightmap_first", [True, False])
+def test_lockstep_waits_for_the_heightmap_of_each_step(tmp_path: Path, heightmap_first: bool) -> None:
+    with Stage("lockstep", tmp_path) as stage:
+        for step in range(70):
+            state = replace(STATE, step=step, time_ns=step * STEP_NS)
+            heightmap = replace(HEIGHTMAP, step=step, time_ns=step * STEP_NS)
+            if heightmap_first:
+                stage.heightmaps.put(heightmap)
+                stage.states.put(state)
+            else:
+                stage.states.put(state)
+                assert stage.plans.take() is None
+                stage.heightmaps.put(heightmap)
+            done = stage.done.wait(timeout_s=5.0)
+            plan = stage.plans.take()
+            assert done is not None
+            assert plan is not None
+            assert done.message.step == plan.message.step == step
+        assert plan.message.status == PlanStatus.GO
+        stage.states.put(state)  # sent again: answered again, without another heightmap
+        again = stage.plans.wait(timeout_s=5.0)
+        assert again is not None
+        assert again.message.step == 69
+        assert again.message.velocity_x == plan.message.velocity_x
+
+
+def test_real_time_plans_without_a_heightmap_and_says_when_they_end(tmp_path: Path) -> None:
+    with Stage("realtime", tmp_path) as stage:
+        start_ns = stage.now_ns()
+        for step in range(200):
+            now_ns = stage.now_ns()
+            if now_ns - start_ns < 700_000_000:
+                stage.heightmaps.put(replace(HEIGHTMAP, step=step, time_ns=now_ns))
+            stage.states.put(replace(STATE, step=step, time_ns=now_ns))
+            plan = stage.plans.wait(timeout_s=5.0)
+            assert plan is not None
+            if plan.message.status == PlanStatus.STOP:
+                break
+            stage.events.wait(timeout_s=0.008)  # the pace of the states
+        assert plan.message.status == PlanStatus.STOP
+        assert "no heightmap" in plan.message.reason
+        event = stage.events.wait(timeout_s=5.0)
+        assert event is not None
+        assert event.message.code == "heightmap_lost"
