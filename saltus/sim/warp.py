@@ -14,6 +14,9 @@ CONTACTS = 16
 """Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
 CONSTRAINTS = 72
 """Room for constraint rows of one robot: three for a contact, one for a joint at its limit."""
+SOLVER_ITERATIONS = 10
+"""Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
+within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
 _DIFFERING = (
     "geom_pos",
     "geom_size",
@@ -40,6 +43,7 @@ class WarpEngine(Engine):
         warp.config.quiet = True
         spec = build_spec(boxes)
         spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
+        spec.option.iterations = SOLVER_ITERATIONS
         self.model = spec.compile()
         self._where = ModelIndices(self.model)
         start = mujoco.MjData(self.model)
