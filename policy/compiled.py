@@ -37,7 +37,7 @@ class Stage:
                 compiled()
         torch.cuda.current_stream().wait_stream(beside)
         self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph):
+        with torch.cuda.graph(self._graph, capture_error_mode="thread_local"):  # NCCL has threads of its own
             compiled()
 
     def __call__(self) -> None:

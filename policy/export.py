@@ -17,7 +17,7 @@ from controller.swing import SwingConfig
 from policy.actor import FORMAT, PolicyActor
 from policy.bounds import ACTIONS, ActionBounds
 from policy.features import LAYOUT, SIZE
-from policy.learner import make_actor
+from policy.learner import make_actor, read_checkpoint
 from policy.settings import TrainConfig
 from saltus.config import from_toml
 from saltus.errors import SaltusError
@@ -59,10 +59,7 @@ def export(checkpoint: Path, path: Path) -> float:
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit.
     """
-    try:
-        state: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError) as error:
-        raise SaltusError(f"{checkpoint} is no checkpoint: {error}") from error
+    state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)
     temporary = path.with_name(f".{path.name}.partial")
     with warnings.catch_warnings():

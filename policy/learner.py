@@ -1,5 +1,6 @@
 """PPO of rsl-rl over a training environment: one iteration at a time, saved to and restored from one file."""
 
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -105,13 +106,13 @@ class Learner:
         """Goes on from a file that `save` wrote, with any number of robots; returns what it holds.
 
         Raises:
-            SaltusError: the file is missing or is no checkpoint of networks of this size.
+            SaltusError: the file is no checkpoint, or one of networks of another size.
         """
+        state = read_checkpoint(path, self._env.device)
         try:
-            state: dict[str, Any] = torch.load(path, map_location=self._env.device, weights_only=True)
             self.ppo.load(state, None, strict=True)
-        except (OSError, RuntimeError, KeyError) as error:
-            raise SaltusError(f"{path} is no checkpoint to go on from: {error}") from error
+        except RuntimeError as error:
+            raise SaltusError(f"{path} holds networks of another size: {error}") from error
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
         self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
         self._observation = _observation(self._env.transition())
@@ -125,6 +126,21 @@ class Learner:
     def _share_parameters(self) -> None:
         if self._together:
             self.ppo.broadcast_parameters()
+
+
+def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """What `Learner.save` wrote.
+
+    Raises:
+        SaltusError: the file is missing, or is no checkpoint.
+    """
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        raise SaltusError(f"{path} is no checkpoint: {str(error).splitlines()[0]}") from error
+    if not isinstance(state, dict) or "actor_state_dict" not in state:
+        raise SaltusError(f"{path} is no checkpoint: it holds no actor")
+    return state
 
 
 def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:

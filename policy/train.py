@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 
 from policy.env import JumpEnv
-from policy.learner import Learner
+from policy.learner import Learner, read_checkpoint
 from policy.progress import Progress
 from policy.settings import TrainConfig, for_cpu, for_gpu
 from saltus.config import from_toml, load, to_toml
@@ -128,8 +128,7 @@ def _config(arguments: argparse.Namespace, device: str) -> TrainConfig:
     if arguments.config:
         config = load(TrainConfig, arguments.config)
     elif arguments.resume:
-        state = torch.load(arguments.resume, map_location="cpu", weights_only=True)
-        config = from_toml(TrainConfig, state["config"])
+        config = from_toml(TrainConfig, read_checkpoint(arguments.resume)["config"])
     else:
         config = for_cpu() if device == "cpu" else for_gpu()
     if arguments.robots is not None:

@@ -90,7 +90,8 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
     ends = start[:, None] + xp.cumulative_sum(pitch, axis=-1)
     low = xp.where(index == 0.0, xp.zeros_like(ends) - _BEHIND_START, ends - length[:, None])
     last = index >= count
-    high = xp.where(last, ends + _RUN_OUT, ends)
+    level_end = xp.where(count > 0.0, xp.zeros_like(ends), xp.zeros_like(ends) + _FLAT_FINISH_X)
+    high = xp.where(last, xp.maximum(ends, level_end) + _RUN_OUT, ends)
     top = xp.where(index > count, xp.zeros_like(low) + _SPARE_TOP, rise[:, None] * index)
     last_edge = ends[:, -1] - xp.where(count[:, 0] > 0.0, length, xp.zeros_like(length))
     finish = xp.where(count[:, 0] > 0.0, last_edge + _FINISH_BEHIND, xp.zeros_like(start) + _FLAT_FINISH_X)

@@ -1,0 +1,84 @@
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from tensordict import TensorDict
+
+from policy.actor import PolicyActor
+from policy.bounds import ACTIONS, ActionBounds
+from policy.export import export
+from policy.features import SIZE
+from policy.learner import FIRST_ACTION, make_actor
+from policy.settings import LearningConfig, TrainConfig
+from policy.train import Rank, train
+from saltus.errors import ModelError, SaltusError
+
+CONFIG = TrainConfig(robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2))
+
+
+def run(folder, iterations, resume=None):
+    train(CONFIG, folder, minutes=1.0, rank=Rank(), resume=resume, iterations=iterations)
+    return torch.load(folder / "checkpoint.pt", weights_only=True)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("training")
+    run(folder, 3)
+    return folder / "checkpoint.pt"
+
+
+def test_goes_on_from_one_file(checkpoint, tmp_path):
+    first = torch.load(checkpoint, weights_only=True)
+    second = run(tmp_path, 5, resume=checkpoint)
+    assert (first["iteration"], second["iteration"]) == (3, 5)
+    assert second["steps"] == 5 * 4 * 16
+    assert second["seconds"] > first["seconds"]
+    assert second["optimizer_state_dict"]["state"][0]["step"] > first["optimizer_state_dict"]["state"][0]["step"]
+    assert {path.name for path in checkpoint.parent.iterdir()} >= {"checkpoint.pt", "config.toml", "commit.txt"}
+
+
+def test_the_same_seed_learns_the_same(checkpoint, tmp_path):
+    again = run(tmp_path, 3)
+    first = torch.load(checkpoint, weights_only=True)
+    for name, tensor in first["actor_state_dict"].items():
+        assert torch.equal(tensor, again["actor_state_dict"][name])
+
+
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
+    path = tmp_path / "checkpoint.pt"
+    path.write_bytes(b"nothing")
+    with pytest.raises(SaltusError, match="no checkpoint"):
+        export(path, tmp_path / "policy.onnx")
+
+
+def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
+    path = tmp_path / "policy.onnx"
+    assert export(checkpoint, path) < 1e-5
+    actor, bounds = PolicyActor(path), ActionBounds()
+    values = actor.values(np.random.default_rng(0).normal(0.0, 5.0, (2, 7, SIZE)))
+    assert values.shape == (2, 7, len(ACTIONS))
+    assert (values >= np.array(bounds.low) - 1e-5).all()
+    assert (values <= np.array(bounds.high) + 1e-5).all()
+    assert actor.swing_foot_z_range_m == (-0.4, 0.1)
+
+
+def test_an_untrained_policy_bounds_slowly():
+    bounds = ActionBounds()
+    actor = make_actor(TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1]), CONFIG.learning, bounds)
+    plan = bounds.denormalised(actor(TensorDict({"policy": torch.randn(50, SIZE)}, batch_size=[50])).detach())
+    np.testing.assert_allclose(plan, np.tile(FIRST_ACTION, (50, 1)), atol=0.2)
+
+
+@pytest.mark.parametrize("name", ["format", "features", "actions", "grid_m"])
+def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
+    path = tmp_path / "policy.onnx"
+    export(checkpoint, path)
+    file = onnx.load(path)
+    metadata = {entry.key: entry.value for entry in file.metadata_props}
+    onnx.helper.set_model_props(file, metadata | {name: json.dumps([1.0])})
+    onnx.save(file, path)
+    with pytest.raises(ModelError, match=name):
+        PolicyActor(path)

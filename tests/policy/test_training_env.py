@@ -1,0 +1,142 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from controller.estimator import Estimator
+from policy.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
+from policy.env import EnvConfig, JumpEnv
+from policy.episode import TALLY
+from policy.features import LAYOUT, SIZE, features
+from policy.observation import observe
+from policy.randomisation import RandomisationConfig
+from policy.rewards import TERMS
+from policy.views import PRIVILEGED
+from saltus.sim.batch_engine import BatchEngine
+from saltus.terrain.batch import BOXES, KINDS
+
+N = 20
+
+
+def make_env(seed=0, config=None):
+    return JumpEnv(BatchEngine(N, BOXES, threads=1), config or EnvConfig(), seed=seed)
+
+
+def bound(env):
+    """A slow bound that lifts the feet."""
+    values = torch.tensor([[2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12]])
+    return env.config.bounds.normalised(values).expand(N, 10)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    env = make_env()
+    return env, [env.step(bound(env)) for _ in range(60)]
+
+
+def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
+    env, transitions = driven
+    for transition in transitions:
+        assert transition.actor.shape == (N, SIZE)
+        assert transition.critic.shape == (N, SIZE + PRIVILEGED)
+        for array in (transition.actor, transition.critic, transition.reward):
+            assert torch.isfinite(array).all()
+    assert env.memory.terms.shape == (N, len(TERMS))
+
+
+def test_what_a_step_returned_does_not_change_later(driven):
+    env, transitions = driven
+    before = transitions[-1].actor.clone()
+    env.step(bound(env))
+    assert torch.equal(transitions[-1].actor, before)
+
+
+def test_the_same_seed_gives_the_same_run():
+    runs = []
+    for seed in (3, 3, 4):
+        env = make_env(seed)
+        for _ in range(10):
+            last = env.step(bound(env))
+        runs.append(last.actor)
+    assert torch.equal(runs[0], runs[1])
+    assert not torch.equal(runs[0], runs[2])
+
+
+def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
+    exact = RandomisationConfig(height_shift_m=(0.0, 0.0), height_noise_m=0.0)
+    env = make_env(config=EnvConfig(randomisation=exact))
+    for _ in range(15):
+        transition = env.step(bound(env))
+    memory, qpos, qvel = env.memory, np.array(env._engine.qpos), np.array(env._engine.qvel)
+    seen = observe(
+        quaternion_base_in_world=qpos[:, 3:7],
+        angular_velocity_base=qvel[:, 3:6],
+        joint_position=qpos[:, 7:],
+        velocity_base_in_world=memory.estimate[:, :3].numpy(),
+        base_height=memory.estimate[:, 3].numpy(),
+        leg_contact=memory.contact.numpy(),
+        leg_progress=memory.progress.numpy(),
+    )
+    heights = transition.actor[:, -LAYOUT["heights"] :].numpy()
+    np.testing.assert_allclose(transition.actor, features(seen, heights), atol=2e-4)
+    assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
+
+
+def test_robots_that_fall_start_again_on_their_course():
+    env = make_env()
+    torch.as_tensor(env._engine.qpos)[: N // 2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
+    transition = env.step(bound(env))
+    assert transition.done[: N // 2].all()
+    assert not transition.timed_out[: N // 2].any()
+    assert (env.memory.time_s[: N // 2] == 0.0).all()
+    blank = Estimator().init((), np.zeros(1)).mean
+    np.testing.assert_allclose(env.memory.estimate[: N // 2], np.tile(blank, (N // 2, 1)), atol=1e-6)
+    tally = dict(zip(TALLY, env.episodes.tally.sum(0).tolist(), strict=True))
+    assert tally["tilted"] >= N // 2
+    assert torch.as_tensor(env._engine.qpos)[: N // 2, 3].min() > 0.99
+
+
+def test_a_state_that_is_not_finite_ends_the_episode_and_leaves_no_trace():
+    env = make_env()
+    torch.as_tensor(env._engine.qvel)[0] = float("nan")
+    transition = env.step(bound(env))
+    assert transition.done[0]
+    for _ in range(3):
+        transition = env.step(bound(env))
+    for array in (transition.actor, transition.critic, transition.reward, env.memory.variance, env.memory.torque_line):
+        assert torch.isfinite(array).all()
+
+
+def test_actions_beyond_their_bounds_cost_and_change_nothing_else():
+    outputs = []
+    for factor in (1.0, 3.0):
+        env = make_env()
+        env.step(factor * torch.ones(N, 10))
+        outputs.append((env.memory.plan.clone(), env.memory.excess.clone()))
+    assert torch.allclose(outputs[0][0], outputs[1][0])
+    assert (outputs[0][1] < 1e-9).all()
+    np.testing.assert_allclose(outputs[1][1], 10.0, rtol=1e-4)  # one range beyond in each of ten
+
+
+def test_every_kind_of_terrain_gets_its_share():
+    config = CurriculumConfig()
+    kinds = np.array(kinds_of_robots(config, 1000))
+    for k, kind in enumerate(KINDS):
+        assert abs((kinds == k).mean() - config.share(kind)) < 2e-3
+
+
+def test_levels_rise_with_the_way_and_fall_without():
+    config = CurriculumConfig()
+    level = np.array([0.0, 3.0, 3.0, 3.0, 9.0, 9.0])
+    way = np.array([0.0, 5.0, 5.0, 1.0, 5.0, 3.0])
+    failed = np.array([True, False, True, True, False, False])
+    moved = next_level(config, level, way, failed, np.zeros(6, dtype=bool), np.full(6, 0.35))
+    np.testing.assert_array_equal(moved, [0.0, 4.0, 3.0, 2.0, 3.0, 9.0])
+    assert difficulty(config, np.array([9.0]), np.array([1.0])) == 1.0
+
+
+def test_levels_can_be_set():
+    env = make_env(config=replace(EnvConfig(), curriculum=CurriculumConfig(stairs=1.0)))
+    env.set_levels(torch.full((N,), 7.0))
+    assert (env.memory.level == 7.0).all()

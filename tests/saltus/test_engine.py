@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+import torch
+
+from saltus import go1
+from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.warp import WarpEngine
+
+COUNT, BOXES = 3, 4
+
+
+def prepared(engine):
+    """Robots just above their own terrains: level, raised, and a step under the front feet."""
+    center, half = torch.zeros(COUNT, BOXES, 3), torch.ones(COUNT, BOXES, 3)
+    center[..., 2] = -1.0
+    half[:, 0, 0], center[:, 1, 0], center[:, 2, 0] = 0.1, 1.1, -1.1
+    center[:, 3, 2], half[:, 3, 0] = -1.2, 6.0
+    center[1, :, 2] += 0.1
+    center[2, 1, 2] += 0.05
+    engine.set_terrain(center, half)
+    shift = torch.tensor([[0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.0, -0.02, 0.0]])
+    engine.set_bodies(torch.tensor([0.5, 0.8, 1.0]), torch.tensor([0.0, 0.75, 1.5]), shift)
+    qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+    qpos.zero_()
+    qvel.zero_()
+    qpos[:, 3] = 1.0
+    qpos[:, 7:] = torch.tensor(go1.STAND_POSE)
+    qpos[:, 2] = torch.tensor([0.29, 0.39, 0.34])
+    torch.as_tensor(engine.warmstart).zero_()
+    torch.as_tensor(engine.trunk_wrench)[:, 4] = 1.0
+    return engine
+
+
+def run(engine, steps):
+    qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+    ctrl = torch.as_tensor(engine.ctrl)
+    states, touches = [], []
+    for _ in range(steps):
+        ctrl[:] = 60.0 * (torch.tensor(go1.STAND_POSE) - qpos[:, 7:]) - 2.0 * qvel[:, 6:]
+        engine.step()
+        states.append(torch.cat([qpos, qvel], 1).double().clone().numpy())
+        touches.append(torch.as_tensor(engine.touching()).clone().numpy())
+    return np.stack(states), np.stack(touches)
+
+
+@pytest.fixture(scope="module")
+def results():
+    engines = [prepared(BatchEngine(COUNT, BOXES, threads=1)), prepared(WarpEngine(COUNT, BOXES, device="cpu"))]
+    return [run(engine, 120) for engine in engines]
+
+
+def test_both_engines_simulate_the_same_robots(results):
+    (exact, touch), (other, other_touch) = results
+    assert np.abs(exact - other).max() < 2e-3
+    assert (touch == other_touch).mean() > 0.99
+
+
+def test_robots_stand_on_their_own_terrain(results):
+    states, touch = results[0]
+    height = states[-1, :, 2]
+    assert abs(height[1] - height[0] - 0.1) < 0.01
+    assert 0.01 < height[2] - height[0] < 0.05
+    assert touch[-1, :, :4].any(axis=1).all()
+    assert not touch[:, :, 12:].any()
