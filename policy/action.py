@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from saltus.arrays import Constant, namespace
 from saltus.messages import Floats
 
 # Bounds of the action: original, but for the residual's lower bound in z, which is 0 there: the nominal swing stays at
@@ -13,8 +12,10 @@ FREQUENCY_RANGE_HZ = (0.5, 4.0)
 VELOCITY_X_LIMIT = 3.0
 VELOCITY_Z_LIMIT = 3.0
 PITCH_RATE_LIMIT = 6.0
-RESIDUAL_LOW = np.array([-0.2, -0.07, -0.12])
-RESIDUAL_HIGH = np.array([0.2, 0.07, 0.4])
+RESIDUAL_LOW = (-0.2, -0.07, -0.12)
+RESIDUAL_HIGH = (0.2, 0.07, 0.4)
+
+_LOW, _HIGH = Constant(RESIDUAL_LOW), Constant(RESIDUAL_HIGH)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,11 +37,13 @@ class Action:
 
     def bounded(self) -> "Action":
         """The nearest action within the bounds."""
+        xp = namespace(self.velocity_x)
+        low, high = _LOW.like(self.velocity_x), _HIGH.like(self.velocity_x)
         return Action(
-            stepping_frequency_hz=np.clip(self.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
-            velocity_x=np.clip(self.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
-            velocity_z=np.clip(self.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
-            pitch_rate=np.clip(self.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
-            foot_residual_front=np.clip(self.foot_residual_front, RESIDUAL_LOW, RESIDUAL_HIGH),
-            foot_residual_rear=np.clip(self.foot_residual_rear, RESIDUAL_LOW, RESIDUAL_HIGH),
+            stepping_frequency_hz=xp.clip(self.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
+            velocity_x=xp.clip(self.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
+            velocity_z=xp.clip(self.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
+            pitch_rate=xp.clip(self.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
+            foot_residual_front=xp.clip(self.foot_residual_front, low, high),
+            foot_residual_rear=xp.clip(self.foot_residual_rear, low, high),
         )

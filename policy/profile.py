@@ -1,14 +1,14 @@
-"""Reading a heightmap between and around its points."""
+"""Reading a heightmap between and around its points; numpy and torch."""
 
-import numpy as np
-
+from saltus.arrays import Array, Constant, namespace
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
 
 _SPACING = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
+_LAST = len(HEIGHTMAP_X) - 1
+_GRID = Constant(HEIGHTMAP_X)
 
 
-def height_at(heights: Floats, x: Floats) -> Floats:
+def height_at(heights: Array, x: Array) -> Array:
     """Heights at any distance ahead of the base, by linear interpolation; the outermost heights go on for ever.
 
     Args:
@@ -18,24 +18,34 @@ def height_at(heights: Floats, x: Floats) -> Floats:
     Returns:
         [m], shape (..., k).
     """
-    position = np.clip((x - HEIGHTMAP_X[0]) / _SPACING, 0.0, len(HEIGHTMAP_X) - 1.0)
-    left = np.minimum(position.astype(np.intp), len(HEIGHTMAP_X) - 2)
-    weight = position - left
-    low = np.take_along_axis(heights, left, axis=-1)
-    high = np.take_along_axis(heights, left + 1, axis=-1)
+    xp = namespace(heights)
+    position = xp.clip((x - float(HEIGHTMAP_X[0])) * (1.0 / _SPACING), 0.0, float(_LAST))
+    left = xp.clip(xp.astype(position, xp.int64), 0, _LAST - 1)
+    weight = position - xp.astype(left, position.dtype)
+    low = xp.take_along_axis(heights, left, axis=-1)
+    high = xp.take_along_axis(heights, left + 1, axis=-1)
     return low + weight * (high - low)
 
 
-def highest_between(heights: Floats, start: Floats, end: Floats) -> Floats:
+def highest_between(heights: Array, start: Array, end: Array) -> Array:
     """Highest terrain between two distances, ends included. Shapes (..., 30), (...), (...) -> (...)."""
-    low, high = np.minimum(start, end)[..., None], np.maximum(start, end)[..., None]
-    inside = (low <= HEIGHTMAP_X) & (high >= HEIGHTMAP_X)
-    ends = height_at(heights, np.concatenate([low, high], axis=-1)).max(axis=-1)
-    return np.maximum(ends, np.where(inside, heights, -np.inf).max(axis=-1))
+    xp = namespace(heights)
+    low, high = xp.minimum(start, end)[..., None], xp.maximum(start, end)[..., None]
+    grid = _GRID.like(heights)
+    ends = height_at(heights, xp.concat([low, high], axis=-1))
+    # Outside, the end stands in for the height: it is no higher than what is looked for.
+    inside = xp.where((low <= grid) & (high >= grid), heights, ends[..., :1])
+    return xp.maximum(xp.max(ends, axis=-1), xp.max(inside, axis=-1))
 
 
-def slope(heights: Floats, start: float, end: float) -> Floats:
+def mean_between(heights: Array, start: float, end: float) -> Array:
+    """Mean of the heights on the grid between two distances. Shape (..., 30) -> (...)."""
+    inside = (start <= HEIGHTMAP_X) & (end >= HEIGHTMAP_X)
+    return heights @ Constant(inside / inside.sum()).like(heights)
+
+
+def slope(heights: Array, start: float, end: float) -> Array:
     """Slope of the line that fits the heights between two distances best. Shape (..., 30) -> (...)."""
     inside = (start <= HEIGHTMAP_X) & (end >= HEIGHTMAP_X)
-    centred = np.where(inside, HEIGHTMAP_X - HEIGHTMAP_X[inside].mean(), 0.0)
-    return heights @ (centred / (centred @ centred))
+    centred = inside * (HEIGHTMAP_X - HEIGHTMAP_X[inside].mean())
+    return heights @ Constant(centred / (centred @ centred)).like(heights)

@@ -9,22 +9,22 @@ has no memory: a plan follows from one observation and one heightmap.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policy.action import Action
 from policy.observation import Observation
 from policy.profile import height_at, highest_between, slope
 from saltus import go1
-from saltus.messages import Floats
+from saltus.arrays import Array, Constant, namespace
 
 STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
 LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
 FRONT, REAR = 0, 2  # a leg of each pair
+HIP_X = tuple(float(x) for x in go1.HIP_ANCHOR[:, 0])
 GRAVITY = 9.81
 # The controller's model of the body: its gain from velocity errors to accelerations, its inertia, its force limit.
 VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
 
-Value = float | Floats
+Value = float | Array
 """A number, or in a search one number for each robot of a batch, shape (n,)."""
 
 
@@ -53,6 +53,10 @@ class ScriptedParameters:
     """Of the base above the ground."""
     height_gain: Value = 6.0
     """Vertical velocity by error of height [1/s]."""
+    ceiling_m: Value = 0.39
+    """Height above which the base is not to rise [m]: a leg reaches 0.38 m, and must reach the ground when it lands."""
+    ceiling_gain: Value = 10.0
+    """Largest vertical velocity by distance to that height [1/s]."""
     lever: Value = 1.0
     """Share of the height that the standing feet have over the ground under the base that is known to the estimator."""
     climb_gain: Value = 1.54
@@ -85,27 +89,26 @@ class ScriptedParameters:
 
 
 # How landing points are weighed, in metres of detour.
-CANDIDATES = np.linspace(-0.15, 0.15, 25)
+CANDIDATES = Constant(np.linspace(-0.15, 0.15, 25))
 EDGE_DISTANCES = (0.03, 0.06, 0.09, 0.12, 0.15)  # where edges around a landing point are looked for [m]
 EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest stair of the courses
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
 TRENCH_COST = 3.0  # per metre of depth
-# A choice between two landing points that are as good must not be made anew every 10 ms.
-COMMITMENT = (
-    0.6  # metres of detour that a change of mind by one metre costs; below 1, or a foot that lags pulls its aim back
-)
+# A choice between two landing points that are as good must not be made anew every 10 ms. The cost of a change of mind
+# is below that of a detour, or a foot that lags behind its path would pull its own aim back.
+COMMITMENT = 0.6  # metres of detour that a change of mind by one metre costs
 COMMIT_FROM, COMMIT_UNTIL = 0.45, 0.7  # progress of the swing over which that cost grows
 SLOPE_FROM, SLOPE_TO = -0.25, 0.55  # where the slope is measured: both foot pairs and the next landing [m]
 LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot counts as well [m]
 
 
 class ScriptedPlanner:
-    """Plans for any batch of robots."""
+    """Plans for any batch of robots, numpy or torch."""
 
     def __init__(self, parameters: ScriptedParameters | None = None) -> None:
         self.parameters = parameters or ScriptedParameters()
 
-    def step(self, observation: Observation, heights: Floats) -> Action:
+    def step(self, observation: Observation, heights: Array) -> Action:
         """Plans the next 10 ms.
 
         Args:
@@ -118,105 +121,113 @@ class ScriptedPlanner:
         p = self.parameters
         heights = heights + self._offset(observation, heights)[..., None]
         incline = slope(heights, SLOPE_FROM, SLOPE_TO)
-        front = observation.contact[..., FRONT]
-        progress = np.where(front, observation.progress[..., FRONT], observation.progress[..., REAR])
-        moment = progress - 0.5
-        climb = p.climb_gain * incline * observation.velocity[..., 0]
-        # The height is felt over the standing feet, which on a slope are above or below the ground under the base.
-        lever = np.where(front, go1.HIP_ANCHOR[FRONT, 0], go1.HIP_ANCHOR[REAR, 0])
-        rise = p.height_gain * (p.height_m - p.lever * lever * incline - observation.base_height)
-        velocity_z = _by_mode(
-            front,
-            p.front_velocity_z + p.front_velocity_z_slope * moment,
-            p.rear_velocity_z + p.rear_velocity_z_slope * moment,
-        )
-        pitch_rate = _by_mode(
-            front,
-            p.front_pitch_rate + p.front_pitch_rate_slope * moment,
-            p.rear_pitch_rate + p.rear_pitch_rate_slope * moment,
-        )
-        # At the start all legs stand: the body only gathers speed.
-        bounding = ~(front & observation.contact[..., REAR])
-        velocity_z = bounding * velocity_z + rise + climb
-        pitch_error = p.pitch + p.pitch_per_slope * incline - observation.pitch
-        pitch_rate = pitch_rate + p.coupling * self._rate_of_support(observation, front, velocity_z)
-        pitch_rate = bounding * pitch_rate + p.pitch_gain * pitch_error
-        shape = observation.pitch.shape
+        velocity_z, pitch_rate = self._body(observation, incline)
+        same = 0.0 * observation.pitch  # spreads a number over the batch
         return Action(
-            stepping_frequency_hz=np.broadcast_to(np.asarray(p.stepping_frequency_hz), shape),
-            velocity_x=np.broadcast_to(p.velocity_x + p.velocity_x_per_slope * np.abs(incline), shape),
+            stepping_frequency_hz=p.stepping_frequency_hz + same,
+            velocity_x=p.velocity_x + p.velocity_x_per_slope * abs(incline),
             velocity_z=velocity_z,
             pitch_rate=pitch_rate,
             foot_residual_front=self._residual(observation, heights, FRONT, p.front_landing_x),
             foot_residual_rear=self._residual(observation, heights, REAR, p.rear_landing_x),
         ).bounded()
 
-    def _rate_of_support(self, observation: Observation, front: NDArray[np.bool_], velocity_z: Floats) -> Floats:
+    def _body(self, observation: Observation, incline: Array) -> tuple[Array, Array]:
+        """References of vertical velocity and pitch rate, each of shape (...)."""
+        p = self.parameters
+        xp = namespace(incline)
+        front, rear = observation.contact[..., FRONT], observation.contact[..., REAR]
+        moment = xp.where(front, observation.progress[..., FRONT], observation.progress[..., REAR]) - 0.5
+        velocity_z = xp.where(
+            front,
+            p.front_velocity_z + p.front_velocity_z_slope * moment,
+            p.rear_velocity_z + p.rear_velocity_z_slope * moment,
+        )
+        pitch_rate = xp.where(
+            front,
+            p.front_pitch_rate + p.front_pitch_rate_slope * moment,
+            p.rear_pitch_rate + p.rear_pitch_rate_slope * moment,
+        )
+        # At the start all legs stand: the body only gathers speed.
+        bounding = xp.astype(~(front & rear), incline.dtype)
+        # The height is felt over the standing feet, which on a slope are above or below the ground under the base.
+        stance_x = xp.where(front, 0.0 * incline + HIP_X[FRONT], 0.0 * incline + HIP_X[REAR])
+        height = observation.base_height + p.lever * stance_x * incline
+        rise = p.height_gain * (p.height_m - height)
+        ceiling = p.ceiling_gain * (p.ceiling_m - height)
+        climb = p.climb_gain * incline * observation.velocity[..., 0]
+        velocity_z = xp.minimum(bounding * velocity_z + rise, ceiling) + climb
+        pitch_rate = pitch_rate + p.coupling * self._rate_of_support(observation, velocity_z)
+        pitch_error = p.pitch + p.pitch_per_slope * incline - observation.pitch
+        return velocity_z, bounding * pitch_rate + p.pitch_gain * pitch_error
+
+    def _rate_of_support(self, observation: Observation, velocity_z: Array) -> Array:
         """Pitch rate that the controller must be asked for lest it takes weight off the feet to hold the pitch."""
-        mean_x = np.where(front, observation.foot[..., :2, 0].mean(axis=-1), observation.foot[..., 2:, 0].mean(axis=-1))
+        xp = namespace(velocity_z)
+        x = xp.mean(xp.reshape(observation.foot[..., 0], (*velocity_z.shape, 2, 2)), axis=-1)
+        stance_x = xp.where(observation.contact[..., FRONT], x[..., 0], x[..., 1])
         lift = GRAVITY + VELOCITY_GAIN * (velocity_z - observation.velocity[..., 2])
-        acceleration = -mean_x * go1.MASS * np.clip(lift, 0.0, MAX_LIFT) / PITCH_INERTIA
+        acceleration = -stance_x * go1.MASS * xp.clip(lift, 0.0, MAX_LIFT) / PITCH_INERTIA
         return observation.angular_velocity[..., 1] + acceleration / VELOCITY_GAIN
 
-    def _offset(self, observation: Observation, heights: Floats) -> Floats:
+    def _offset(self, observation: Observation, heights: Array) -> Array:
         """What to add to the heights so that the ground under the standing feet is where those feet feel it."""
-        feet_x = observation.foot[..., 0]
-        standing = observation.contact.astype(np.float64)
-        count = standing.sum(axis=-1)
-        seen = (height_at(heights, feet_x) * standing).sum(axis=-1)
-        felt = ((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing).sum(axis=-1)
-        felt = np.where(count > 0, felt, -observation.base_height)
-        seen = np.where(count > 0, seen, height_at(heights, feet_x).mean(axis=-1))
-        return (1.0 - self.parameters.height_trust) * (felt - seen) / np.maximum(count, 1.0)
+        xp = namespace(heights)
+        standing = xp.astype(observation.contact, heights.dtype)
+        count = xp.sum(standing, axis=-1)
+        seen = xp.sum(height_at(heights, observation.foot[..., 0]) * standing, axis=-1)
+        felt = xp.sum((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing, axis=-1)
+        seen_anywhere = xp.mean(height_at(heights, observation.foot[..., 0]), axis=-1)
+        offset = xp.where(
+            count > 0.0, (felt - seen) / xp.clip(count, 1.0, None), -observation.base_height - seen_anywhere
+        )
+        return (1.0 - self.parameters.height_trust) * offset
 
-    def _residual(self, observation: Observation, heights: Floats, leg: int, shift: Value) -> Floats:
+    def _residual(self, observation: Observation, heights: Array, leg: int, shift: Value) -> Array:
         """Residual of one pair of feet, shape (..., 3)."""
         p = self.parameters
+        xp = namespace(heights)
         swing = observation.progress[..., leg]
         forward = observation.velocity[..., 0]
-        frequency = np.asarray(p.stepping_frequency_hz)
-        step = np.clip(0.5 * forward * STANCE_RATIO / frequency, -LANDING_LIMIT, LANDING_LIMIT)
-        travel = forward * (1.0 - swing) * SWING_RATIO / frequency
-        neutral = go1.HIP_ANCHOR[leg, 0] * np.cos(observation.pitch) + step + shift + travel
-        foot_x = observation.foot[..., leg : leg + 2, 0].mean(axis=-1)
+        step = xp.clip(forward * (0.5 * STANCE_RATIO / p.stepping_frequency_hz), -LANDING_LIMIT, LANDING_LIMIT)
+        travel = forward * (1.0 - swing) * (SWING_RATIO / p.stepping_frequency_hz)
+        neutral = HIP_X[leg] * xp.cos(observation.pitch) + step + shift + travel
+        foot_x = xp.mean(observation.foot[..., leg : leg + 2, 0], axis=-1)
         # How far the foot already is from its nominal path; that path leaves the hip at half time.
         begun = foot_x - (neutral - travel - step * (1.0 - _smooth(2.0 * swing - 1.0)))
-        resolve = COMMITMENT * np.clip((swing - COMMIT_FROM) / (COMMIT_UNTIL - COMMIT_FROM), 0.0, 1.0)
-        landing = neutral + self._detour(observation, heights, neutral, begun, resolve)
-        start, end = np.minimum(foot_x, landing) - LIFT_MARGIN, np.maximum(foot_x, landing) + LIFT_MARGIN
+        resolve = COMMITMENT * xp.clip((swing - COMMIT_FROM) / (COMMIT_UNTIL - COMMIT_FROM), 0.0, 1.0)
+        detour = self._detour(observation, heights, neutral, begun, resolve)
+        landing = neutral + detour
+        start, end = xp.minimum(foot_x, landing) - LIFT_MARGIN, xp.maximum(foot_x, landing) + LIFT_MARGIN
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
         over = highest_between(heights, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
         down = height_at(heights, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
         up = _smooth(swing / p.lift_until)
-        low = _smooth((swing - p.lower_from) / (1.0 - np.asarray(p.lower_from)))
+        low = _smooth((swing - p.lower_from) / (1.0 - p.lower_from))
         lift = up * (over + (down - over) * low)
-        zero = np.zeros_like(lift)
-        residual = np.stack([shift + landing - neutral + zero, zero, lift], axis=-1)
-        return np.where(observation.contact[..., leg, None], 0.0, residual)
+        residual = xp.stack([shift + detour, 0.0 * lift, lift], axis=-1)
+        return xp.where(observation.contact[..., leg, None], 0.0 * residual, residual)
 
-    def _detour(
-        self, observation: Observation, heights: Floats, neutral: Floats, begun: Floats, resolve: Floats
-    ) -> Floats:
+    def _detour(self, observation: Observation, heights: Array, neutral: Array, begun: Array, resolve: Array) -> Array:
         """How far to land from the neutral point [m]; `resolve` is the cost of leaving the detour that has begun."""
         p = self.parameters
-        x = neutral[..., None] + CANDIDATES
+        xp = namespace(heights)
+        candidates = CANDIDATES.like(heights)
+        x = neutral[..., None] + candidates
         there = height_at(heights, x)
-        relief = np.zeros_like(there)
+        relief = 0.0 * there
         for distance in EDGE_DISTANCES:
-            near = np.clip(1.0 - distance / np.asarray(p.edge_margin_m), 0.0, None)[..., None]
+            near = xp.clip(1.0 - distance / (p.edge_margin_m + 0.0 * neutral), 0.0, None)[..., None]
             for side in (distance, -distance):
-                relief += near * np.clip(np.abs(height_at(heights, x + side) - there) / EDGE_HEIGHT, 0.0, 1.0)
-        depth = np.maximum(-observation.base_height[..., None] - there - TRENCH_DEPTH, 0.0)
-        change = resolve[..., None] * np.abs(CANDIDATES - begun[..., None])
-        cost = np.abs(CANDIDATES) + change + np.asarray(p.edge_cost)[..., None] * relief + TRENCH_COST * depth
-        return CANDIDATES[np.argmin(cost, axis=-1)]
+                relief = relief + near * xp.clip(abs(height_at(heights, x + side) - there) / EDGE_HEIGHT, 0.0, 1.0)
+        depth = xp.clip(-observation.base_height[..., None] - there - TRENCH_DEPTH, 0.0, None)
+        change = resolve[..., None] * abs(candidates - begun[..., None])
+        edge_cost = (p.edge_cost + 0.0 * neutral)[..., None]
+        cost = abs(candidates) + change + edge_cost * relief + TRENCH_COST * depth
+        return candidates[xp.argmin(cost, axis=-1)]
 
 
-def _by_mode(front: NDArray[np.bool_], front_value: Value, rear_value: Value) -> Floats:
-    return np.where(front, front_value, rear_value)
-
-
-def _smooth(t: Floats) -> Floats:
+def _smooth(t: Array) -> Array:
     """From 0 to 1, at rest at both ends."""
-    t = np.clip(t, 0.0, 1.0)
+    t = namespace(t).clip(t, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)

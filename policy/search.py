@@ -34,6 +34,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "rear_pitch_rate_slope": (-12.0, 12.0),
     "height_m": (0.24, 0.33),
     "height_gain": (0.0, 12.0),
+    "ceiling_m": (0.26, 0.40),
+    "ceiling_gain": (1.0, 15.0),
     "lever": (0.0, 3.0),
     "climb_gain": (0.0, 3.0),
     "pitch": (-0.3, 0.3),
