@@ -20,7 +20,7 @@ from saltus.effects.signals import DepthImage
 ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"
 FLOAT_SLACK = 1e-2  # of a unit: float32 metres are whole units only up to rounding
-AGREEING = 2  # of the last four frames
+LAST_FOUR = 0b1111  # frames
 HOLE_RADIUS = (0, 2, 4, 8, 16, 256)  # pixels by level of the option (librealsense; the last is "unlimited")
 
 
@@ -105,14 +105,12 @@ class SpatialFilter(Effect[DepthImage]):
         del time_s, state
         if self.magnitude == 0.0 or signal.depth.shape[-1] < 3:
             return signal, None
-        steps = HOLE_RADIUS[round(self.holes_fill)].bit_length() - 1
+        steps, passes = HOLE_RADIUS[round(self.holes_fill)].bit_length() - 1, round(self.magnitude)
+        if (1.0 - self.alpha) * self.delta < ROUNDED_AWAY:
+            return replace(signal, depth=_filled_along_rows(signal.depth, steps, passes)), None
         depth = signal.depth
-        smoothing = (1.0 - self.alpha) * self.delta >= ROUNDED_AWAY
-        for _ in range(round(self.magnitude)):
-            filled = _filled_along_rows(depth, steps)
-            if not smoothing and filled is depth:
-                break
-            depth = self._smoothed(filled) if smoothing else filled
+        for _ in range(passes):
+            depth = self._smoothed(_filled_along_rows(depth, steps))
         return replace(signal, depth=depth), None
 
     def _smoothed(self, depth: Any) -> Any:
@@ -136,21 +134,31 @@ class SpatialFilter(Effect[DepthImage]):
         return xp.where(close, blend, pixel)
 
 
-def _filled_along_rows(depth: Any, steps: int) -> Any:
-    """Holes take what is to the left of them, then what is to the right, up to 2^steps - 1 pixels away.
+def _filled_along_rows(depth: Any, steps: int, passes: int = 1) -> Any:
+    """Holes take what is to the left of them, then what is to the right, up to 2^steps - 1 pixels away, `passes` times.
 
-    The last column stays as it is. Returns `depth` itself where nothing changes.
+    The last column stays as it is. Returns `depth` itself where nothing can change.
     """
     xp = namespace(depth)
-    if steps <= 0 or not bool(xp.any(depth[..., :-1] == 0.0)):
+    if steps <= 0:
         return depth
+    hole = depth[..., :-1] == 0.0
+    broken = xp.any(hole, axis=-1) & ~xp.all(hole, axis=-1)
+    if not bool(xp.any(broken)):
+        return depth
+    rows = depth[broken]  # few: most are whole, and rows that see nothing stay empty
+    shifts = [1 << k for k in range(steps) if 1 << k < rows.shape[-1] - 1]
+    for _ in range(passes):
+        left = rows[..., :-1]
+        for shift in shifts:
+            left[..., shift:] = xp.where(left[..., shift:] == 0.0, left[..., :-shift], left[..., shift:])
+        for shift in shifts:
+            rows[..., :-shift] = xp.where(rows[..., :-shift] == 0.0, rows[..., shift:], rows[..., :-shift])
+        if bool(xp.all(left > 0.0)):
+            break
     result = xp.asarray(depth, copy=True)
-    left = result[..., :-1]
-    for shift in (1 << k for k in range(steps) if 1 << k < left.shape[-1]):
-        left[..., shift:] = xp.where(left[..., shift:] == 0.0, left[..., :-shift], left[..., shift:])
-    for shift in (1 << k for k in range(steps) if 1 << k < result.shape[-1]):
-        result[..., :-shift] = xp.where(result[..., :-shift] == 0.0, result[..., shift:], result[..., :-shift])
-    return depth if bool(xp.all(result == depth)) else result
+    result[broken] = rows
+    return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,9 +189,10 @@ class TemporalFilter(Effect[DepthImage]):
         depth = signal.depth
         xp = namespace(depth)
         if state is None:
-            history = xp.astype(depth > 0.0, xp.int32)
+            history = xp.astype(depth > 0.0, xp.uint8)
             return signal, (depth, history, signal.time_s, depth)
         kept, history, last_s, given = state
+        zero = xp.zeros_like(history[..., :1, :1])
         repeated = (signal.time_s == last_s)[..., None, None]
         valid = depth > 0.0
         agrees = valid & (kept > 0.0) & (xp.abs(depth - kept) < (self.delta - HALF) * self.unit)
@@ -192,10 +201,12 @@ class TemporalFilter(Effect[DepthImage]):
             count = self.alpha * depth + (1.0 - self.alpha) * kept
             count = xp.floor(xp.where(agrees, count, depth) * (1.0 / self.unit) + FLOAT_SLACK)
             result = xp.where(agrees, count * self.unit, depth)
-        bits = (history & 1) + ((history >> 1) & 1) + ((history >> 2) & 1) + ((history >> 3) & 1)
-        output = xp.where(valid, result, xp.where(bits >= AGREEING, kept, depth))
-        shifted = (history << 1) & 0xF
-        following = xp.where(valid, xp.where(agrees, shifted | 1, xp.ones_like(history)), shifted)
-        output = xp.where(repeated, given, output)
-        memory = xp.where(repeated | ~valid, kept, result), xp.where(repeated, history, following)
-        return replace(signal, depth=output), (*memory, signal.time_s, output)
+        twice = (history & (history - 1)) != 0  # what is left of a number without its lowest bit
+        output = xp.where(valid, result, xp.where(twice, kept, depth))
+        # a bit enters on the right; where the value is new, older bits go
+        following = ((history << 1) & xp.where(valid & ~agrees, zero, zero + LAST_FOUR)) | xp.astype(valid, xp.uint8)
+        following_kept = xp.where(valid, result, kept)
+        if bool(xp.any(repeated)):
+            output = xp.where(repeated, given, output)
+            following, following_kept = xp.where(repeated, history, following), xp.where(repeated, kept, following_kept)
+        return replace(signal, depth=output), (following_kept, following, signal.time_s, output)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from render.stereo.discontinuity import discontinuity
-from render.stereo.fields import around, gaussian, samples
+from render.stereo.fields import around, gaussian, mean_around, samples
 from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
@@ -48,7 +48,7 @@ class EdgeHoles(Effect[StereoImage]):
         xp = namespace(disparity)
         rows, columns = math.ceil(self.reach / optics.pitch_y), math.ceil(self.reach / optics.pitch_x)
         near_edge = around(discontinuity(disparity, self.jump), rows, columns, xp.logical_or)
-        middle = around(disparity, rows, columns, xp.maximum) + around(disparity, rows, columns, xp.minimum)
+        mean = mean_around(disparity, rows, columns)
         # samples that reach farther than `reach` make up for it by losing fewer
         excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach
         window = samples(self.patch, optics.pitch_y), samples(self.patch, optics.pitch_x)
@@ -56,5 +56,5 @@ class EdgeHoles(Effect[StereoImage]):
         share = np.clip(np.asarray(self.fraction, dtype=np.float64) / max(1.0, excess), 1e-9, 1.0 - 1e-9)
         limit = ndtri(share)
         threshold = float(limit) if limit.ndim == 0 else like(limit, disparity, xp)[..., None, None]
-        lost = near_edge & (2.0 * disparity < middle) & (draw < threshold)
+        lost = near_edge & (disparity < mean) & (draw < threshold)
         return replace(signal, valid=signal.valid & ~lost), state

@@ -111,6 +111,13 @@ def around(values: Any, rows: int, columns: int, pick: Callable[[Any, Any], Any]
     return values
 
 
+def mean_around(values: Any, rows: int, columns: int) -> Any:
+    """Mean within `rows` and `columns` of each sample; borders as in `around`."""
+    total = windowed_sum(padded(values, rows, -2), 2 * rows + 1, -2)
+    total = windowed_sum(padded(total, columns, -1), 2 * columns + 1, -1)
+    return total * (1.0 / ((2 * rows + 1) * (2 * columns + 1)))
+
+
 def padded(values: Any, count: int, axis: int) -> Any:
     """Repeats the first and the last row or column `count` times."""
     xp = namespace(values)
