@@ -14,6 +14,7 @@ from controller.estimator import Estimator, EstimatorState, Measurement
 from controller.gait import GaitState
 from controller.law import LawState, LegController
 from controller.signals import Sensed, plan_from_values
+from controller.stance import StanceSolver
 from controller.stance_batched import BatchedSolver
 from policy.bounds import ACTIONS, ActionBounds, action_from_values
 from policy.compiled import Stage
@@ -68,16 +69,25 @@ class JumpEnv:
         config: The task.
         seed: Of everything that is drawn.
         device: Of all tensors; that of the engine.
+        solver: Of the stance forces; by default the batched one.
     """
 
-    def __init__(self, engine: Engine, config: EnvConfig, *, seed: int, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        config: EnvConfig,
+        *,
+        seed: int,
+        device: str = "cpu",
+        solver: StanceSolver | None = None,
+    ) -> None:
         self.config = config
         self.count = engine.count
         self.device = torch.device(device)
         self._engine = engine
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._ctrl = torch.as_tensor(engine.ctrl)
-        self._law = LegController(solver=BatchedSolver())
+        self._law = LegController(solver=solver or BatchedSolver())
         self._estimator = Estimator()
         self._drives = Drives(config.randomisation.feedforward_delay_s[1])
         kinds = kinds_of_robots(config.curriculum, self.count)

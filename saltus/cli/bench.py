@@ -15,11 +15,13 @@ class Bench:
     """Measures this machine; each benchmark prints its figures and ends with one JSON object on the last line."""
 
     what: Annotated[
-        Literal["qp", "render", "inference", "transport", "stack", "policy", "faults"], tyro.conf.Positional
+        Literal["qp", "render", "inference", "transport", "stack", "policy", "train", "stance_batched", "faults"],
+        tyro.conf.Positional,
     ]
     """qp: ground reaction forces and the leg controller. render: the depth cameras. inference: the heightmap service.
-    transport: the bus. stack: a real-time run. policy: the planner's success on fresh seeds. faults: processes killed
-    during a run."""
+    transport: the bus. stack: a real-time run. policy: the planner's success on fresh seeds. train: the
+    motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during a
+    run."""
     arguments: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Passed to the benchmark, one at a time."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
