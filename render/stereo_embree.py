@@ -5,15 +5,17 @@ import open3d
 from numpy.typing import NDArray
 
 from render.camera import Mount, camera_pose
-from render.capsules import NEAREST, capsule_depth, capsules_in_camera
+from render.capsules import capsule_depth, capsules_in_camera, windows
 from render.embree import RAYS_PER_CAST, EmbreeRenderer
 from render.legs import Capsules, leg_capsules
 from render.stereo.optics import Optics
+from render.stereo.second_view import right_camera
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
+NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer
 ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on
 
 
@@ -68,59 +70,52 @@ class StereoEmbree(EmbreeRenderer):
         if self.legs:
             right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
             legs = capsules_in_camera(leg_capsules(joint_position), right, self.mount.rotation)
-            for i in range(len(depth)):
-                _hide_behind(hidden[i], depth[i], legs, i, self._directions, self.optics)
+            _hide_behind(hidden, depth, legs, self._directions, self.intrinsics, self.optics)
         return depth, hidden
 
     def _terrain_hides(self, depth: NDArray[np.float32], origin: Floats, rotation: Floats) -> NDArray[np.bool_]:
         """Whether terrain lies between the right imager and points, shape (n, height, width)."""
-        flat = self._directions.reshape(-1, 3).astype(np.float32)
-        along = np.minimum(depth, FARTHEST_M).reshape(len(depth), -1, 1)
+        along = np.minimum(depth, FARTHEST_M)
         to_right = (rotation[..., 0] * self.optics.baseline_m).astype(np.float32)
-        rays = np.empty((len(depth), flat.shape[0], 6), dtype=np.float32)
-        rays[..., :3] = (origin + to_right)[:, None, :]
-        np.multiply(flat @ rotation.mT.astype(np.float32), along, out=rays[..., 3:])
-        rays[..., 3:] -= to_right[:, None, :]
-        blocked = self._scene.test_occlusions(
-            open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads
-        ).numpy()
-        return np.asarray(blocked).reshape(depth.shape)
+        turn = rotation.astype(np.float32)
+        rays = self._buffer(len(depth))
+        rays[..., :3] = (origin + to_right)[:, None, None, :]
+        for axis in range(3):
+            across = turn[:, axis, :1] * self._across
+            down = turn[:, axis, 1:2] * self._down + turn[:, axis, 2:]
+            line = down[:, :, None] + across[:, None, :]
+            line *= along
+            np.subtract(line, to_right[:, axis, None, None], out=rays[..., 3 + axis])
+        blocked = self._scene.test_occlusions(open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads)
+        return np.asarray(blocked.numpy())
+
+    def _buffer(self, count: int) -> NDArray[np.float32]:
+        """Room for the rays of `count` images, kept from one call to the next."""
+        if len(self._rays) < count:
+            self._rays = np.empty((count, *self._rays.shape[1:]), dtype=np.float32)
+        return self._rays[:count]
 
 
 def _hide_behind(
     hidden: NDArray[np.bool_],
     depth: NDArray[np.float32],
     legs: Capsules,
-    image: int,
     directions: Floats,
+    camera: Intrinsics,
     optics: Optics,
 ) -> None:
-    """Marks in place the points of one image that legs hide from the right imager, in whose frame the legs are."""
-    shift = optics.baseline_m / depth
-    for k, radius in enumerate(legs.radius):
-        start, end = legs.start[image, k], legs.end[image, k]
-        if max(start[2], end[2]) + radius <= 0.0:
+    """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame."""
+    wide = right_camera(camera, optics, NEAREST_POINT_M)
+    rows, columns, seen = windows(legs, wide)
+    to_right = np.arange(camera.width) + (wide.width - camera.width) + 0.5
+    for image, k in np.argwhere(seen):
+        part = slice(*rows[image, k])
+        shift = optics.baseline_m / depth[image, part]
+        place = to_right - shift * camera.fx
+        row, column = np.nonzero((place >= columns[image, k, 0]) & (place <= columns[image, k, 1]))
+        if not row.size:
             continue
-        rows, columns = _may_hide(start, end, float(radius), directions, shift)
-        if not rows.size:
-            continue
-        rays = directions[rows, columns]
-        rays[:, 0] -= shift[rows, columns]
-        hit = capsule_depth(start, end, float(radius), rays)
-        hidden[rows, columns] |= hit < ALONG_RAY * depth[rows, columns]
-
-
-def _may_hide(
-    start: Floats, end: Floats, radius: float, directions: Floats, shift: NDArray[np.float32]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the points whose ray from the right imager passes the box around a capsule's image."""
-    ends = np.stack([start, end])
-    # of a capsule that reaches behind the imager, what lies in front of it
-    depths = np.array([max(ends[:, 2].min() - radius, NEAREST), ends[:, 2].max() + radius])
-    low = ((ends[:, :2].min(axis=0) - radius)[:, None] / depths).min(axis=-1)
-    high = ((ends[:, :2].max(axis=0) + radius)[:, None] / depths).max(axis=-1)
-    tall = directions[:, 0, 1]
-    first, last = np.searchsorted(tall, [low[1], high[1]])
-    across = directions[first:last, :, 0] - shift[first:last]
-    rows, columns = np.nonzero((across >= low[0]) & (across <= high[0]))
-    return rows + first, columns
+        rays = directions[part][row, column]
+        rays[:, 0] -= shift[row, column]
+        hit = capsule_depth(legs.start[image, k], legs.end[image, k], float(legs.radius[k]), rays)
+        hidden[image, part][row, column] |= hit < ALONG_RAY * depth[image, part][row, column]
