@@ -144,7 +144,8 @@ class JumpEnv:
             self._begin(prepare=False)
             return
         age = torch.rand(self.count, generator=self._generator, device=self.device)
-        self.memory.time_s.copy_(age * self.config.episode.time_limit_s)
+        store(self.memory, time_s=age * self.config.episode.time_limit_s)
+        store(self.memory, first_time_s=self.memory.time_s)
         self.episodes.tally.zero_()
 
     @torch.no_grad()

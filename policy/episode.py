@@ -111,12 +111,14 @@ class Episodes:
         self.term_sums.add_(terms.mean(0))
 
         way = position[:, 0] - memory.start_x + ground[:, 0].clamp(min=0.0)
-        rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, memory.time_s]
+        lasted = memory.time_s - memory.first_time_s
+        rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, lasted]
         counted = torch.stack([row.float() * self.done for row in rows], -1)
         self.tally.add_((self._is_kind[:, :, None] * torch.nan_to_num(counted)[None]).sum(1))
         level_draw = self._split()[3][:, 0]
         level = next_level(self._config.curriculum, memory.level, way, failed, finished, level_draw)
-        store(memory, self.done, level=level)
+        # A robot's first episode, which may be too short for any way, moves no level when its time is over.
+        store(memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level)
 
     def reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
@@ -147,6 +149,7 @@ class Episodes:
             progress=torch.zeros_like(memory.progress),
             tracking_cost=zero,
             time_s=zero,
+            first_time_s=zero,
             height_shift=shift,
             pitch_torque=zero,
             touched=torch.zeros_like(memory.touched),

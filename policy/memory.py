@@ -30,6 +30,7 @@ class Memory:
     excess: Tensor
     # the episode
     time_s: Tensor
+    first_time_s: Tensor  # when the episode began: 0, but for a robot's first
     start_x: Tensor
     heading: Tensor
     cycle: Tensor

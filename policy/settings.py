@@ -31,7 +31,7 @@ class LearningConfig:
     the range."""
     last_entropy: float = 0.001
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
-    entropy_iterations: int = 4000
+    entropy_iterations: int = 1500
 
 
 @dataclass(frozen=True, kw_only=True)

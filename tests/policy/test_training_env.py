@@ -139,4 +139,6 @@ def test_levels_rise_with_the_way_and_fall_without():
 def test_levels_can_be_set():
     env = make_env(config=replace(EnvConfig(), curriculum=CurriculumConfig(stairs=1.0)))
     env.set_levels(torch.full((N,), 7.0))
+    for _ in range(5):
+        env.step(bound(env))
     assert (env.memory.level == 7.0).all()
