@@ -147,42 +147,62 @@ def fit(frames: Sequence[DepthFrame]) -> FitResult:
         RecordingError: no frames, frames of different cameras or modes, or nothing valid.
     """
     scene = static_scene(frames)
+    curves, edges = noise_curves(scene), edge_curves(scene)
+    return FitResult(
+        parameters=_parameters(scene, curves, edges),
+        scene=scene,
+        noise=curves if isinstance(curves, NoiseCurves) else None,
+        edges=edges,
+    )
+
+
+def _parameters(scene: StaticScene, curves: NoiseCurves | str, edges: EdgeCurves) -> StereoParameters:
     baseline, margin = fit_baseline(scene)
     if scene.frames < FEW_FRAMES:
         baseline = _noted(baseline, WIDENED)
     used = baseline.value or BASELINE_M
     note = "" if baseline.testable else ASSUMED
-    curves = noise_curves(scene)
-    edges = edge_curves(scene)
-    noise = curves if isinstance(curves, NoiseCurves) else None
+    noise = _of_noise(scene, curves)
+    return StereoParameters(
+        baseline_m=baseline,
+        sigma_px=_noted(_scaled(noise.sigma_inverse, scene.fx * used, baseline), note),
+        range_exponent=noise.range_exponent,
+        correlation_px=noise.correlation_px,
+        persistence_s=noise.persistence_s,
+        step_px=_noted(_scaled(noise.step_inverse, scene.fx * used, baseline), note),
+        maximum_px=_maximum(scene, used),
+        margin_px=margin,
+        hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
+        flying_fraction=noise.flying_fraction,
+        reach_m=_reach(scene),
+        depth_unit_m=measured(scene.unit_m, 0.0, "stated by the recording"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfNoise:
+    """What needs many frames; inverse depths in [1/m]."""
+
+    sigma_inverse: Estimate
+    step_inverse: Estimate
+    correlation_px: Estimate
+    persistence_s: Estimate
+    range_exponent: Estimate
+    flying_fraction: Estimate
+
+
+def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> _OfNoise:
     if isinstance(curves, str):
-        step_inverse = untestable(curves)
-        sigma = correlated = kept = exponent = flying = untestable(curves)
-    else:
-        step_inverse = fit_step(scene, curves.variance_inverse**0.5)
-        sigma = sigma_inverse(curves, scene, step_inverse)
-        correlated = correlation_px(curves, step_inverse)
-        kept = persistence(curves, scene, step_inverse)
-        exponent = range_exponent(curves)
-        flying = flying_fraction(scene, curves.variance_inverse**0.5)
-    return FitResult(
-        parameters=StereoParameters(
-            baseline_m=baseline,
-            sigma_px=_noted(_scaled(sigma, scene.fx * used, baseline), note),
-            range_exponent=exponent,
-            correlation_px=correlated,
-            persistence_s=kept,
-            step_px=_noted(_scaled(step_inverse, scene.fx * used, baseline), note),
-            maximum_px=_maximum(scene, used),
-            margin_px=margin,
-            hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
-            flying_fraction=flying,
-            reach_m=_reach(scene),
-            depth_unit_m=measured(scene.unit_m, 0.0, "stated by the recording"),
-        ),
-        scene=scene,
-        noise=noise,
-        edges=edges,
+        return _OfNoise(**{f.name: untestable(curves) for f in fields(_OfNoise)})
+    spread = curves.variance_inverse**0.5
+    step = fit_step(scene, spread)
+    return _OfNoise(
+        sigma_inverse=sigma_inverse(curves, scene, step),
+        step_inverse=step,
+        correlation_px=correlation_px(curves, step),
+        persistence_s=persistence(curves, scene, step),
+        range_exponent=range_exponent(curves),
+        flying_fraction=flying_fraction(scene, spread),
     )
 
 
