@@ -1,16 +1,29 @@
-"""Speed of the depth camera: frames per second of both back ends, and what 1,000 frames leave behind in memory.
+"""Speed of the depth camera: frames per second of every back end that this machine has, and what they leave in memory.
 
-python -m benchmarks.render: prints one line of JSON.
+python benchmarks/render.py [--backend NAME] [--seconds S] [--json]: ends with one line of JSON, whose rows say what was
+rendered ("legs": terrain and the 12 shapes of the legs, which are in view in half of the frames), with which noise
+("native": the sensor's 80 x 240 pixels with their true second view, then pooled; "fast": the chain for training, three
+rays a pixel of the model), and the growth of the process over 20,000 frames of 16 x 48 or as many
+rays of other images. Lines before the JSON name the processor time
+of a frame too: on a shared machine it is the steadier one.
 """
 
+import argparse
 import json
+import os
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-import psutil
 
-from render.backends import make_renderer
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # before this folder, whose render.py is this file
+
+from render.backends import make_renderer, present
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
@@ -18,66 +31,227 @@ from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.messages import DepthFrame, Floats
 from saltus.terrain.curriculum import make_terrain
 
-SECONDS = 1.0  # of each measurement
-BATCH = 256
-GROWTH_FRAMES = 1000
+TERRAIN = make_terrain(TerrainConfig(terrain="stairs"))
+WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
+CAMERAS = (MODEL_CAMERA, WIDE, D435I)
+GROWTH_RAYS = 20_000 * MODEL_CAMERA.width * MODEL_CAMERA.height
+# Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
+BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
+NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
+NATIVE_BATCH = 16
+
+Poses = tuple[Any, Any, Any]
 
 
-def rate(action: Callable[[int], object], frames_per_call: int = 1) -> float:
-    """Frames per second of an action that is given the number of its call."""
-    action(0)
-    calls, begin = 0, time.perf_counter()
-    while (elapsed := time.perf_counter() - begin) < SECONDS:
-        action(calls)
-        calls += 1
-    return round(calls * frames_per_call / elapsed, 1)
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """What one row measures."""
+
+    backend: str
+    camera: Intrinsics
+    legs: bool
+    noise: str = "none"
+    batch: int
+
+    @property
+    def size(self) -> str:
+        """As the rows name it."""
+        return f"{self.camera.width}x{self.camera.height}"
+
+    @property
+    def rays(self) -> int:
+        """That one frame takes."""
+        samples = {"none": 1, "fast": 3, "native": NATIVE * NATIVE}[self.noise]
+        return samples * self.camera.width * self.camera.height
 
 
 def poses(count: int) -> tuple[Floats, Floats, Floats]:
-    """Robots that stand along the course, somewhat turned; with a wide camera their legs are in view."""
+    """Robots along the course, somewhat turned; every second one stretches its legs into the picture."""
     rng = np.random.default_rng(0)
-    position = rng.uniform([0.0, -0.1, 0.25], [1.0, 0.1, 0.4], (count, 3))
+    position = rng.uniform([0.0, -0.1, 0.3], [4.0, 0.1, 0.6], (count, 3))
+    position[:, 2] += TERRAIN.height_at(position[:, 0])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.2, 0.2, (3, count)))
-    return position, quaternion, go1.STAND_POSE + rng.uniform(-0.3, 0.3, (count, 12))
+    joints = go1.STAND_POSE + rng.uniform(-0.3, 0.3, (count, 12))
+    ahead = joints.reshape(count, 4, 3)[::2]
+    ahead[..., 0] = go1.SIDE * rng.uniform(-0.86, -0.65, ahead.shape[:2])
+    ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
+    ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
+    return position, quaternion, joints
 
 
-def measure(name: str, camera: Intrinsics, legs: bool) -> dict[str, float]:
-    """Rates of one back end, and its growth."""
-    renderer = make_renderer(name, make_terrain(TerrainConfig(terrain="stairs")), camera, legs=legs)
-    position, quaternion, joints = poses(BATCH)
-    single = rate(lambda k: renderer.render(position[k % BATCH], quaternion[k % BATCH], joints[k % BATCH]))
-    batched = rate(lambda _: renderer.render_batch(position, quaternion, joints), BATCH)
-    result = {"single_fps": single, f"batch_{BATCH}_fps": batched}
-    if camera is MODEL_CAMERA:
-        before = psutil.Process().memory_info().rss
-        for k in range(GROWTH_FRAMES):
-            renderer.render(position[k % BATCH], quaternion[k % BATCH], joints[k % BATCH])
-        result["rss_growth_mb"] = round((psutil.Process().memory_info().rss - before) / 1e6, 2)
-    renderer.close()
-    return result
+def cases(backend: str) -> Iterator[Case]:
+    """All rows of a back end."""
+    for camera in CAMERAS:
+        pixels = BATCH[backend] * MODEL_CAMERA.width * MODEL_CAMERA.height
+        batch = max(1, pixels // (camera.width * camera.height))
+        for legs in (False, True):
+            yield Case(backend=backend, camera=camera, legs=legs, batch=batch)
+    for legs in (False, True):
+        if backend == "embree":
+            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=NATIVE_BATCH)
+        if backend in ("embree", "warp"):
+            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=BATCH[backend])
 
 
-def crop_ms(camera: Intrinsics) -> float:
+def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
+    """Something that makes one batch of images, and something that frees what it needs."""
+    if case.backend == "warp":
+        return warp_exposure(case)
+    robots = poses(case.batch)
+    if case.noise == "native":
+        return native_exposure(case, robots)
+    if case.noise == "fast":
+        return fast_exposure(case, robots)
+    renderer = make_renderer(case.backend, TERRAIN, case.camera, legs=case.legs)
+    return lambda: renderer.render_batch(*robots), renderer.close
+
+
+def native_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The sensor's own pixels, with what the right imager does not see; a camera's noise on each core."""
+    from render.stereo.camera import StereoCamera, StereoConfig
+    from render.stereo.model_view import pooled, sampled_model_camera
+    from render.stereo.optics import Optics
+    from render.stereo_embree import StereoEmbree
+
+    sensor = sampled_model_camera(NATIVE, NATIVE)
+    optics = Optics.of(sensor)
+    pair = StereoEmbree(TERRAIN, optics, sensor, legs=case.legs, threads=cores())
+    camera = StereoCamera(StereoConfig(), optics)
+    pool = ThreadPoolExecutor(cores())
+    states = [camera.init((1,), np.random.default_rng(i)) for i in range(case.batch)]
+
+    def expose() -> object:
+        depth, hidden = pair.render_pair_batch(*robots)
+
+        def noisy(i: int) -> Any:
+            image, states[i] = camera.step(depth[i : i + 1], hidden[i : i + 1], np.zeros(1), states[i])
+            return pooled(image.depth, NATIVE, NATIVE)
+
+        return list(pool.map(noisy, range(case.batch)))
+
+    return expose, pool.shutdown
+
+
+def fast_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The chain for training, on threads."""
+    from render.stereo_fast import FastStereo
+
+    camera = FastStereo(TERRAIN, legs=case.legs, threads=cores())
+    state = camera.init(case.batch, np.random.default_rng(0))
+
+    def expose() -> object:
+        nonlocal state
+        images, state = camera.step(*robots, 0.0, state)
+        return images
+
+    return expose, lambda: None
+
+
+def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
+    """On the GPU, where there is one, from torch's tensors to torch's tensors; ends when the device has finished."""
+    import torch
+    import warp
+
+    from render.stereo.camera import StereoConfig
+    from render.stereo.model_view import sampled_model_camera
+    from render.stereo.optics import Optics
+    from render.stereo_fast import COLUMNS, ROWS
+    from render.stereo_torch import TorchStereo
+    from render.warp import WarpRenderer
+
+    view = case.camera if case.noise == "none" else sampled_model_camera(ROWS, COLUMNS)
+    caster = WarpRenderer(TERRAIN, view, legs=case.legs).caster
+    robots = [torch.as_tensor(array, dtype=torch.float32, device=caster.device) for array in poses(case.batch)]
+    optics = Optics.of(view)
+    cameras = TorchStereo(StereoConfig(), optics, caster.device)
+    state = cameras.init(case.batch, np.random.default_rng(0)) if case.noise != "none" else ()
+    times = torch.zeros(case.batch, dtype=torch.float64, device=caster.device)
+
+    def expose() -> object:
+        nonlocal state
+        if case.noise == "none":
+            images = warp.to_torch(caster.cast(*robots))
+        else:
+            depth, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m))
+            images, state = cameras.step_pooled(depth, hidden, times, state, ROWS, COLUMNS)
+        warp.synchronize_device(caster.device)
+        return images
+
+    return expose, lambda: None
+
+
+def measure(case: Case, seconds: float) -> dict[str, object]:
+    """One row; prints a line about it."""
+    expose, close = exposure(case)
+    for _ in range(3):  # compiled, cached, allocated
+        expose()
+    calls, begin, processor = 0, time.perf_counter(), time.process_time()
+    while time.perf_counter() - begin < seconds:
+        expose()
+        calls += 1
+    frames = calls * case.batch
+    wall, processor = time.perf_counter() - begin, time.process_time() - processor
+    before = resident_mb()
+    for _ in range(int(np.ceil(GROWTH_RAYS / case.rays / case.batch))):
+        expose()
+    growth = resident_mb() - before
+    close()
+    scene = "with legs" if case.legs else "terrain"
+    print(
+        f"{case.backend:9}{case.size:9}{scene:10} noise {case.noise:7} batch {case.batch:5}: {frames / wall:9.0f} /s, "
+        f"{1e6 * processor / frames:8.1f} us of processor a frame, growth {growth:.2f} MB",
+        flush=True,
+    )
+    return {
+        "backend": case.backend,
+        "size": case.size,
+        "terrain": TERRAIN.kind,
+        "legs": case.legs,
+        "noise": case.noise,
+        "batch": case.batch,
+        "fps": round(frames / wall, 1),
+        "rss_growth_mb": round(growth, 2),
+    }
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def resident_mb() -> float:
+    """Memory of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def crop_ms(camera: Intrinsics, seconds: float) -> float:
     """Time to make the model's image of a frame."""
     depth = np.random.default_rng(0).integers(0, 4000, (camera.height, camera.width)).astype(np.uint16)
     frame = DepthFrame(
         time_ns=0, frame_id=0, depth=depth, depth_unit_m=0.001, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy
     )
-    return round(1e3 / rate(lambda _: model_image(frame)), 4)
+    model_image(frame)
+    calls, begin = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - begin) < seconds:
+        model_image(frame)
+        calls += 1
+    return round(1e3 * elapsed / calls, 4)
 
 
 def main() -> None:
     """Measures and prints."""
-    result: dict[str, object] = {}
-    for name in ("embree", "pyrender"):
-        for camera in (MODEL_CAMERA, D435I):
-            for legs in (False, True):
-                scene = "with_legs" if legs else "terrain"
-                result[f"{name}_{camera.width}x{camera.height}_{scene}"] = measure(name, camera, legs)
-    wide = Intrinsics(width=640, height=480, fx=390.4, fy=390.4, cx=320.0, cy=240.0)
-    for camera in (MODEL_CAMERA, D435I, wide):
-        result[f"crop_{camera.width}x{camera.height}_ms"] = crop_ms(camera)
-    print(json.dumps(result))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--backend", choices=list(BATCH), help="only this one; all that are present by default")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
+    parser.add_argument("--json", action="store_true", help="the last line is JSON with or without it")
+    given = parser.parse_args()
+    rows = [
+        measure(case, given.seconds)
+        for backend in ([given.backend] if given.backend else present())
+        for case in cases(backend)
+    ]
+    crops = {f"{c.width}x{c.height}": crop_ms(c, 0.2 * given.seconds) for c in (MODEL_CAMERA, D435I)}
+    print(json.dumps({"rows": rows, "crop_ms": crops}))
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ def gl_platform() -> str:
     Raises:
         SaltusError: neither is installed, or the environment names another.
     """
-    found = next((name for name, (library, _) in _PLATFORMS.items() if ctypes.util.find_library(library)), None)
+    found = next((name for name, (library, _) in _PLATFORMS.items() if ctypes.util.find_library(library)), "osmesa")
     platform = os.environ.get("PYOPENGL_PLATFORM") or found
     if platform is None:
         raise SaltusError("pyrender needs OSMesa or EGL: 'apt install libosmesa6', or use the embree renderer")

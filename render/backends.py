@@ -11,8 +11,8 @@ from saltus.terrain.terrain import Terrain
 
 NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender", "warp")
 RASTER_PIXELS = 6_000
-"""From this many pixels on, one image is made faster by pyrender than by Embree: 0.07 us a ray against 0.3 ms, and
-0.01 us a pixel, with some legs in view (`saltus bench render`)."""
+"""From this many pixels on, one image is made faster by pyrender than by Embree: 0.4 ms and 0.01 us a pixel against
+0.08 us a ray, with some legs in view (`saltus bench render`)."""
 
 
 def make_renderer(name: str, terrain: Terrain, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True) -> Renderer:

@@ -72,7 +72,7 @@ class WarpCaster:
             return self._cast(self._scene(base_position, base_quaternion, joint_position))
 
     def cast_pair(
-        self, base_position: Array, base_quaternion: Array, joint_position: Array, baseline_m: float
+        self, base_position: Array, base_quaternion: Array, joint_position: Array, *, baseline_m: float
     ) -> tuple[warp.array, warp.array]:
         """Depth as from `cast`, and whether an imager `baseline_m` to the right does not see the point."""
         with self._stream_of(base_position):
