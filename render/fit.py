@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from render.stereo.camera import StereoConfig
+from render.stereo.camera import UNFILTERED, StereoConfig
 from render.stereo.depth_unit import DepthUnit
 from render.stereo.estimate import Estimate, measured, untestable
 from render.stereo.fit_baseline import fit_baseline
@@ -84,9 +84,7 @@ class FitResult:
     @property
     def config(self) -> StereoConfig:
         """The camera as fitted; defaults where the recording shows nothing, and no post-filters."""
-        found, base = self.parameters, StereoConfig()
-        filters = ("hole_filling", "spatial_filter", "temporal_filter")
-        base = base.only([effect.name for effect in base.effects if effect.name not in filters])
+        found, base = self.parameters, UNFILTERED
 
         def changed(effect: Any, **values: Estimate) -> Any:
             return replace(effect, **{name: e.value for name, e in values.items() if e.value is not None})

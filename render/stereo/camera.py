@@ -55,7 +55,8 @@ class StereoConfig:
 
 IDEAL_STEREO = StereoConfig().only(())
 """A camera that returns true depth."""
-UNFILTERED = StereoConfig().only([e.name for e in StereoConfig().effects[:8]])
+POST_FILTERS = ("hole_filling", "spatial_filter", "temporal_filter")
+UNFILTERED = StereoConfig().only([e.name for e in StereoConfig().effects if e.name not in POST_FILTERS])
 """A D435i without post-filters."""
 
 

@@ -18,9 +18,10 @@ from render.stereo_embree import StereoEmbree
 from render.stereo_fast import CHUNK, COLUMNS, ROWS, FastStereo
 from render.stereo_torch import TorchStereo
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_images
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
 from saltus.go1 import STAND_POSE
+from saltus.messages import DepthFrame
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
@@ -148,6 +149,26 @@ def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
     np.testing.assert_allclose(fast, native, atol=0.08)
     assert np.sum(fast) == pytest.approx(np.sum(native), rel=0.1)
     assert np.sum(native[:8]) > 2.0 * np.sum(native[12:])
+
+
+def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
+    camera, optics = _native()
+    depth, hidden = StereoEmbree(terrain(), optics, camera).render_pair_batch(*poses(1, terrain(), seed=2))
+    stereo = StereoCamera(StereoConfig(), optics)
+    image, _ = stereo.step(depth, hidden, np.zeros(1), stereo.init((1,), np.random.default_rng(0)))
+    frame = DepthFrame(
+        time_ns=0,
+        frame_id=0,
+        depth=depth_in_millimetres(image.depth[0]),
+        depth_unit_m=0.001,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+    )
+    seen, straight = model_image(frame), model_images(pooled(image.depth[0], NATIVE, NATIVE))
+    np.testing.assert_array_equal(seen.valid, straight.valid)
+    np.testing.assert_allclose(seen.depth, straight.depth, atol=1e-3)
 
 
 def test_torch_and_threads_give_the_images_of_numpy() -> None:

@@ -1,6 +1,5 @@
 """Cameras that differ from robot to robot."""
 
-import dataclasses
 import math
 from dataclasses import fields, replace
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from render.camera import Mount, camera_pose
-from render.randomisation import CameraRandomisation, Uniform
+from render.randomisation import CameraDraw, CameraRandomisation, Uniform
 from render.stereo.camera import StereoConfig
 from render.stereo.sensor_freeze import SensorFreeze
 from saltus.config import from_toml, to_toml
@@ -53,13 +52,13 @@ def test_moved_bases_show_one_mount_what_the_drawn_mounts_see() -> None:
         np.testing.assert_allclose(rotation[i], want[1], atol=1e-12)
 
 
-def replace_roll(draw, roll):  # type: ignore[no-untyped-def]
-    return dataclasses.replace(draw, roll=np.full(COUNT, roll))
+def replace_roll(draw: CameraDraw, roll: float) -> CameraDraw:
+    return replace(draw, roll=np.full(COUNT, roll))
 
 
 def test_roll_turns_about_the_optical_axis_and_moves_nothing() -> None:
     draw = ANY.draw(COUNT, np.random.default_rng(1))
-    draw = replace_roll(dataclasses.replace(draw, pitch=np.zeros(COUNT), position=np.zeros((COUNT, 3))), 0.02)
+    draw = replace_roll(replace(draw, pitch=np.zeros(COUNT), position=np.zeros((COUNT, 3))), 0.02)
     base = np.zeros((COUNT, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (COUNT, 1))
     centre, rotation = camera_pose(Mount(), *draw.moved(Mount(), *base))
     np.testing.assert_allclose(centre, np.tile(Mount().position, (COUNT, 1)), atol=1e-12)
