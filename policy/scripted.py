@@ -32,59 +32,59 @@ Value = float | Array
 class ScriptedParameters:
     """All numbers of the planner."""
 
-    stepping_frequency_hz: Value = 3.44
-    velocity_x: Value = 1.67
+    stepping_frequency_hz: Value = 3.46
+    velocity_x: Value = 2.03
     """On level ground [m/s]."""
     velocity_x_per_slope: Value = 0.0
     """Change of speed with the slope ahead [m/s]."""
-    front_velocity_z: Value = 0.698
+    front_velocity_z: Value = 0.365
     """Middle of the stance of the front legs [m/s]."""
-    front_velocity_z_slope: Value = 0.24
+    front_velocity_z_slope: Value = -1.15
     """Change over that stance [m/s]."""
-    rear_velocity_z: Value = 0.776
-    rear_velocity_z_slope: Value = 1.5
-    front_pitch_rate: Value = -1.89
+    rear_velocity_z: Value = 0.665
+    rear_velocity_z_slope: Value = 0.208
+    front_pitch_rate: Value = -0.793
     """Middle of the stance of the front legs, nose down positive [rad/s]."""
-    front_pitch_rate_slope: Value = -3.29
+    front_pitch_rate_slope: Value = -3.64
     """Change over that stance [rad/s]: the front legs push the nose up."""
-    rear_pitch_rate: Value = -1.24
-    rear_pitch_rate_slope: Value = 0.924
-    height_m: Value = 0.266
+    rear_pitch_rate: Value = 0.746
+    rear_pitch_rate_slope: Value = 5.31
+    height_m: Value = 0.277
     """Of the base above the ground."""
-    height_gain: Value = 6.0
+    height_gain: Value = 5.49
     """Vertical velocity by error of height [1/s]."""
-    ceiling_m: Value = 0.39
+    ceiling_m: Value = 0.362
     """Height above which the base is not to rise [m]: a leg reaches 0.38 m, and must reach the ground when it lands."""
-    ceiling_gain: Value = 10.0
+    ceiling_gain: Value = 4.36
     """Largest vertical velocity by distance to that height [1/s]."""
-    lever: Value = 1.0
+    lever: Value = 0.628
     """Share of the height that the standing feet have over the ground under the base that is known to the estimator."""
-    climb_gain: Value = 1.54
+    climb_gain: Value = 2.44
     """Vertical velocity by slope times speed."""
-    pitch: Value = -0.0067
+    pitch: Value = -0.0161
     """On level ground [rad]."""
-    pitch_per_slope: Value = -0.46
+    pitch_per_slope: Value = -0.521
     """Pitch along the slope of the ground."""
-    pitch_gain: Value = 2.92
+    pitch_gain: Value = 5.88
     """Pitch rate by error of pitch [1/s]."""
-    coupling: Value = 0.418
+    coupling: Value = 0.277
     """Share of the pitch rate that the wanted support brings about anyway that is asked for."""
-    front_landing_x: Value = 0.00407
+    front_landing_x: Value = 0.00425
     """Shift of the landing point of the front feet [m]."""
-    rear_landing_x: Value = -0.0466
-    clearance_m: Value = 0.0772
+    rear_landing_x: Value = 0.0275
+    clearance_m: Value = 0.116
     """Of the sole above the highest terrain on the way."""
-    landing_depth_m: Value = 0.00789
+    landing_depth_m: Value = 0.00369
     """How far below the ground a foot aims when it lands."""
-    lift_until: Value = 0.324
+    lift_until: Value = 0.208
     """Progress of the swing at which a foot is up."""
-    lower_from: Value = 0.629
+    lower_from: Value = 0.655
     """Progress of the swing at which a foot begins to come down."""
-    edge_margin_m: Value = 0.099
+    edge_margin_m: Value = 0.0606
     """Distance from a landing point within which edges matter, the nearer the more."""
-    edge_cost: Value = 0.0157
+    edge_cost: Value = 0.0543
     """Detour that is worth an edge at a landing point, about [m]."""
-    height_trust: Value = 0.408
+    height_trust: Value = 0.196
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
 
 
