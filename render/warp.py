@@ -13,6 +13,7 @@ from render.renderer import Renderer
 from render.warp_kernels import cast_kernel, hide_kernel
 from saltus.arrays import Array
 from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.errors import SaltusError
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
 
@@ -56,7 +57,16 @@ class WarpCaster:
         self.set_boxes(box_center, box_half_size)
 
     def set_boxes(self, center: Array, half_size: Array) -> None:
-        """Puts other boxes under the robots; arguments as those of the class."""
+        """Puts other boxes under the robots; arguments as those of the class.
+
+        Raises:
+            SaltusError: the two have different shapes, or they are no boxes.
+        """
+        if center.ndim != 3 or center.shape[-1] != 3 or tuple(center.shape) != tuple(half_size.shape):
+            raise SaltusError(
+                f"boxes have centres of shape {tuple(center.shape)} and half sizes of shape {tuple(half_size.shape)}: "
+                "both must be (robots, boxes, 3)"
+            )
         self._low = self._on_device(center - half_size, warp.vec3f)
         self._high = self._on_device(center + half_size, warp.vec3f)
 
@@ -67,6 +77,9 @@ class WarpCaster:
             base_position: [m], world frame, numpy or torch, shape (n, 3).
             base_quaternion: (w, x, y, z), base to world, shape (n, 4).
             joint_position: [rad], shape (n, 12).
+
+        Raises:
+            SaltusError: there are boxes for another number of robots.
         """
         with self._stream_of(base_position):
             return self._cast(self._scene(base_position, base_quaternion, joint_position))
@@ -96,6 +109,8 @@ class WarpCaster:
 
     def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> list[Any]:
         """First arguments of the kernels."""
+        if self._low.shape[0] not in (1, len(base_position)):
+            raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
         legs = leg_capsules(joint_position if self.legs else joint_position[:0])
         position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.mount.in_base)

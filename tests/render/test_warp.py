@@ -1,0 +1,117 @@
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import warp
+
+from render.embree import EmbreeRenderer
+from render.stereo.model_view import sampled_model_camera
+from render.stereo.optics import Optics
+from render.stereo_embree import StereoEmbree
+from render.warp import WarpCaster, WarpRenderer
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.depth import MODEL_CAMERA
+from saltus.errors import SaltusError
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.messages import Floats
+from saltus.terrain.batch import BOXES, DRAWS, draw_courses
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import BOTTOM, Terrain
+
+STAIRS = make_terrain(TerrainConfig(terrain="stairs"))
+
+
+def robots(count: int, terrain: Terrain = STAIRS, seed: int = 0) -> tuple[Floats, Floats, Floats]:
+    """Anywhere on the course, legs anywhere."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.6], (count, 3))
+    position[:, 2] += terrain.height_at(position[:, 0])
+    quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
+    return position, quaternion, rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (count, 12))
+
+
+def tensors(arrays: Sequence[Any]) -> list[torch.Tensor]:
+    return [torch.as_tensor(array, dtype=torch.float32) for array in arrays]
+
+
+def test_torch_is_read_as_numpy_is_and_results_are_shared() -> None:
+    caster = WarpRenderer(STAIRS, device="cpu").caster
+    where = robots(50)
+    from_numpy, from_torch = caster.cast(*where), caster.cast(*tensors(where))
+    differ = ~np.isclose(from_numpy.numpy(), from_torch.numpy(), rtol=0.0, atol=1e-4)
+    assert differ.mean() < 1e-3  # edges, seen through the rounding of poses
+    seen = warp.to_torch(from_torch)
+    seen[0, 0, 0] = -1.0
+    assert from_torch.numpy()[0, 0, 0] == -1.0
+
+
+def test_legs_only_come_nearer() -> None:
+    where = robots(60)
+    with_legs, without = (WarpRenderer(STAIRS, legs=legs, device="cpu").render_batch(*where) for legs in (True, False))
+    assert (with_legs <= without).all()
+    assert (with_legs < without).any()
+
+
+def test_every_robot_has_boxes_of_its_own() -> None:
+    """One cast over many courses sees what each robot's own terrain shows."""
+    terrains = [make_terrain(TerrainConfig(terrain="gap", gap_m=0.2 + 0.1 * i)) for i in range(4)]
+    center, half_size = (
+        np.stack([t.box_center for t in terrains]),
+        np.stack([0.5 * t.box_size for t in terrains]),
+    )
+    where = robots(4, terrains[0])
+    together = WarpCaster(center, half_size, device="cpu").cast(*where).numpy()
+    for i, terrain in enumerate(terrains):
+        alone = WarpRenderer(terrain, device="cpu").render(*(array[i] for array in where))
+        np.testing.assert_array_equal(together[i], alone)
+
+
+def test_courses_of_training_can_be_seen() -> None:
+    """Boxes that overlap are one ground: straight down it is as deep as its height says."""
+    rng = np.random.default_rng(1)
+    courses = draw_courses(torch.arange(40) % 5, torch.rand(40), torch.as_tensor(rng.uniform(size=(40, DRAWS))).float())
+    center, half_size = courses.boxes()
+    assert center.shape == (40, BOXES, 3)
+    position = np.stack([rng.uniform(0.0, 4.0, 40), np.zeros(40), np.full(40, 6.0)], axis=-1)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))
+    caster = WarpCaster(center, half_size, sampled_model_camera(1, 1), legs=False, device="cpu")
+    depth = caster.cast(*tensors((position, level, np.tile(go1.STAND_POSE, (40, 1))))).numpy()
+    camera, tilt = caster.intrinsics, caster.mount.rotation
+    down = np.array([(8.5 - camera.cx) / camera.fx, (30.5 - camera.cy) / camera.fy, 1.0]) @ tilt.T
+    point = position + caster.mount.position + depth[:, 30, 8, None] * down
+    ground = courses.height_at(torch.as_tensor(point[:, :1]).float())[:, 0].numpy()
+    on_top = np.abs(point[:, 2] - ground) < 1e-3
+    assert on_top.mean() > 0.8  # the others have hit a riser
+    assert (point[~on_top, 2] < ground[~on_top] + 1e-3).all()
+
+
+def test_a_camera_under_ground_sees_out_as_meshes_let_it() -> None:
+    position, quaternion, joints = robots(40)
+    position[:, 2] = np.random.default_rng(3).uniform(BOTTOM + 0.2, -0.3, 40)
+    rays = EmbreeRenderer(STAIRS, legs=False).render_batch(position, quaternion, joints)
+    boxes = WarpRenderer(STAIRS, legs=False, device="cpu").render_batch(position, quaternion, joints)
+    assert np.isclose(rays, boxes, rtol=0.0, atol=1e-3).mean() > 0.995
+
+
+def test_the_second_view_is_that_of_embree() -> None:
+    camera = sampled_model_camera(3, 1)
+    optics = Optics.of(camera)
+    where = robots(100)
+    depth, hidden = StereoEmbree(STAIRS, optics, camera).render_pair_batch(*where)
+    caster = WarpRenderer(STAIRS, camera, device="cpu").caster
+    own_depth, own_hidden = caster.cast_pair(*where, baseline_m=optics.baseline_m)
+    assert hidden.any()
+    assert np.isclose(own_depth.numpy(), depth, rtol=0.0, atol=1e-3).mean() > 0.999
+    assert (own_hidden.numpy() == hidden).mean() > 0.999
+
+
+def test_boxes_for_other_robots_are_refused() -> None:
+    center = np.zeros((3, 1, 3))
+    caster = WarpCaster(center, center + 1.0, MODEL_CAMERA, device="cpu")
+    with pytest.raises(SaltusError, match=r"3 robots, poses for 5"):
+        caster.cast(*robots(5))
+    with pytest.raises(SaltusError, match="boxes"):
+        caster.set_boxes(center, np.ones((3, 2, 3)))
