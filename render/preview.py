@@ -1,14 +1,20 @@
-"""A contact sheet of what the camera sees along a terrain."""
+"""What the camera sees along a terrain, effect by effect, as one HTML file that opens without a network."""
 
+import base64
+import html
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from render.backends import make_renderer
-from render.renderer import Renderer
+from render.camera import camera_pose, ray_directions
+from render.stereo.camera import StereoCamera, StereoConfig
+from render.stereo.optics import Optics
+from render.stereo_embree import StereoEmbree
 from saltus import go1
 from saltus.depth import D435I, MILLIMETRE, MODEL_CAMERA, RANGE_M, Intrinsics, depth_in_millimetres, model_image
 from saltus.errors import SaltusError
@@ -16,14 +22,23 @@ from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.messages import DepthFrame, Floats
 from saltus.terrain.terrain import Terrain
 
-Image = NDArray[np.uint8]
+Depth = NDArray[np.float32]
+Poses = tuple[Floats, Floats, Floats]
 
-MARGIN = 12  # px
-TITLE = 22  # px
-FONT = cv2.FONT_HERSHEY_SIMPLEX
-NOTHING_COLOUR = (70, 70, 70)
-BACKGROUND = 255
-HEADINGS = ("424 x 240, as rendered", "16 x 48, as rendered", "cut from 424 x 240")
+EXPOSURES = 5  # of a camera that stands still, before its picture is shown: the temporal filter has settled by then
+FRAME_S = 0.02
+NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
+PICTURE_HEIGHT = 240  # px, of small images too
+CLOUD_STRIDE = 2  # of the pixels along both axes: 25,000 points turn smoothly in a browser
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 1340px; margin: 2em auto; padding: 0 1em; color: #222; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin: 2em 0 0.3em; } p { color: #555; margin: 0.2em 0; }
+.row { display: flex; flex-wrap: wrap; gap: 16px; } figure { margin: 0.5em 0; max-width: 424px; }
+figure.narrow { max-width: 150px; } img { image-rendering: pixelated; height: 240px; display: block; }
+figcaption { font-size: 0.85em; min-height: 3em; }
+.scale { width: 424px; height: 14px; background: linear-gradient(to right, SCALE); } .ends { width: 424px; }
+.ends span:last-child { float: right; }
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,13 +66,15 @@ VIEWS = (
 )
 
 
-def write_preview(terrain: Terrain, path: Path, renderer: str = "auto") -> Path:
-    """Writes a PNG with depth at both resolutions from a few poses; near is red, 3 m is blue, nothing is grey.
+EFFECTS_VIEW = 3  # legs and terrain at different depths: every effect has something to act on
+
+
+def write_preview(terrain: Terrain, path: Path) -> Path:
+    """Writes an HTML file: depth from a few poses, the camera's effects one by one, what the model gets, a point cloud.
 
     Args:
         terrain: to look at.
-        path: of the image; its folder must exist.
-        renderer: name of the back end.
+        path: of the file; its folder must exist.
 
     Returns:
         `path`.
@@ -65,43 +82,113 @@ def write_preview(terrain: Terrain, path: Path, renderer: str = "auto") -> Path:
     Raises:
         SaltusError: the file cannot be written.
     """
-    wide = _seen(make_renderer(renderer, terrain, D435I))
-    narrow = _seen(make_renderer(renderer, terrain, MODEL_CAMERA))
-    sheet = contact_sheet([(VIEWS[i].title, wide[i], narrow[i]) for i in range(len(VIEWS))])
+    robots = poses(terrain)
+    wide = StereoEmbree(terrain, Optics.of(D435I), D435I)
+    depth, hidden = wide.render_pair_batch(*robots)
+    narrow = StereoEmbree(terrain, Optics.of(MODEL_CAMERA), MODEL_CAMERA).render_batch(*robots)
+    stages = list(effect_stages(depth[EFFECTS_VIEW], hidden[EFFECTS_VIEW], StereoConfig()))
+    cloud = cloud_figure(wide, robots, depth[EFFECTS_VIEW], stages[-1][2])
+    page = "".join(
+        [
+            f"<h1>What the camera sees on {html.escape(terrain.kind.replace('_', ' '))}</h1>",
+            _scale(),
+            "<h2>True depth, 424 x 240 and 16 x 48 pixels</h2>",
+            _row(f for i, view in enumerate(VIEWS) for f in _clean(view, depth[i], narrow[i])),
+            f"<h2>{VIEWS[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
+            _row(_figure(title, text, image) for title, text, image in stages),
+            "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
+            _row(_model_figures(depth[EFFECTS_VIEW], stages[-1][2])),
+            "<h2>Point cloud: true and as reported</h2>",
+            cloud.to_html(full_html=False, include_plotlyjs=True),
+        ]
+    )
+    style = f"<style>{STYLE.replace('SCALE', _colours_of_scale())}</style>"
     try:
-        written = cv2.imwrite(str(path), sheet)
-    except cv2.error as error:
-        raise SaltusError(f"cannot write {path}: {error}") from error
-    if not written:
-        raise SaltusError(f"cannot write {path}: does its folder exist?")
+        path.write_text(f"<!doctype html><meta charset='utf-8'><title>Camera</title>{style}{page}")
+    except OSError as error:
+        raise SaltusError(f"cannot write {path}: {error.strerror}; does its folder exist?") from error
     return path
 
 
-def contact_sheet(rows: list[tuple[str, NDArray[np.float32], NDArray[np.float32]]]) -> Image:
-    """One row a view: title, depth of the wide camera and of the model's [m]; returns a BGR image."""
-    strips = []
-    for title, wide, narrow in rows:
-        cut = model_image(_frame(wide, D435I))
-        pictures = [_coloured(wide), _coloured(narrow), _coloured(np.where(cut.valid, RANGE_M * cut.depth, np.inf))]
-        cells = [_titled(p, t) for p, t in zip(pictures, (f"{title}: {HEADINGS[0]}", *HEADINGS[1:]), strict=True)]
-        strips.append(np.concatenate(cells, axis=1))
-    return np.concatenate(strips, axis=0)
-
-
-def _seen(renderer: Renderer) -> NDArray[np.float32]:
-    """Depth from every view, shape (views, height, width)."""
-    edge = renderer.terrain.first_edge_x if np.isfinite(renderer.terrain.first_edge_x) else 1.5
+def poses(terrain: Terrain) -> Poses:
+    """The robots of all views: positions, quaternions, joints."""
+    edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
     x = np.array([edge - view.before_edge for view in VIEWS])
     near = x[:, None] + np.linspace(-0.25, 0.25, 11)
-    z = renderer.terrain.height_at(near).max(axis=1) + [view.clearance for view in VIEWS]
+    z = terrain.height_at(near).max(axis=1) + [view.clearance for view in VIEWS]
     level = np.zeros(len(VIEWS))
     quaternion = quaternion_from_roll_pitch_yaw(level, np.array([view.pitch for view in VIEWS]), level)
-    depth = renderer.render_batch(np.stack([x, level, z], axis=-1), quaternion, np.stack([v.joints for v in VIEWS]))
-    renderer.close()
-    return depth
+    return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in VIEWS])
 
 
-def _frame(depth: NDArray[np.float32], camera: Intrinsics) -> DepthFrame:
+def effect_stages(depth: Depth, hidden: NDArray[np.bool_], config: StereoConfig) -> Iterator[tuple[str, str, Depth]]:
+    """Name, meaning and picture of every effect together with all that come before it.
+
+    Args:
+        depth: true depth of the D435I's pixels [m], shape (240, 424).
+        hidden: what the right imager does not see, same shape.
+        config: of the camera; effects at their null value are left out.
+    """
+    names = [effect.name for effect in config.effects if not effect.is_null()]
+    for count in range(1, len(names) + 1):
+        camera = StereoCamera(config.only(names[:count]), Optics.of(D435I))
+        state = camera.init((), np.random.default_rng(0))  # the same noise at every stage
+        for k in range(EXPOSURES):
+            image, state = camera.step(depth, hidden, np.asarray(FRAME_S * k), state)
+        effect = next(effect for effect in config.effects if effect.name == names[count - 1])
+        meaning = (type(effect).__doc__ or "").strip().splitlines()[0].replace("`", "")
+        yield names[count - 1].replace("_", " "), meaning, np.asarray(image.depth, dtype=np.float32)
+
+
+def cloud_figure(wide: StereoEmbree, robots: Poses, true: Depth, reported: Depth) -> go.Figure:
+    """Both depth images as points in the world."""
+    origin, rotation = camera_pose(wide.mount, robots[0][EFFECTS_VIEW], robots[1][EFFECTS_VIEW])
+    rays = ray_directions(D435I)[::CLOUD_STRIDE, ::CLOUD_STRIDE] @ rotation.T
+    figure = go.Figure()
+    for name, depth, colour in (("true", true, "#999999"), ("as reported", reported, "#0072B2")):
+        sampled = depth[::CLOUD_STRIDE, ::CLOUD_STRIDE]
+        shown = (sampled > 0.0) & (sampled < RANGE_M)
+        x, y, z = np.round(origin + sampled[shown][:, None] * rays[shown], 4).astype(np.float32).T
+        figure.add_scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker={"size": 1.5, "color": colour})
+    figure.update_layout(
+        height=640,
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"itemsizing": "constant", "x": 0, "y": 1},
+        scene={
+            "aspectmode": "data",
+            "camera": {"eye": {"x": -1.2, "y": -1.0, "z": 0.8}},
+            **{f"{axis}axis": {"title": f"{axis} [m]"} for axis in "xyz"},
+        },
+    )
+    return figure
+
+
+def coloured(depth: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colours of depth (BGR): near is red, 3 m is blue, nothing within sight is grey, invalid is black."""
+    near = np.clip(1.0 - depth / RANGE_M, 0.0, 1.0)
+    colours = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
+    colours[~np.isfinite(depth)] = NOTHING_COLOUR
+    colours[depth <= 0.0] = INVALID_COLOUR
+    return colours.astype(np.uint8)
+
+
+def _clean(view: View, wide: Depth, narrow: Depth) -> list[str]:
+    nearest = float(wide.min())
+    return [
+        _figure(view.title, f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing in sight", wide),
+        _figure("", "", narrow),
+    ]
+
+
+def _model_figures(true: Depth, reported: Depth) -> list[str]:
+    figures = []
+    for title, depth in (("true", true), ("as reported", reported)):
+        seen = model_image(_frame(depth, D435I))
+        figures.append(_figure(title, "", np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0))))
+    return figures
+
+
+def _frame(depth: Depth, camera: Intrinsics) -> DepthFrame:
     return DepthFrame(
         time_ns=0,
         frame_id=0,
@@ -114,20 +201,24 @@ def _frame(depth: NDArray[np.float32], camera: Intrinsics) -> DepthFrame:
     )
 
 
-def _coloured(depth: NDArray[np.floating]) -> Image:
-    """Colours of depth, enlarged to the height of the wide camera without smoothing."""
-    near = np.clip(1.0 - depth / RANGE_M, 0.0, 1.0)
-    colours = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
-    colours[~np.isfinite(depth)] = NOTHING_COLOUR
-    scale = D435I.height // depth.shape[0]
-    return colours.repeat(scale, axis=0).repeat(scale, axis=1)
+def _row(figures: Iterator[str] | list[str]) -> str:
+    return f'<div class="row">{"".join(figures)}</div>'
 
 
-def _titled(picture: Image, title: str) -> Image:
-    """A picture in a white frame with its title on top; the frame is as wide as the title needs."""
-    text_width = cv2.getTextSize(title, FONT, 0.45, 1)[0][0]
-    width = max(picture.shape[1], text_width)
-    cell = np.full((picture.shape[0] + TITLE + MARGIN, width + 2 * MARGIN, 3), BACKGROUND, dtype=np.uint8)
-    cell[TITLE : TITLE + picture.shape[0], MARGIN : MARGIN + picture.shape[1]] = picture
-    cv2.putText(cell, title, (MARGIN, TITLE - 7), FONT, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
-    return cell
+def _figure(title: str, text: str, depth: Depth) -> str:
+    """A picture with its caption, embedded."""
+    picture = base64.b64encode(cv2.imencode(".png", coloured(depth))[1].tobytes()).decode()
+    narrow = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
+    caption = f"<b>{html.escape(title)}</b> {html.escape(text)}"
+    source = f'<img alt="{html.escape(title)}" src="data:image/png;base64,{picture}">'
+    return f"<figure{narrow}>{source}<figcaption>{caption}</figcaption></figure>"
+
+
+def _scale() -> str:
+    ends = f'<div class="ends"><span>0 m</span><span>{RANGE_M:g} m and beyond</span></div>'
+    return f'<p>Grey: nothing in sight. Black: invalid.</p><div class="scale"></div>{ends}'
+
+
+def _colours_of_scale() -> str:
+    colours = coloured(np.linspace(1e-3, RANGE_M, 16)[None])[0]
+    return ", ".join(f"rgb({red},{green},{blue})" for blue, green, red in colours.tolist())

@@ -13,7 +13,7 @@ from saltus.config import TerrainConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Preview:
-    """Writes pictures of what the camera sees on a terrain."""
+    """Writes what the camera sees: true depth, its effects one by one, the model's image, a point cloud."""
 
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
     out: Path = Path("preview.html")

@@ -1,35 +1,63 @@
+import base64
+import itertools
+import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from render.preview import VIEWS, contact_sheet, write_preview
+from render.preview import EFFECTS_VIEW, VIEWS, coloured, effect_stages, poses, write_preview
+from render.stereo.camera import StereoConfig
+from render.stereo.optics import Optics
+from render.stereo_embree import StereoEmbree
+from saltus.cli.main import main
 from saltus.config import TerrainConfig
+from saltus.depth import D435I
 from saltus.errors import SaltusError
 from saltus.terrain.curriculum import make_terrain
 
 TERRAIN = make_terrain(TerrainConfig(terrain="gap", difficulty=0.3))
+EFFECTS = StereoConfig().effects
 
 
-def test_a_sheet_has_a_row_for_every_view(tmp_path: Path) -> None:
-    sheet = cv2.imread(str(write_preview(TERRAIN, tmp_path / "sheet.png")))
-    assert sheet is not None
-    assert sheet.shape[0] % len(VIEWS) == 0
-    assert sheet.shape[0] > len(VIEWS) * 240
-    rows = np.split(sheet, len(VIEWS))
-    assert all(len(np.unique(row.reshape(-1, 3), axis=0)) > 20 for row in rows)  # there is something to see
+def pictures(page: str) -> list[np.ndarray]:
+    found = re.findall(r"<img [^>]*data:image/png;base64,([^\"]+)", page)
+    return [cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) for data in found]
 
 
-def test_nothing_is_grey_and_near_is_red() -> None:
-    wide, narrow = np.full((240, 424), np.inf, dtype=np.float32), np.full((48, 16), 0.1, dtype=np.float32)
-    sheet = contact_sheet([("title", wide, narrow)])
-    blue, green, red = sheet[150, 200]
-    assert blue == green == red
-    blue, green, red = sheet[150, 490]
-    assert red > 100 > max(green, blue)
+def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
+    page = write_preview(TERRAIN, tmp_path / "preview.html").read_text()
+    seen = pictures(page)
+    assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [(240, 424), (48, 16)] * len(VIEWS)
+    assert len(seen) == 2 * len(VIEWS) + len(EFFECTS) + 2
+    assert [image.shape[:2] for image in seen[-2:]] == [(48, 16)] * 2
+    assert all(len(np.unique(image.reshape(-1, 3), axis=0)) > 20 for image in seen)  # there is something to see
+    assert all(effect.name.replace("_", " ") in page for effect in EFFECTS)
+    assert "scatter3d" in page
+    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)  # opens without a network
 
 
-def test_a_folder_that_is_missing(tmp_path: Path) -> None:
-    with pytest.raises(SaltusError, match=r"sheet\.png"):
-        write_preview(TERRAIN, tmp_path / "missing" / "sheet.png")
+def test_every_effect_changes_the_picture() -> None:
+    robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN))
+    depth, hidden = StereoEmbree(TERRAIN, Optics.of(D435I), D435I).render_pair(*robot)
+    images = [depth, *(image for _, _, image in effect_stages(depth, hidden, StereoConfig()))]
+    assert len(images) == 1 + len(EFFECTS)
+    for before, after in itertools.pairwise(images):
+        assert (before != after).any()
+
+
+def test_nothing_is_grey_invalid_is_black_and_near_is_red() -> None:
+    nothing, invalid, near, far = coloured(np.array([[np.inf, 0.0, 0.1, 2.9]]))[0].tolist()
+    assert nothing[0] == nothing[1] == nothing[2] > 0
+    assert invalid == [0, 0, 0]
+    assert near[2] > 100 > max(near[:2])
+    assert far[2] < far[0]
+
+
+def test_a_folder_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "missing" / "preview.html"
+    with pytest.raises(SaltusError, match=r"preview\.html"):
+        write_preview(TERRAIN, path)
+    assert main(["render", "preview", "--terrain", "gap", "--out", str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
