@@ -1,4 +1,4 @@
-"""`saltus render`: see the camera, run the camera process."""
+"""`saltus render`: see the camera, fit its noise to a real one, run the camera process."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,8 +7,10 @@ from typing import Annotated
 import tyro
 from tyro.conf import subcommand
 
+from saltus.cli.output import print_json
 from saltus.cli.serve import serve
 from saltus.config import TerrainConfig
+from saltus.errors import SaltusError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +32,39 @@ class Preview:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Estimates the noise of a real stereo camera from a recording of a scene at rest."""
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """A RealSense recording (.bag) or a recorded run (.mcap), without post-filters."""
+    out: Path = Path("stereo.toml")
+    """The parameters, with what each rests on; the plot of measured against model lies beside it as .html."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """The last line is JSON."""
+
+    def run(self) -> int:
+        """Writes both files and prints what was found, parameter by parameter."""
+        from render.fit import fit, load_frames
+        from render.fit_plot import write_fit_plot
+
+        result = fit(load_frames(self.recording))
+        plot = self.out.with_suffix(".html")
+        try:
+            self.out.write_text(result.to_toml())
+            write_fit_plot(result, plot)
+        except OSError as error:
+            raise SaltusError(f"cannot write {error.filename}: {error.strerror}; does its folder exist?") from error
+        estimates = vars(result.parameters)
+        for name, found in estimates.items():
+            value = f"{found.value:.4g} +- {found.error:.2g}" if found.testable else "untestable"
+            print(f"{name:16} {value:22} {found.note}".rstrip())
+        print(self.out, plot)
+        if self.json:
+            print_json({name: vars(found) for name, found in estimates.items()})
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Serve:
     """Runs the camera process against a running stack."""
 
@@ -45,10 +80,14 @@ class Serve:
 
 @dataclass(frozen=True, kw_only=True)
 class Render:
-    """The depth camera: preview, serve."""
+    """The depth camera: preview, fit, serve."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[Annotated[Preview, subcommand("preview")] | Annotated[Serve, subcommand("serve")]]
+        tyro.conf.OmitArgPrefixes[
+            Annotated[Preview, subcommand("preview")]
+            | Annotated[Fit, subcommand("fit")]
+            | Annotated[Serve, subcommand("serve")]
+        ]
     ]
 
     def run(self) -> int:

@@ -1,6 +1,7 @@
 """What no back end can render is refused in one line that names it."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from render.camera import Mount
 from render.embree import EmbreeRenderer
 from render.renderer import Renderer
 from saltus import go1
+from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
@@ -96,3 +98,12 @@ def test_poses(renderer: Renderer, argument: int) -> None:
     with pytest.raises(SaltusError) as error:
         renderer.render(*broken)
     assert "shape" in one_line(error)
+
+
+@pytest.mark.parametrize("name", ["missing.bag", "missing.mcap", "notes.txt"])
+def test_fit_of_what_is_no_recording(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "notes.txt").write_text("nothing")
+    assert main(["render", "fit", str(tmp_path / name)]) == 2
+    printed = capsys.readouterr().err
+    assert name in printed
+    assert printed.count("\n") == 1
