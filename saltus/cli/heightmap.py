@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from heightmap.train import Progress
 
 CHECKPOINT = Path("models/checkpoints/heightmap.pt")
+TRIALS = 1_000_000
+"""Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +101,8 @@ class Collect:
         from heightmap.planned import PlannedBounding
         from heightmap.rollouts import MotionSource, collect
 
-        source: MotionSource = PlannedBounding() if self.source == "planner" else KinematicBounding()
+        planned = PlannedBounding(first_seed=TRIALS * (1 + self.seed))
+        source: MotionSource = planned if self.source == "planner" else KinematicBounding()
         config = {"source": self.source, "episodes": self.episodes}
         record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config)
         print(
@@ -116,6 +119,8 @@ class Train:
     """Folder of the dataset."""
     checkpoint: Path = CHECKPOINT
     """Written about once a minute."""
+    start: Path | None = None
+    """Begin from the weights of another checkpoint."""
     updates: int = 1500
     """Gradient steps in all."""
     batch: int = 32
@@ -137,7 +142,7 @@ class Train:
                 bar.update(progress.update - bar.n)
                 bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
 
-            train(self.data, self.checkpoint, config, show)
+            train(self.data, self.checkpoint, config, show, start=self.start)
         return 0
 
 
