@@ -1,6 +1,6 @@
 """How often the scripted planner succeeds, on fresh seeds, and what it costs.
 
-    OMP_NUM_THREADS=1 python benchmarks/policy.py [--trials 20] [--first-seed 0]
+    OMP_NUM_THREADS=1 python benchmarks/planner.py [--trials 20] [--first-seed 0]
 
 Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed limit, 10 ms
 feed-forward delay), trial randomisation on, true heights with each trial's shift unless the row says "true-exact".
