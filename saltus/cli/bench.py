@@ -15,11 +15,11 @@ class Bench:
     """Measures this machine; each benchmark prints its figures and ends with one JSON object on the last line."""
 
     what: Annotated[
-        Literal["qp", "render", "inference", "transport", "stack", "policy", "train", "stance_batched", "faults"],
+        Literal["qp", "render", "inference", "transport", "stack", "planner", "train", "stance_batched", "faults"],
         tyro.conf.Positional,
     ]
     """qp: ground reaction forces and the leg controller. render: the depth cameras. inference: the heightmap service.
-    transport: the bus. stack: a real-time run. policy: the planner's success on fresh seeds. train: the
+    transport: the bus. stack: a real-time run. planner: its success on fresh seeds. train: the
     motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during a
     run."""
     arguments: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
