@@ -24,10 +24,12 @@ class Topic:
 
     @property
     def degraded_age_s(self) -> float:
+        """Beyond this age [s] a message is late."""
         return self.nominal_age_s + 0.5 * self.max_extra_age_s
 
     @property
     def invalid_age_s(self) -> float:
+        """Beyond this age [s] a message must not be used."""
         return self.nominal_age_s + self.max_extra_age_s
 
 
