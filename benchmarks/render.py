@@ -183,7 +183,8 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
 def measure(case: Case, seconds: float) -> dict[str, object]:
     """One row; prints a line about it."""
     expose, close = exposure(case)
-    for _ in range(3):  # compiled, cached, allocated
+    growing = int(np.ceil(GROWTH_RAYS / case.rays / case.batch))
+    for _ in range(3 + growing // 4):  # compiled, cached, allocated by every thread
         expose()
     calls, begin, processor = 0, time.perf_counter(), time.process_time()
     while time.perf_counter() - begin < seconds:
@@ -192,7 +193,7 @@ def measure(case: Case, seconds: float) -> dict[str, object]:
     frames = calls * case.batch
     wall, processor = time.perf_counter() - begin, time.process_time() - processor
     before = resident_mb()
-    for _ in range(int(np.ceil(GROWTH_RAYS / case.rays / case.batch))):
+    for _ in range(growing):
         expose()
     growth = resident_mb() - before
     close()
