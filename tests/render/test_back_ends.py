@@ -106,6 +106,21 @@ def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
     assert np.isinf(depth[~down]).all()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_straight_down_it_is_as_far_as_the_height_says(kind: TerrainKind) -> None:
+    terrain = terrain_of(kind)
+    rng = np.random.default_rng(4)
+    x = rng.uniform(terrain.column_x[0], terrain.column_x[-1], 300)
+    x = x[np.abs(x[:, None] - terrain.column_x).min(axis=1) > 1e-4]  # on an edge either side is right
+    position = np.stack([x, rng.uniform(-1.9, 1.9, len(x)), np.full(len(x), 9.0)], axis=-1)
+    level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(go1.STAND_POSE, (len(x), 1))
+    plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
+    one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
+    for renderer in (EmbreeRenderer, WarpRenderer):
+        depth = renderer(terrain, one_pixel, plumb, legs=False).render_batch(position, level, joints)
+        np.testing.assert_allclose(depth[:, 0, 0], 9.1 - terrain.height_at(x), atol=2e-6)
+
+
 @pytest.mark.parametrize("back_end", ["embree", "pyrender", "warp"])
 def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
     renderer = make_renderer(back_end, terrain_of("stairs"))
