@@ -89,11 +89,12 @@ class ScriptedParameters:
 
 
 # How landing points are weighed, in metres of detour.
-CANDIDATES = Constant(np.linspace(-0.15, 0.15, 25))
+CANDIDATES = Constant(np.linspace(-0.2, 0.2, 33))
 EDGE_DISTANCES = (0.03, 0.06, 0.09, 0.12, 0.15)  # where edges around a landing point are looked for [m]
 EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest stair of the courses
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
 TRENCH_COST = 3.0  # per metre of depth
+TRENCH_MARGINS = ((0.04, 0.6), (0.08, 0.3))  # distances from a trench [m], and how much of its cost they have
 # A choice between two landing points that are as good must not be made anew every 10 ms. The cost of a change of mind
 # is below that of a detour, or a foot that lags behind its path would pull its own aim back.
 COMMITMENT = 0.6  # metres of detour that a change of mind by one metre costs
@@ -119,8 +120,10 @@ class ScriptedPlanner:
             The action, within its bounds.
         """
         p = self.parameters
-        heights = heights + self._offset(observation, heights)[..., None]
-        incline = slope(heights, SLOPE_FROM, SLOPE_TO)
+        ground = _filled(heights, observation.base_height)
+        offset = self._offset(observation, ground)[..., None]
+        heights, ground = heights + offset, ground + offset
+        incline = slope(ground, SLOPE_FROM, SLOPE_TO)
         velocity_z, pitch_rate = self._body(observation, incline)
         same = 0.0 * observation.pitch  # spreads a number over the batch
         return Action(
@@ -128,8 +131,8 @@ class ScriptedPlanner:
             velocity_x=p.velocity_x + p.velocity_x_per_slope * abs(incline),
             velocity_z=velocity_z,
             pitch_rate=pitch_rate,
-            foot_residual_front=self._residual(observation, heights, FRONT, p.front_landing_x),
-            foot_residual_rear=self._residual(observation, heights, REAR, p.rear_landing_x),
+            foot_residual_front=self._residual(observation, heights, ground, FRONT, p.front_landing_x),
+            foot_residual_rear=self._residual(observation, heights, ground, REAR, p.rear_landing_x),
         ).bounded()
 
     def _body(self, observation: Observation, incline: Array) -> tuple[Array, Array]:
@@ -183,8 +186,8 @@ class ScriptedPlanner:
         )
         return (1.0 - self.parameters.height_trust) * offset
 
-    def _residual(self, observation: Observation, heights: Array, leg: int, shift: Value) -> Array:
-        """Residual of one pair of feet, shape (..., 3)."""
+    def _residual(self, observation: Observation, heights: Array, ground: Array, leg: int, shift: Value) -> Array:
+        """Residual of one pair of feet, shape (..., 3); `ground` is what `heights` are without trenches."""
         p = self.parameters
         xp = namespace(heights)
         swing = observation.progress[..., leg]
@@ -200,8 +203,8 @@ class ScriptedPlanner:
         landing = neutral + detour
         start, end = xp.minimum(foot_x, landing) - LIFT_MARGIN, xp.maximum(foot_x, landing) + LIFT_MARGIN
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
-        over = highest_between(heights, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
-        down = height_at(heights, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
+        over = highest_between(ground, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
+        down = height_at(ground, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
         up = _smooth(swing / p.lift_until)
         low = _smooth((swing - p.lower_from) / (1.0 - p.lower_from))
         lift = up * (over + (down - over) * low)
@@ -220,11 +223,22 @@ class ScriptedPlanner:
             near = xp.clip(1.0 - distance / (p.edge_margin_m + 0.0 * neutral), 0.0, None)[..., None]
             for side in (distance, -distance):
                 relief = relief + near * xp.clip(abs(height_at(heights, x + side) - there) / EDGE_HEIGHT, 0.0, 1.0)
-        depth = xp.clip(-observation.base_height[..., None] - there - TRENCH_DEPTH, 0.0, None)
+        floor = -observation.base_height[..., None] - TRENCH_DEPTH
+        depth = xp.clip(floor - there, 0.0, None)
+        for distance, share in TRENCH_MARGINS:
+            for side in (distance, -distance):
+                depth = xp.maximum(depth, share * xp.clip(floor - height_at(heights, x + side), 0.0, None))
         change = resolve[..., None] * abs(candidates - begun[..., None])
         edge_cost = (p.edge_cost + 0.0 * neutral)[..., None]
         cost = abs(candidates) + change + edge_cost * relief + TRENCH_COST * depth
         return candidates[xp.argmin(cost, axis=-1)]
+
+
+def _filled(heights: Array, base_height: Array) -> Array:
+    """Heights with trenches filled up to the ground in stance: the body crosses them as if they were not there."""
+    xp = namespace(heights)
+    level = -base_height[..., None]
+    return xp.where(heights < level - TRENCH_DEPTH, level, heights)
 
 
 def _smooth(t: Array) -> Array:

@@ -1,0 +1,56 @@
+"""Evaluation and search: what they report, with short trials."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from policy.evaluate import Evaluation, collect, evaluate
+from policy.rollout import exact_heights
+from policy.scripted import ScriptedParameters
+from policy.search import BOUNDS, FIRST_SEARCH_SEED, SearchConfig, search
+from saltus.config import TerrainConfig, from_toml, to_toml
+from saltus.errors import ConfigError
+from saltus.trial import Trial
+
+FLAT = TerrainConfig(terrain="flat")
+
+
+def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
+    evaluation = Evaluation(course=FLAT, trials=3, first_seed=7, time_limit_s=1.2)
+    together = collect(evaluate(evaluation, exact_heights, processes=1))
+    assert together.seeds == (7, 8, 9)
+    assert together.successes == 0
+    assert sum(together.causes.values()) == 3
+    assert np.isnan(together.mean_speed_mps)
+    alone = collect(evaluate(Evaluation(course=FLAT, trials=1, first_seed=8, time_limit_s=1.2), exact_heights))
+    for name, value in asdict(alone.outcomes[0]).items():
+        assert asdict(together.outcomes[1])[name] == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"first_seed": -1}])
+def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        Evaluation(course=FLAT, **wrong)
+
+
+def test_a_search_starts_where_it_is_told_and_repeats_with_its_seed() -> None:
+    config = SearchConfig(courses=(FLAT,), generations=2, population=6, seed=3, time_limit_s=1.1)
+    first, second = (list(search(config, ScriptedParameters())) for _ in range(2))
+    assert [g.mean for g in first] == [g.mean for g in second]
+    assert [g.index for g in first] == [0, 1]
+    for generation in first:
+        values = asdict(generation.mean)
+        assert all(low <= values[name] <= high for name, (low, high) in BOUNDS.items())
+        assert from_toml(ScriptedParameters, to_toml(generation.mean)) == generation.mean
+
+
+def test_every_number_that_is_searched_exists_and_starts_within_its_bounds() -> None:
+    values = asdict(ScriptedParameters())
+    for name, (low, high) in BOUNDS.items():
+        assert low <= values[name] <= high, name
+
+
+def test_searches_and_evaluations_draw_different_trials() -> None:
+    assert Trial.draw(FIRST_SEARCH_SEED) != Trial.draw(0)
+    assert FIRST_SEARCH_SEED > 100_000
