@@ -35,8 +35,6 @@ class ScriptedParameters:
     stepping_frequency_hz: Value = 3.46
     velocity_x: Value = 2.03
     """On level ground [m/s]."""
-    velocity_x_per_slope: Value = 0.0
-    """Change of speed with the slope ahead [m/s]."""
     front_velocity_z: Value = 0.365
     """Middle of the stance of the front legs [m/s]."""
     front_velocity_z_slope: Value = -1.15
@@ -128,7 +126,7 @@ class ScriptedPlanner:
         same = 0.0 * observation.pitch  # spreads a number over the batch
         return Action(
             stepping_frequency_hz=p.stepping_frequency_hz + same,
-            velocity_x=p.velocity_x + p.velocity_x_per_slope * abs(incline),
+            velocity_x=p.velocity_x + same,
             velocity_z=velocity_z,
             pitch_rate=pitch_rate,
             foot_residual_front=self._residual(observation, heights, ground, FRONT, p.front_landing_x),

@@ -59,7 +59,7 @@ class Search:
     out: Path = Path("scripted.toml")
     """The file to write, after every generation."""
     generations: int = 100
-    population: int = 16
+    population: int = 14
     """Candidates of a generation; each runs every course."""
     seed: int = 0
 
