@@ -69,6 +69,16 @@ DEFAULT_COURSES = (
 )
 
 
+START_X = 0.3  # trials begin nearer to the first edge than those that count [m]
+STAND_STEPS = 20
+POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
+# A candidate's score; what counts is that it does not fall, then how far it comes, then that it arrives.
+WAY_SCORE, UPRIGHT_SCORE, SUCCESS_SCORE = 2.0, 1.0, 0.5
+SPEED_ENOUGH = 1.1  # faster than that earns nothing: 0.8 m/s is wanted [m/s]
+MISS_COST = 0.1  # for one foot that is always where it should not be
+MEAN_SHARE = 0.7  # of the mean over courses in the score; the rest is the worst course
+
+
 @dataclass(frozen=True, kw_only=True)
 class SearchConfig:
     """What is searched, and how long."""
@@ -152,16 +162,6 @@ def evaluate(
     per_candidate = scores.reshape(candidates, courses)
     mixed = MEAN_SHARE * per_candidate.mean(axis=1) + (1.0 - MEAN_SHARE) * per_candidate.min(axis=1)
     return mixed, float(np.mean([outcome.success for outcome in outcomes]))
-
-
-START_X = 0.3  # trials begin nearer to the first edge than those that count [m]
-STAND_STEPS = 20
-POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
-# A candidate's score; what counts is that it does not fall, then how far it comes, then that it arrives.
-WAY_SCORE, UPRIGHT_SCORE, SUCCESS_SCORE = 2.0, 1.0, 0.5
-SPEED_ENOUGH = 1.1  # faster than that earns nothing: 0.8 m/s is wanted [m/s]
-MISS_COST = 0.1  # for one foot that is always where it should not be
-MEAN_SHARE = 0.7  # of the mean over courses in the score; the rest is the worst course
 
 
 def _scores(outcomes: Sequence[Outcome], goals: Floats) -> Floats:
