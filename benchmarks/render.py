@@ -39,6 +39,7 @@ GROWTH_RAYS = 20_000 * MODEL_CAMERA.width * MODEL_CAMERA.height
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
 NATIVE_BATCH = 16
+ROWS, COLUMNS = 3, 1  # rays for a pixel of the model in `render.stereo_fast`, which cannot be asked without Embree
 
 Poses = tuple[Any, Any, Any]
 
@@ -61,7 +62,7 @@ class Case:
     @property
     def rays(self) -> int:
         """That one frame takes."""
-        samples = {"none": 1, "fast": 3, "native": NATIVE * NATIVE}[self.noise]
+        samples = {"none": 1, "fast": ROWS * COLUMNS, "native": NATIVE * NATIVE}[self.noise]
         return samples * self.camera.width * self.camera.height
 
 
@@ -134,9 +135,10 @@ def native_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Ca
 
 def fast_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
     """The chain for training, on threads."""
-    from render.stereo_fast import FastStereo
+    from render import stereo_fast
 
-    camera = FastStereo(TERRAIN, legs=case.legs, threads=cores())
+    assert (ROWS, COLUMNS) == (stereo_fast.ROWS, stereo_fast.COLUMNS)
+    camera = stereo_fast.FastStereo(TERRAIN, legs=case.legs, threads=cores())
     state = camera.init(case.batch, np.random.default_rng(0))
 
     def expose() -> object:
@@ -155,7 +157,6 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
     from render.stereo.camera import StereoConfig
     from render.stereo.model_view import sampled_model_camera
     from render.stereo.optics import Optics
-    from render.stereo_fast import COLUMNS, ROWS
     from render.stereo_torch import TorchStereo
     from render.warp import WarpRenderer
 
