@@ -25,7 +25,8 @@ class EstimatorConfig:
     measurement_variance: tuple[float, ...] = (0.337 * 0.03, 0.1486 * 0.03, 0.684 * 0.03, 0.68 * 0.03)
     rest_speed_mps: float = 0.3
     """A trusted foot that moves in the world by the prediction is believed less: half at this speed (Cauchy weight).
-    Not in the original. Feet slip and land late; measured over bounding at 1 m/s this halves the error of velocity."""
+    Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in most of three runs the error of
+    forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
     initial_variance: float = 0.1
     initial_height_m: float = go1.STAND_HEIGHT
 

@@ -38,15 +38,16 @@ class LegControllerConfig:
     heading_gain: float = 1.0
     """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from oscillating."""
     stand_kp: float = go1.STAND_KP
-    stand_kd: float = go1.STAND_KD
+    stand_kd: float = 3.0
+    """The original's 1 lets the body sway for 2 s after a landing."""
     stand_blend_s: float = 1.0
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     landing_kp: float = 60.0
     landing_kd: float = 4.0
-    """Of all joints while landing: softer and better damped than standing. Measured: 24 of 24 landings out of
-    bounding at 1 m/s, at any phase; ground reaction forces from the stance problem managed 16."""
+    """Of all joints while landing: softer than standing, and well damped. A body below 1 m/s is caught at any phase
+    of the gait; a faster one must brake first (`controller.braking`)."""
     settled_speed_mps: float = 0.3
     """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
     damp_kd: float = 3.0
@@ -138,7 +139,7 @@ class LegController:
         """One tick of 2 ms.
 
         Args:
-            plan: reference; read while running, coasting and (heading and frequency only) landing.
+            plan: reference; read while running and coasting; of it, while landing, frequency and foot residual.
             sensed: the robot now.
             state: from `init` or the last step.
             mode: what to do; a change of mode starts its blend or its landing.
@@ -192,6 +193,8 @@ class LegController:
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs as springs that reach for the ground at the capture point, whoever touches it first.
 
+        The plan's foot residual is added, so that legs can follow a slope.
+
         Forces cannot be planned here: without a plan that fits the motion, feet come down when the schedule does not
         say so. The schedule still tells the estimator which feet to trust.
         """
@@ -203,7 +206,7 @@ class LegController:
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
 
-        target = self._swing.capture_point(body, go1.STAND_HEIGHT)
+        target = self._swing.capture_point(body, go1.STAND_HEIGHT) + plan.foot_residual
         zero = xp.zeros_like(sensed.joint_position)
         command = JointCommand(
             position=self._swing.joint_target(body, target, sensed.joint_position),

@@ -4,14 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.braking import Braking
 from controller.estimator import Estimator
-from controller.law import LegController
+from controller.law import Diagnostics, LegController
 from controller.robot.backend import Reading
 from controller.signals import Plan, Sensed, plan_from_message
 from controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus import go1
 from saltus.errors import SaltusError
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix
 from saltus.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
 
 FIRST_STAND_S = 1.0
@@ -25,7 +26,7 @@ class _Row:
 
 
 class ControlLoop:
-    """Estimator, watchdog and law of one robot.
+    """Estimator, watchdog, braking and law of one robot.
 
     Each tick is `sense(reading)`, then `act(plan, age)`; `state` describes the robot between the two.
     """
@@ -46,6 +47,10 @@ class ControlLoop:
         self._progress = np.zeros(4)
         self._cycle = 0
         self._settled = False
+        self._braking = Braking()
+        self._ground = self._braking.init(foot_position(go1.STAND_POSE))
+        self._diagnostics: Diagnostics | None = None
+        self._caught = False
         self._ticks = 0
         self._reading: Reading | None = None
         self._attitude = (0.0, 0.0)
@@ -158,12 +163,26 @@ class ControlLoop:
             velocity_base_in_world=self._estimate.velocity_base_in_world,
             base_height=self._estimate.base_height,
         )
-        command, self._law_state, diagnostics = self._law.step(plan, sensed, self._law_state, self.mode)
+        mode, plan = self._own_plan(plan)
+        command, self._law_state, diagnostics = self._law.step(plan, sensed, self._law_state, mode)
+        self._diagnostics, self._ground = diagnostics, self._braking.observe(diagnostics, self._ground)
         gait = diagnostics.gait
         self._contact, self._trusted, self._progress = gait.contact, gait.trusted, gait.progress
         self._cycle = int(gait.cycle)
         self._settled = bool(self._law.settled(self._law_state, diagnostics))
         return command
+
+    def _own_plan(self, plan: Plan) -> tuple[ControllerMode, Plan]:
+        """What the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
+        last = self._diagnostics
+        if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
+            self._caught = False
+            return self.mode, plan
+        self._caught = self.mode == ControllerMode.LANDING and (self._caught or bool(self._braking.is_slow(last)))
+        if self._caught:
+            return ControllerMode.LANDING, self._braking.catching(plan, self._ground)
+        height = np.asarray(self._estimate.base_height)
+        return ControllerMode.COAST, self._braking.plan(last, height, np.asarray(self._heading), self._ground)
 
 
 _NO_PLAN = MotionPlan(

@@ -44,7 +44,6 @@ SPEED_LIMIT = np.tile([30.1, 30.1, 20.06], 4)
 STAND_POSE = np.tile([0.0, 0.9, -1.8], 4)
 STAND_HEIGHT = 0.268
 STAND_KP = 100.0
-STAND_KD = 1.0
 
 # The camera's mount in the base frame (original): a printed mount in front of the trunk, 30 degrees nose down
 CAMERA_POSITION = np.array([0.272, 0.0075, 0.092])

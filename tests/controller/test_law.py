@@ -114,7 +114,7 @@ def test_standing_goes_from_the_present_pose_to_the_standing_pose(draw):
     np.testing.assert_allclose(positions[-1], go1.STAND_POSE, atol=1e-12)
     assert np.abs(np.diff(positions, axis=0)).max() < 0.002
     assert (command.kp == 100.0).all()
-    assert (command.kd == 1.0).all()
+    assert (command.kd == 3.0).all()
 
 
 def test_reset_starts_some_robots_again(draw):
