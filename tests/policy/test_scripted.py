@@ -4,6 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+import torch
 
 from policy.action import PITCH_RATE_LIMIT, RESIDUAL_HIGH, RESIDUAL_LOW, VELOCITY_X_LIMIT, VELOCITY_Z_LIMIT, Action
 from policy.observation import Observation, observe
@@ -159,3 +160,14 @@ def test_reading_a_profile() -> None:
     assert np.all(highest <= between + 0.01)
     line = 0.3 * HEIGHTMAP_X + np.array([[-0.3], [0.1]])
     np.testing.assert_allclose(slope(line, -0.2, 0.5), 0.3)
+
+
+def test_numpy_and_torch_plan_alike() -> None:
+    rng = np.random.default_rng(5)
+    observation, heights = observations(rng), terrains(rng)
+    tensors = {f.name: torch.as_tensor(np.asarray(getattr(observation, f.name))) for f in fields(observation)}
+    planner = ScriptedPlanner()
+    expected = arrays(planner.step(observation, heights))
+    got = arrays(planner.step(Observation(**tensors), torch.as_tensor(heights)))
+    for a, b in zip(expected, got, strict=True):
+        np.testing.assert_allclose(b, a, atol=1e-9)
