@@ -20,7 +20,9 @@ DEGRADED_INVALID_PIXELS = 0.3
 INVALID_INVALID_PIXELS = 0.8
 MAX_MISSED_FRAMES = 5  # after a longer gap the memory no longer tells where the robot is
 MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
-TICK_S = 0.010  # the service is asked at 100 Hz: what would be too late at the next tick is said at this one
+LOSS_MARGIN_S = 0.020
+"""Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
+is said at this one."""
 UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
 
 _DEPTH = TOPICS["camera/depth"]
@@ -131,7 +133,11 @@ class HeightmapService:
             return HeightmapStatus.INVALID if waiting_s > _DEPTH.invalid_age_s else HeightmapStatus.WARMING
         age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
         silent_s = (now_ns - view.arrival_ns) * 1e-9
-        if age_s > _DEPTH.invalid_age_s or silent_s > extra - TICK_S or view.invalid_fraction > INVALID_INVALID_PIXELS:
+        if (
+            age_s > _DEPTH.invalid_age_s
+            or silent_s > extra - LOSS_MARGIN_S
+            or view.invalid_fraction > INVALID_INVALID_PIXELS
+        ):
             return HeightmapStatus.INVALID
         late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
         if late or view.invalid_fraction > DEGRADED_INVALID_PIXELS:

@@ -107,8 +107,8 @@ def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path)
     statuses = [h.status for h in run(HeightmapService(model_path), frames, 100)]
     assert set(statuses[20 : last + 6]) == {OK}
     assert statuses[last + 6] == DEGRADED
-    assert statuses[last + 9] == DEGRADED
-    assert set(statuses[last + 10 :]) == {INVALID}
+    assert statuses[last + 8] == DEGRADED
+    assert set(statuses[last + 9 :]) == {INVALID}
 
 
 @pytest.mark.parametrize("extra_ms", range(0, 200, 10))
