@@ -1,7 +1,9 @@
 """The video of a recorded run, and the picture for the documentation."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -13,15 +15,33 @@ from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
 from saltus.terrain.terrain import Terrain
 
+PICTURE_AT = (0.42, 0.56, 0.70)
+"""Shares of the run: after the start, before the end."""
+
 
 def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
-    """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal."""
+    """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal.
+
+    Beside it goes a picture, with the suffix .png: three moments of the run side by side.
+    """
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
     frames = render_run(terrain, data.time_s, base_pose, joint_position, HEIGHTMAP_X, _heights(data))
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
-    encode(path, tqdm(frames, total=total, desc="video", unit="frame", disable=None, leave=False))
+    moments: list[np.ndarray] = []
+    kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)
+    encode(path, tqdm(kept, total=total, desc="video", unit="frame", disable=None, leave=False))
+    if moments:
+        cv2.imwrite(str(path.with_suffix(".png")), cv2.cvtColor(np.hstack(moments), cv2.COLOR_RGB2BGR))
+
+
+def _keep(frames: Iterator[np.ndarray], numbers: list[int], kept: list[np.ndarray]) -> Iterator[np.ndarray]:
+    """Passes frames on and appends those with the given numbers to `kept`."""
+    for number, frame in enumerate(frames):
+        if number in numbers:
+            kept.append(frame.copy())
+        yield frame
 
 
 def _heights(data: RunData) -> np.ndarray:
