@@ -34,7 +34,7 @@ class BrakingConfig:
     """Vertical velocity by error of height [1/s]."""
     climb_gain: float = 3.0
     """Vertical velocity by slope times forward velocity."""
-    pitch_rate: float = 0.8
+    pitch_rate: float = 1.2
     """The front legs push the nose up at this rate, the rear legs push it down [rad/s]."""
     pitch_gain: float = 5.9
     """Pitch rate by the angle between body and slope [1/s]."""

@@ -24,9 +24,8 @@ class SwingConfig:
     """Where the neutral foot is below the body, base frame."""
     landing_limit_m: tuple[float, float] = (0.15, 0.08)
     """How far the landing point may be from below the hip, in x and y of the yaw frame."""
-    foot_z_range_m: tuple[float, float] = (-0.4, 0.1)
-    """Height of the foot in the base frame. The original ends at -0.1, and names 0.1 for high steps: with it a foot
-    can be drawn up in front of the body."""
+    foot_z_range_m: tuple[float, float] = go1.SWING_FOOT_Z
+    """Height of the foot in the base frame."""
     joint_margin_rad: float = 1e-3
     """Distance that targets keep from the joint limits."""
     joint_step_rad: float = 0.5

@@ -1,0 +1,147 @@
+"""From the scripted planner's fastest gait to a stand, at every phase, with and without a word of the planner."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+
+from controller.braking import Braking, BrakingState
+from controller.law import LegController
+from controller.loop import FIRST_STAND_S, ControlLoop
+from controller.robot.mujoco import MujocoRobot
+from policy.observation import observe_message
+from policy.process import REST
+from policy.scripted import ScriptedPlanner
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.profile import GO1
+from saltus.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
+
+BRAKING = Braking()
+LAW = LegController()
+PLANNER = ScriptedPlanner()
+CYCLE_S = 1.0 / float(PLANNER.parameters.stepping_frequency_hz)
+PHASES = np.arange(0.0, 1.0, 0.1)
+
+
+def message(action, status):
+    return MotionPlan(
+        time_ns=0,
+        step=0,
+        status=status,
+        stepping_frequency_hz=float(action.stepping_frequency_hz),
+        velocity_x=float(action.velocity_x),
+        velocity_z=float(action.velocity_z),
+        pitch_rate=float(action.pitch_rate),
+        foot_residual_front=action.foot_residual_front,
+        foot_residual_rear=action.foot_residual_rear,
+        reason="",
+    )
+
+
+def run_until(robot, loop, end_s):
+    """Plans every 10 ms on true heights; returns the last plan."""
+    plan = None
+    for tick in range(round(end_s / go1.PHYSICS_DT)):
+        loop.sense(robot.read())
+        late = tick % go1.POLICY_STEPS
+        if late == 0:
+            heights = robot.truth(0, 0).height
+            plan = message(PLANNER.step(observe_message(loop.state(0, 0)), heights), PlanStatus.GO)
+        robot.write(loop.act(plan, late * go1.PHYSICS_DT))
+    return plan
+
+
+def stop(robot, loop, plan, seconds):
+    """The last plan grows old, or says STOP; returns what the controller did, with the time at which it began."""
+    silent = plan.status == PlanStatus.GO
+    modes = {}
+    for tick in range(round(seconds / go1.PHYSICS_DT)):
+        loop.sense(robot.read())
+        robot.write(loop.act(plan, tick * go1.PHYSICS_DT if silent else 0.0))
+        modes.setdefault(loop.mode, tick * go1.PHYSICS_DT)
+    return modes
+
+
+@pytest.mark.parametrize(("phase", "silent"), [(phase, k % 2 == 1) for k, phase in enumerate(PHASES)])
+def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent):
+    trial = Trial.draw(int(100 * phase))
+    robot = MujocoRobot(make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1).actuator_chain)
+    robot.reset()
+    loop = ControlLoop()
+    plan = run_until(robot, loop, FIRST_STAND_S + 1.4 + phase * CYCLE_S)
+    assert robot.state.velocity_base_in_world[0] > 1.2
+    robot.take_trunk_contact()
+
+    modes = stop(robot, loop, plan if silent else message(REST, PlanStatus.STOP), 2.4)  # landing 1.2 s, blend 1 s
+
+    order = [ControllerMode.LANDING, ControllerMode.STOPPED]
+    assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)
+    assert modes[ControllerMode.STOPPED] - modes[ControllerMode.LANDING] < 1.2 + 2 * go1.PHYSICS_DT
+    state = robot.state
+    assert state.position_base_in_world[2] > 0.24
+    assert np.linalg.norm(state.velocity_base_in_world) < 0.1
+    assert (state.foot_force > 1.0).all()
+    assert not robot.take_trunk_contact()
+
+
+def robots(draw, rng, batch, **changes):
+    """Diagnostics of robots that bound, and their memory of the ground."""
+    plan, sensed = draw(rng, batch)
+    sensed = replace(sensed, **{name: np.broadcast_to(value, batch) for name, value in changes.items()})
+    state = LAW.init(batch, sensed.joint_position)
+    state = replace(state, gait=replace(state.gait, phase=rng.uniform(1.0, 3.0, batch)), mode=ControllerMode.RUN)
+    diagnostics = LAW.step(plan, sensed, state)[2]
+    return diagnostics, sensed, plan
+
+
+def as_tensors(value):
+    if isinstance(value, np.ndarray):
+        return torch.as_tensor(value)
+    return type(value)(**{f.name: as_tensors(getattr(value, f.name)) for f in fields(value)})
+
+
+def test_plans_of_a_batch_are_those_of_numpy_and_torch_and_of_each_robot(draw):
+    rng = np.random.default_rng(21)
+    diagnostics, sensed, plan = robots(draw, rng, (16,))
+    state = BRAKING.observe(diagnostics, BrakingState(foothold=diagnostics.body.foot_yaw + rng.normal(0, 0.1, (4, 3))))
+    ours = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, state)
+    inputs = [as_tensors(value) for value in (diagnostics, sensed.base_height, plan.heading, state)]
+    theirs = BRAKING.plan(*inputs)
+    for field in fields(ours):
+        value = getattr(ours, field.name)
+        assert np.isfinite(value).all()
+        np.testing.assert_allclose(getattr(theirs, field.name).numpy(), value, atol=1e-9)
+
+
+def test_asks_for_rest_and_pushes_against_the_slope(draw):
+    rng = np.random.default_rng(22)
+    diagnostics, sensed, plan = robots(draw, rng, (64,))
+    feet = np.array([[0.19, -0.13, -0.3], [0.19, 0.13, -0.3], [-0.19, -0.13, -0.3], [-0.19, 0.13, -0.3]])
+    level = BrakingState(foothold=np.broadcast_to(feet, (64, 4, 3)))
+    uphill = BrakingState(foothold=level.foothold + 0.2 * level.foothold[..., :1] * np.array([0.0, 0.0, 1.0]))
+    flat = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, level)
+    steep = BRAKING.plan(diagnostics, sensed.base_height, plan.heading, uphill)
+    assert (flat.velocity[:, :2] == 0.0).all()
+    np.testing.assert_allclose(
+        flat.angular_velocity[:, 1] - steep.angular_velocity[:, 1], BRAKING.config.pitch_gain * 0.2
+    )  # nose up
+    np.testing.assert_allclose(BRAKING.catching(plan, level).foot_residual, 0.0, atol=1e-12)
+    rise = BRAKING.catching(plan, uphill).foot_residual[..., 2]
+    np.testing.assert_allclose(rise, np.broadcast_to(0.2 * 0.1881 * np.array([1, 1, -1, -1]), (64, 4)))
+
+
+def test_a_standing_foot_is_where_it_is_and_a_swinging_one_stays_behind(draw):
+    rng = np.random.default_rng(23)
+    diagnostics, _, _ = robots(draw, rng, (64,))
+    before = BrakingState(foothold=rng.normal(0.0, 0.2, (64, 4, 3)))
+    after = BRAKING.observe(diagnostics, before).foothold
+    trusted = diagnostics.gait.trusted
+    assert trusted.any()
+    assert not trusted.all()
+    np.testing.assert_array_equal(after[trusted], diagnostics.body.foot_yaw[trusted])
+    moved = before.foothold - diagnostics.body.velocity[:, None] * go1.PHYSICS_DT
+    np.testing.assert_allclose(after[~trusted], moved[~trusted])
