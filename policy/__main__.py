@@ -2,6 +2,7 @@
 
 import sys
 
+from policy.planner import Planner, make_planner, warm_up
 from policy.process import PlannerProcess
 from saltus.bus import Sample
 from saltus.messages import Done, Heightmap, RobotState
@@ -13,12 +14,13 @@ HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of t
 
 
 class PlannerLoop:
-    """Wires the planner to bus and clock."""
+    """Wires a planner to bus and clock."""
 
-    def __init__(self, context: ProcessContext) -> None:
+    def __init__(self, context: ProcessContext, planner: Planner) -> None:
         self._context = context
         self._lockstep = context.config.pace == "lockstep"
-        self._planner = PlannerProcess()
+        self._planner = planner
+        self._process = PlannerProcess(planner)
         self._robot: bytes | None = None
         self._states = context.bus.latest("controller/state")
         self._heightmaps = context.bus.latest("heightmap/heightmap")
@@ -40,7 +42,7 @@ class PlannerLoop:
         state: RobotState = sample.message
         if sample.envelope.boot_id != self._robot:  # another robot, or one that has started anew
             self._robot = sample.envelope.boot_id
-            self._planner = PlannerProcess()
+            self._process = PlannerProcess(self._planner)
             self._newest_step = -1
         if self._lockstep:
             self._context.clock.set(state.time_ns)
@@ -51,11 +53,11 @@ class PlannerLoop:
             heightmap = self._newest_heightmap(0.0 if self._newest_step >= state.step else HEIGHTMAP_WAIT_S)
         else:
             return None
-        self._plans.put(self._planner.step(state, heightmap, self._context.clock.now_ns()))
+        self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns()))
         self._done.put(Done(time_ns=state.time_ns, step=state.step, process=self._context.name))
-        for notice in self._planner.notices:
+        for notice in self._process.notices:
             self._context.event(notice.code, notice.detail)
-        self._planner.notices.clear()
+        self._process.notices.clear()
         self.ticks += 1
         return None
 
@@ -84,7 +86,9 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.process`."""
-    loop = PlannerLoop(context)
+    planner = make_planner(context.config.planner)
+    warm_up(planner)
+    loop = PlannerLoop(context, planner)
     context.ready()
     loop.run()
 

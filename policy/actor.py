@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -11,9 +12,11 @@ from policy.action import Action
 from policy.bounds import ACTIONS, action_from_values
 from policy.features import LAYOUT, SIZE, features
 from policy.observation import Observation
+from saltus import go1
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
+from saltus.messages import Floats, MotionPlan
+from saltus.schemas import FIELDS
 
 FORMAT = "saltus-policy-1"
 _TOLERANCE = 1e-6  # of a number that went through text
@@ -49,12 +52,6 @@ class PolicyActor:
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         _check(path, self.metadata)
 
-    @property
-    def swing_foot_z_range_m(self) -> tuple[float, float]:
-        """Limits of the swing feet with which the policy was trained; the leg controller must have the same."""
-        low, high = json.loads(self.metadata["swing_foot_z_range_m"])
-        return float(low), float(high)
-
     def step(self, observation: Observation, heights: Floats) -> Action:
         """Plans the next 10 ms.
 
@@ -75,11 +72,51 @@ class PolicyActor:
 
 
 def _check(path: Path, metadata: dict[str, str]) -> None:
+    """Refuses a policy whose meaning differs from what this program would feed, read and track."""
     expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
     for name, value in expected.items():
-        found = json.loads(metadata.get(name, "null"))
+        found = _field(path, metadata, name)
         if found != value:
             raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again")
-    grid = np.asarray(json.loads(metadata.get("grid_m", "[]")))
-    if grid.shape != HEIGHTMAP_X.shape or np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
+    grid = _numbers(path, metadata, "grid_m", len(HEIGHTMAP_X))
+    if np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
         raise ModelError(f"{path}: 'grid_m' is not the heightmap's grid of this program")
+    swing = _numbers(path, metadata, "swing_foot_z_range_m", 2)
+    if np.abs(swing - go1.SWING_FOOT_Z).max() > _TOLERANCE:
+        raise ModelError(
+            f"{path}: 'swing_foot_z_range_m' is {swing.tolist()}, the leg controller's is {list(go1.SWING_FOOT_Z)}: "
+            "train the policy again"
+        )
+    low, high = (_numbers(path, metadata, name, len(ACTIONS)) for name in ("low", "high"))
+    _check_bounds(path, low, high)
+
+
+def _check_bounds(path: Path, low: Floats, high: Floats) -> None:
+    """Whatever the policy may ask for, the leg controller must take from the bus."""
+    fields = {field.name: field for field in FIELDS[MotionPlan]}
+    scalars = [fields[name] for name in ACTIONS[:4]]
+    allowed = [*scalars, *3 * [fields["foot_residual_front"]], *3 * [fields["foot_residual_rear"]]]
+    for name, field, lowest, highest in zip(ACTIONS, allowed, low, high, strict=True):
+        if not field.low <= lowest < highest <= field.high:
+            raise ModelError(
+                f"{path}: '{name}' goes from {lowest:g} to {highest:g}, the leg controller takes {field.low:g} to "
+                f"{field.high:g}"
+            )
+
+
+def _field(path: Path, metadata: dict[str, str], name: str) -> Any:
+    try:
+        return json.loads(metadata[name])
+    except (KeyError, json.JSONDecodeError) as error:
+        raise ModelError(f"{path}: '{name}' is missing from its metadata: export the policy again") from error
+
+
+def _numbers(path: Path, metadata: dict[str, str], name: str, count: int) -> Floats:
+    found = _field(path, metadata, name)
+    try:
+        numbers = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {count} numbers")
+    return numbers

@@ -3,15 +3,16 @@
 import math
 import multiprocessing
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from policy.planner import Planner
 from policy.rollout import HeightsFactory, Rollout, exact_heights, shifted_heights
-from policy.scripted import ScriptedParameters, ScriptedPlanner
+from policy.scripted import ScriptedPlanner
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
@@ -72,7 +73,7 @@ class EvaluationResult:
 def evaluate(
     evaluation: Evaluation,
     heights: HeightsFactory = shifted_heights,
-    parameters: ScriptedParameters | None = None,
+    planner: Callable[[], Planner] = ScriptedPlanner,
     processes: int | None = None,
 ) -> Iterator[dict[int, Outcome]]:
     """Runs the trials and yields, as they end, batches of outcomes by seed.
@@ -80,10 +81,10 @@ def evaluate(
     Args:
         evaluation: What to run.
         heights: Makes the planner's source of heights; must be picklable where `processes` is not 1.
-        parameters: Of the scripted planner.
+        planner: Makes the planner; must be picklable where `processes` is not 1.
         processes: How many run at once; by default one for each core.
     """
-    run = partial(run_batch, evaluation, heights, parameters)
+    run = partial(run_batch, evaluation, heights, planner)
     batches = _batches(range(evaluation.first_seed, evaluation.first_seed + evaluation.trials), BATCH)
     workers = min(processes or multiprocessing.cpu_count(), len(batches))
     if workers == 1:
@@ -102,14 +103,14 @@ def collect(batches: Iterator[dict[int, Outcome]]) -> EvaluationResult:
 
 
 def run_batch(
-    evaluation: Evaluation, heights: HeightsFactory, parameters: ScriptedParameters | None, seeds: Sequence[int]
+    evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[], Planner], seeds: Sequence[int]
 ) -> dict[int, Outcome]:
     """Runs the trials of some seeds in one batch."""
     terrain = make_terrain(evaluation.course)
     rollout = Rollout(
         [terrain] * len(seeds),
         [Trial.draw(seed) for seed in seeds],
-        ScriptedPlanner(parameters),
+        planner(),
         profile=load_profile(evaluation.profile),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,

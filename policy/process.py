@@ -6,7 +6,7 @@ import numpy as np
 
 from policy.action import Action
 from policy.observation import observe_message
-from policy.scripted import ScriptedPlanner
+from policy.planner import Planner
 from saltus.messages import Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 from saltus.topics import TOPICS
 
@@ -31,10 +31,13 @@ class PlannerProcess:
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
     STOP when the heightmaps end, are invalid, or come from a memory that has started over; it is final.
+
+    Args:
+        planner: Decides how to bound while the robot goes.
     """
 
-    def __init__(self, planner: ScriptedPlanner | None = None) -> None:
-        self._planner = planner or ScriptedPlanner()
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
         self._first_ns: int | None = None

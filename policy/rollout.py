@@ -6,7 +6,6 @@ applied from step k on, for exactly five physics steps. Each robot has its own t
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from controller.signals import Plan, Sensed, plan_from_values
 from policy.action import Action
 from policy.heights import HeightSource, TrueHeights
 from policy.observation import Observation, observe
+from policy.planner import Planner
 from policy.states import RobotStates
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
@@ -37,14 +37,6 @@ _POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 
 HeightsFactory = Callable[[TerrainStack, Sequence[Trial]], HeightSource]
 """Makes a source of heights for a batch from the terrain and the trial of each robot."""
-
-
-class Planner(Protocol):
-    """Whatever plans for a batch of robots."""
-
-    def step(self, observation: Observation, heights: Floats) -> Action:
-        """Plans the next 10 ms from the observation and heights of shape (n, 30)."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

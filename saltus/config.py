@@ -14,6 +14,7 @@ from saltus.errors import ConfigError, nearest_hint
 TerrainKind = Literal["flat", "stairs", "stepping_stones", "step", "gap"]
 Pace = Literal["lockstep", "realtime"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
+PlannerName = Literal["scripted", "learned"]
 
 Config = TypeVar("Config")
 
@@ -52,7 +53,8 @@ class RunConfig:
     renderer: Renderer = "auto"
     profile: str = "go1"
     """Effects of the hardware: "ideal", "go1", or the name or path of a TOML profile."""
-    planner: Literal["scripted"] = "scripted"
+    planner: PlannerName = "scripted"
+    """scripted: rules that read the heightmap. learned: the shipped policy."""
     heightmap_model: str | None = None
     """Path of an ONNX file; the shipped model where it is not given."""
     time_limit_s: float = 20.0

@@ -45,6 +45,10 @@ STAND_POSE = np.tile([0.0, 0.9, -1.8], 4)
 STAND_HEIGHT = 0.268
 STAND_KP = 100.0
 
+SWING_FOOT_Z = (-0.4, 0.1)
+"""Height of a swinging foot in the base frame [m]: the leg controller keeps within it, and a policy is trained with
+it. The original ends at -0.1, and names 0.1 for high steps: with it a foot can be drawn up in front of the body."""
+
 # The camera's mount in the base frame (original): a printed mount in front of the trunk, 30 degrees nose down
 CAMERA_POSITION = np.array([0.272, 0.0075, 0.092])
 CAMERA_PITCH = 0.52

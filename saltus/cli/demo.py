@@ -8,7 +8,7 @@ import tyro
 from tqdm import tqdm
 
 from saltus.cli.output import print_json, run_directory
-from saltus.config import Pace, Renderer, RunConfig, TerrainConfig
+from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.messages import GroundTruth
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ class Demo:
     """lockstep: bit-repeatable, as fast as it goes. realtime: on the wall clock."""
     renderer: Renderer = "auto"
     """Back end of the depth camera."""
+    planner: PlannerName = "scripted"
+    """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, or a TOML file."""
     time_limit_s: float = 20.0
@@ -51,7 +53,7 @@ class Demo:
         directory = run_directory("demo", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,
-            time_limit_s=self.time_limit_s,
+            planner=self.planner, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         run_stack(config, directory, terrain.finish_x)
         recording = read_recording(directory / "recording.mcap")

@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from saltus.cli.output import run_directory
-from saltus.config import Pace, Renderer, RunConfig, TerrainConfig
+from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 
 FOREVER_S = 1e6
 
@@ -22,6 +22,8 @@ class Up:
     """realtime: on the wall clock. lockstep: bit-repeatable, as fast as it goes."""
     renderer: Renderer = "auto"
     """Back end of the depth camera."""
+    planner: PlannerName = "scripted"
+    """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, or a TOML file."""
     out: Path | None = None
@@ -36,7 +38,7 @@ class Up:
         directory = run_directory("up", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,
-            time_limit_s=FOREVER_S,
+            planner=self.planner, time_limit_s=FOREVER_S,
         )  # fmt: skip
         with Stack(config, directory) as stack:
             print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")

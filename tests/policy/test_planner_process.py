@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from policy.process import LOST_NS, STAND_NS, PlannerProcess
+from policy.scripted import ScriptedPlanner
 from saltus import go1
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
@@ -61,14 +62,14 @@ def run(statuses: list[HeightmapStatus | None], process: PlannerProcess, first: 
 
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
-    process, steps = PlannerProcess(), STAND_NS // STEP_NS + 1
+    process, steps = PlannerProcess(ScriptedPlanner()), STAND_NS // STEP_NS + 1
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
     return process, steps
 
 
 def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
-    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess())
+    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ScriptedPlanner()))
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
     assert not any(plan.reason for plan in plans[stand_steps:])
@@ -76,7 +77,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
 
 @pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
 def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
-    process = PlannerProcess()
+    process = PlannerProcess(ScriptedPlanner())
     plans = run([status] * 200, process)
     assert {plan.status for plan in plans} == {PlanStatus.STAND}
     assert all(plan.reason for plan in plans)

@@ -1,0 +1,55 @@
+"""Whatever plans: the rules made by hand, or the learned policy."""
+
+from typing import Protocol
+
+import numpy as np
+
+from policy.action import Action
+from policy.observation import Observation, observe
+from saltus import go1
+from saltus.config import PlannerName
+from saltus.grid import HEIGHTMAP_X
+from saltus.messages import Floats
+from saltus.resources import resource
+
+
+class Planner(Protocol):
+    """Plans for any batch of robots, without memory."""
+
+    def step(self, observation: Observation, heights: Floats) -> Action:
+        """Plans the next 10 ms.
+
+        Args:
+            observation: of the robots, leading dimensions (...).
+            heights: Terrain relative to the base [m], shape (..., 30).
+        """
+        ...
+
+
+def make_planner(name: PlannerName) -> Planner:
+    """A planner by its name.
+
+    Raises:
+        ModelError: the shipped policy is damaged, or made for another program.
+    """
+    if name == "learned":
+        from policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
+
+        return PolicyActor(resource("models/policy.onnx"))
+    from policy.scripted import ScriptedPlanner
+
+    return ScriptedPlanner()
+
+
+def warm_up(planner: Planner) -> None:
+    """Plans once for a robot that stands on level ground: what is made on a first call is made before it counts."""
+    observation = observe(
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        velocity_base_in_world=np.zeros(3),
+        base_height=np.asarray(go1.STAND_HEIGHT),
+        leg_contact=np.ones(4, dtype=np.bool_),
+        leg_progress=np.zeros(4),
+    )
+    planner.step(observation, np.full(len(HEIGHTMAP_X), -go1.STAND_HEIGHT))
