@@ -50,7 +50,7 @@ def main() -> None:
             "success": result.successes,
             "trials": options.trials,
             "mean_speed_mps": result.mean_speed_mps,
-            "causes": result.causes,
+            "failures": result.failures,
         }
         print(f"{name}: {result.successes} of {options.trials}, {result.mean_speed_mps:.2f} m/s", flush=True)
     print(json.dumps(finite({"first_seed": options.first_seed, "rows": rows, "plan_ms": plan_ms()})))

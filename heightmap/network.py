@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
+from numpy.typing import NDArray
 
 from heightmap.features import PROPRIOCEPTION
 from saltus import depth, go1
@@ -82,16 +83,21 @@ class HeightmapNetwork:
 
     def tick(self, image: Floats, age_s: float, new: bool, features: Floats, hidden: Floats) -> Tick:
         """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
+        age, fresh = np.array([age_s]), np.array([new])
+        height, std, hidden_out = self.ticks(image[None], age, fresh, features[None], hidden[None])
+        return Tick(height[0], std[0], hidden_out[0])
+
+    def ticks(self, image: Floats, age_s: Floats, new: NDArray[np.bool_], features: Floats, hidden: Floats) -> Tick:
+        """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
         one = np.float32
         feed = {
-            "image": np.ascontiguousarray(image[None], one),
-            "age": np.array([age_s], one),
-            "new": np.array([new], one),
-            "proprioception": np.ascontiguousarray(features[None], one),
-            "hidden": np.ascontiguousarray(hidden[None], one),
+            "image": np.ascontiguousarray(image, one),
+            "age": np.ascontiguousarray(age_s, one),
+            "new": np.ascontiguousarray(new, one),
+            "proprioception": np.ascontiguousarray(features, one),
+            "hidden": np.ascontiguousarray(hidden, one),
         }
-        height, std, hidden_out = self._session.run(OUTPUTS, feed)
-        return Tick(height[0], std[0], hidden_out[0])
+        return Tick(*self._session.run(OUTPUTS, feed))
 
 
 def _read(path: Path) -> bytes:

@@ -3,9 +3,9 @@
 import math
 import multiprocessing
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -13,10 +13,12 @@ import numpy as np
 from policy.planner import Planner
 from policy.rollout import HeightsFactory, Rollout, exact_heights, shifted_heights
 from policy.scripted import ScriptedPlanner
+from policy.trace import Failure, Trace, failure_of, traces_of
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 
 BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared, few enough to show progress
@@ -42,12 +44,27 @@ class Evaluation:
             raise ConfigError(f"first_seed = {self.first_seed}: seeds are not negative")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrialResult:
+    """How one trial went."""
+
+    outcome: Outcome
+    failure: Failure
+    """Why it failed; empty after a success."""
+    trace: Trace
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EvaluationResult:
     """The trials in the order of their seeds, and what they amount to."""
 
     seeds: tuple[int, ...]
-    outcomes: tuple[Outcome, ...]
+    trials: tuple[TrialResult, ...]
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """Of each trial."""
+        return tuple(trial.outcome for trial in self.trials)
 
     @property
     def successes(self) -> int:
@@ -55,9 +72,9 @@ class EvaluationResult:
         return sum(outcome.success for outcome in self.outcomes)
 
     @property
-    def causes(self) -> dict[str, int]:
+    def failures(self) -> dict[str, int]:
         """How often each cause of failure occurred."""
-        return dict(Counter(outcome.cause for outcome in self.outcomes if not outcome.success))
+        return dict(Counter(trial.failure for trial in self.trials if trial.failure))
 
     @property
     def mean_speed_mps(self) -> float:
@@ -65,9 +82,10 @@ class EvaluationResult:
         return _mean([outcome.mean_speed_mps for outcome in self.outcomes if outcome.success])
 
     @property
-    def mean_time_s(self) -> float:
+    def median_time_s(self) -> float:
         """Time over successful trials; NaN where there are none."""
-        return _mean([outcome.time_s for outcome in self.outcomes if outcome.success])
+        times = [outcome.time_s for outcome in self.outcomes if outcome.success]
+        return float(np.median(times)) if times else math.nan
 
 
 def evaluate(
@@ -75,8 +93,8 @@ def evaluate(
     heights: HeightsFactory = shifted_heights,
     planner: Callable[[], Planner] = ScriptedPlanner,
     processes: int | None = None,
-) -> Iterator[dict[int, Outcome]]:
-    """Runs the trials and yields, as they end, batches of outcomes by seed.
+) -> Iterator[dict[int, TrialResult]]:
+    """Runs the trials and yields, as they end, batches of results by seed.
 
     Args:
         evaluation: What to run.
@@ -95,30 +113,40 @@ def evaluate(
             yield future.result()
 
 
-def collect(batches: Iterator[dict[int, Outcome]]) -> EvaluationResult:
+def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
     """Puts the batches of `evaluate` together."""
-    outcomes = {seed: outcome for batch in batches for seed, outcome in batch.items()}
-    seeds = tuple(sorted(outcomes))
-    return EvaluationResult(seeds=seeds, outcomes=tuple(outcomes[seed] for seed in seeds))
+    results = {seed: result for batch in batches for seed, result in batch.items()}
+    seeds = tuple(sorted(results))
+    return EvaluationResult(seeds=seeds, trials=tuple(results[seed] for seed in seeds))
 
 
 def run_batch(
     evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[], Planner], seeds: Sequence[int]
-) -> dict[int, Outcome]:
+) -> dict[int, TrialResult]:
     """Runs the trials of some seeds in one batch."""
-    terrain = make_terrain(evaluation.course)
+    terrains = courses_of(evaluation.course, seeds)
     rollout = Rollout(
-        [terrain] * len(seeds),
+        terrains,
         [Trial.draw(seed) for seed in seeds],
         planner(),
         profile=load_profile(evaluation.profile),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
     )
-    for _ in rollout.run():
-        pass
-    ended = zip(seeds, rollout.outcomes, strict=True)
-    return {seed: outcome for seed, outcome in ended if outcome is not None}
+    traces = traces_of(list(rollout.run()))
+    ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)
+    return {
+        seed: TrialResult(outcome=outcome, failure=failure_of(outcome, trace, terrain), trace=trace)
+        for seed, outcome, trace, terrain in ended
+        if outcome is not None
+    }
+
+
+def courses_of(course: TerrainConfig, seeds: Sequence[int]) -> list[Terrain]:
+    """The terrain of each trial: one for all, unless something of it is drawn."""
+    if course.gap_max_m is None:
+        return [make_terrain(course)] * len(seeds)
+    return [make_terrain(replace(course, layout_seed=int(seed))) for seed in seeds]
 
 
 def _batches(seeds: Sequence[int], size: int) -> list[list[int]]:

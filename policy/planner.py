@@ -1,5 +1,6 @@
 """Whatever plans: the rules made by hand, or the learned policy."""
 
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -8,6 +9,7 @@ from policy.action import Action
 from policy.observation import Observation, observe
 from saltus import go1
 from saltus.config import PlannerName
+from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 from saltus.resources import resource
@@ -26,16 +28,22 @@ class Planner(Protocol):
         ...
 
 
-def make_planner(name: PlannerName) -> Planner:
+def make_planner(name: PlannerName, model: Path | None = None) -> Planner:
     """A planner by its name.
 
+    Args:
+        name: Which.
+        model: ONNX file of the learned one; the shipped policy where it is not given.
+
     Raises:
-        ModelError: the shipped policy is damaged, or made for another program.
+        ModelError: the policy is damaged, or made for another program.
     """
     if name == "learned":
         from policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
-        return PolicyActor(resource("models/policy.onnx"))
+        return PolicyActor(model or resource("models/policy.onnx"))
+    if model is not None:
+        raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
     from policy.scripted import ScriptedPlanner
 
     return ScriptedPlanner()

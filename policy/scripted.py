@@ -32,8 +32,10 @@ Value = float | Array
 class ScriptedParameters:
     """All numbers of the planner.
 
-    The defaults were found by CMA-ES (`policy.search`) over 22,000 trials of the batched plant, with the effects of
-    the "go1" profile and everything that a trial draws; `benchmarks/planner.py` measures what they are worth.
+    The defaults were found by CMA-ES (`policy.search`) in the batched plant, with the effects of the "go1" profile and
+    everything that a trial draws: 62 generations of 60 candidates, each on six trials (flat ground and stairs of 6, 6,
+    6, 7 and 8 cm, with seeds from 3,100,000 on), from earlier numbers that were tuned by hand, in 7 minutes on 16
+    cores. `benchmarks/planner.py` measures what they are worth.
     """
 
     stepping_frequency_hz: Value = 3.46

@@ -3,8 +3,11 @@
 Reference: N. Hansen, "The CMA Evolution Strategy: A Tutorial" (2016).
 """
 
-from collections.abc import Iterator, Sequence
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 from cmaes import CMA
@@ -20,6 +23,9 @@ from saltus.trial import Outcome, Trial
 
 SEARCH_WIDTH = 1.4  # of the courses [m]: the engine tests wide boxes against every link, and takes twice the time
 FIRST_SEARCH_SEED = 1_000_000  # evaluations use small seeds: no trial is in both
+
+Mapper = Callable[[Callable[[Floats], tuple[Floats, float]], Iterable[Floats]], Iterable[tuple[Floats, float]]]
+"""`map`, or that of a pool of processes."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "stepping_frequency_hz": (1.6, 3.8),
@@ -107,8 +113,23 @@ class Generation:
     """Centre of the distribution: the result, because it averages over the luck of single trials."""
 
 
-def search(config: SearchConfig, start: ScriptedParameters) -> Iterator[Generation]:
-    """Searches from `start` and yields after every generation."""
+def search(config: SearchConfig, start: ScriptedParameters, processes: int = 1) -> Iterator[Generation]:
+    """Searches from `start` and yields after every generation.
+
+    Args:
+        config: What, and how long.
+        start: First centre of the distribution.
+        processes: How many share the candidates of a generation.
+    """
+    if processes == 1:
+        yield from _search(config, start, 1, map)
+        return
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield from _search(config, start, processes, pool.map)
+
+
+def _search(config: SearchConfig, start: ScriptedParameters, parts: int, each: Mapper) -> Iterator[Generation]:
+    """The search with the candidates of a generation in `parts` batches, which `each` evaluates."""
     terrains = [replace(make_terrain(course), width=SEARCH_WIDTH) for course in config.courses]
     low, high = np.array(list(BOUNDS.values())).T
     values = np.array([float(asdict(start)[name]) for name in BOUNDS])
@@ -119,7 +140,10 @@ def search(config: SearchConfig, start: ScriptedParameters) -> Iterator[Generati
         candidates = [optimiser.ask() for _ in range(config.population)]
         vectors = low + np.array(candidates) * (high - low)
         first_seed = FIRST_SEARCH_SEED + (config.seed * 10_000 + index) * len(terrains)
-        scores, success = evaluate(vectors, start, terrains, first_seed, config.time_limit_s)
+        run = partial(evaluate, start=start, terrains=terrains, first_seed=first_seed, time_limit_s=config.time_limit_s)
+        results = list(each(run, np.array_split(vectors, min(parts, len(vectors)))))
+        scores = np.concatenate([result[0] for result in results])
+        success = float(np.average([result[1] for result in results], weights=[len(r[0]) for r in results]))
         optimiser.tell([(candidate, -float(score)) for candidate, score in zip(candidates, scores, strict=True)])
         yield Generation(
             index=index,

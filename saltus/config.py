@@ -37,6 +37,10 @@ class TerrainConfig:
     """Length of a stepping stone."""
     gap_m: float | None = None
     """Length of a gap, between stones or of the one trench."""
+    gap_max_m: float | None = None
+    """Every gap between stones is drawn from gap_m to this."""
+    layout_seed: int = 0
+    """Of what is drawn; trials of an evaluation have their own."""
     height_m: float | None = None
     """Height of a single step up."""
 

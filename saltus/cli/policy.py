@@ -1,55 +1,90 @@
-"""`saltus policy`: evaluate the planner, search its numbers, run its process."""
+"""`saltus policy`: train, export and evaluate planners, search the scripted one's numbers, run the process."""
 
+import os
 import sys
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from saltus.cli.output import print_json
+from saltus.cli.output import print_json, run_directory
+from saltus.cli.policy_train import Export, Train
 from saltus.cli.serve import serve
-from saltus.config import TerrainConfig, to_toml
+from saltus.config import PlannerName, TerrainConfig, to_toml
 
 if TYPE_CHECKING:
     from policy.evaluate import EvaluationResult
+    from policy.rollout import HeightsFactory
 
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Runs trials with fresh seeds on one terrain, all in one process group, without the bus."""
+    """Runs trials with fresh seeds on one terrain, many robots at once, without the bus; leaves a report."""
 
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
+    planner: PlannerName = "scripted"
+    """scripted: rules that read the heightmap. learned: a policy."""
+    model: Path | None = None
+    """ONNX file of the learned policy; the shipped one where it is not given."""
     trials: int = 20
     """Number of trials."""
     first_seed: int = 0
     """Seed of the first trial; the others follow."""
-    heightmap: Literal["true", "true-exact"] = "true"
-    """true: the terrain, shifted as the trial says. true-exact: the terrain as it is."""
+    heightmap: Literal["true", "true-exact", "predicted"] = "true"
+    """true: the terrain, shifted as the trial says. true-exact: the terrain as it is. predicted: what the heightmap
+    service makes of late depth images."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, or a TOML file."""
+    processes: int | None = None
+    """How many run at once; one for each core where it is not given."""
+    report: bool = True
+    """Write an HTML report."""
+    out: Path | None = None
+    """Folder for the report; a new one under runs/ where it is not given."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs them; 0 where all succeeded, else 1."""
-        from policy.evaluate import HEIGHTS, Evaluation, collect, evaluate
+        from policy.evaluate import Evaluation, collect, evaluate
+        from policy.planner import make_planner
 
+        planner = partial(make_planner, self.planner, self.model)
+        planner()  # what is wrong with a model is said at once
         evaluation = Evaluation(
             course=self.course, trials=self.trials, first_seed=self.first_seed, profile=self.profile
         )  # fmt: skip
         with tqdm(total=self.trials, unit="trial", file=sys.stderr) as bar:
             batches = []
-            for batch in evaluate(evaluation, HEIGHTS[self.heightmap]):
+            for batch in evaluate(evaluation, self._heights(), planner, self.processes):
                 batches.append(batch)
                 bar.update(len(batch))
-        result = collect(iter(batches))
+        result = collect(batches)
         _print_table(result)
+        table = _as_table(self, result)
+        if self.report:
+            from policy.evaluation_report import write_evaluation_report
+
+            path = run_directory("policy-eval", self.out) / "report.html"
+            write_evaluation_report(evaluation, result, table, path)
+            print(f"report    {path}")
         if self.json:
-            print_json(_as_json(self, result))
+            print_json(table)
         return 0 if result.successes == self.trials else 1
+
+    def _heights(self) -> "HeightsFactory":
+        """The source of heights; the one that predicts lies above the planner, so it is handed down from here."""
+        if self.heightmap == "predicted":
+            from heightmap.predicted import PredictedHeightsFactory
+
+            return PredictedHeightsFactory(profile=self.profile)
+        from policy.evaluate import HEIGHTS
+
+        return HEIGHTS[self.heightmap]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +97,8 @@ class Search:
     population: int = 14
     """Candidates of a generation; each runs every course."""
     seed: int = 0
+    processes: int | None = None
+    """How many share the candidates of a generation; one for each core where it is not given."""
 
     def run(self) -> int:
         """Searches to the end, or until it is interrupted."""
@@ -69,7 +106,7 @@ class Search:
         from policy.search import SearchConfig, search
 
         config = SearchConfig(generations=self.generations, population=self.population, seed=self.seed)
-        for generation in search(config, ScriptedParameters()):
+        for generation in search(config, ScriptedParameters(), self.processes or os.cpu_count() or 1):
             self.out.write_text(to_toml(generation.mean))
             print(
                 f"{generation.index + 1}/{self.generations}: score {generation.mean_score:.3f}, "
@@ -97,11 +134,13 @@ class Serve:
 
 @dataclass(frozen=True, kw_only=True)
 class Policy:
-    """The motion planner: eval, search, serve."""
+    """The motion planner: train, export, eval, search, serve."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
-            Annotated[Eval, subcommand("eval")]
+            Annotated[Train, subcommand("train")]
+            | Annotated[Export, subcommand("export")]
+            | Annotated[Eval, subcommand("eval")]
             | Annotated[Search, subcommand("search")]
             | Annotated[Serve, subcommand("serve")]
         ]
@@ -114,27 +153,33 @@ class Policy:
 
 def _print_table(result: "EvaluationResult") -> None:
     print(f"{'seed':>8}  {'result':<14} {'time':>7} {'distance':>9} {'speed':>9}")
-    for seed, outcome in zip(result.seeds, result.outcomes, strict=True):
-        how = outcome.cause or "success"
+    for seed, trial in zip(result.seeds, result.trials, strict=True):
+        outcome = trial.outcome
         speed = f"{outcome.mean_speed_mps:5.2f} m/s"
+        how = trial.failure or "success"
         print(f"{seed:>8}  {how:<14} {outcome.time_s:5.2f} s {outcome.distance_m:7.2f} m {speed:>9}")
-    causes = ", ".join(f"{count} {cause}" for cause, count in sorted(result.causes.items()))
+    failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
     print(
-        f"{result.successes} of {len(result.outcomes)} succeeded, {result.mean_speed_mps:.2f} m/s, "
-        f"{result.mean_time_s:.2f} s{'; failed: ' + causes if causes else ''}"
+        f"{result.successes} of {len(result.trials)} succeeded, {result.mean_speed_mps:.2f} m/s, "
+        f"{result.median_time_s:.2f} s{'; failed: ' + failures if failures else ''}"
     )
 
 
-def _as_json(command: Eval, result: "EvaluationResult") -> dict[str, object]:
+def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
+    from saltus.terrain.curriculum import make_terrain
+
+    terrain = make_terrain(command.course)
     return {
-        "terrain": asdict(command.course),
+        "terrain": terrain.kind,
+        "params": dict(terrain.params),
+        "planner": command.planner,
         "heightmap": command.heightmap,
         "profile": command.profile,
-        "trials": len(result.outcomes),
+        "trials": len(result.trials),
         "first_seed": command.first_seed,
-        "success": result.successes,
+        "success_rate": result.successes / len(result.trials),
         "mean_speed_mps": result.mean_speed_mps,
-        "mean_time_s": result.mean_time_s,
-        "causes": result.causes,
+        "time_s": {"p50": result.median_time_s},
+        "failures": result.failures,
         "outcomes": [asdict(outcome) for outcome in result.outcomes],
     }

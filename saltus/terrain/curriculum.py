@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.errors import ConfigError
@@ -52,6 +55,7 @@ TABLE: dict[TerrainKind, dict[str, Size]] = {
     "step": {"height_m": Size(default=0.2, low=0.0, high=1.0, base=0.0, slope=0.8)},
     "gap": {"gap_m": Size(default=0.3, low=0.01, high=1.4, base=0.01, slope=1.1)},
 }
+GREATEST_GAP = Size(default=0.5, low=0.0, high=0.75)  # between stones; bounds of the gap itself
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
@@ -68,10 +72,19 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         if value is not None and name not in table:
             known = ", ".join(table) or "no sizes"
             raise ConfigError(f"{name} = {value} has no meaning for terrain '{config.terrain}', which has: {known}")
-    sizes = {name: size.resolve(name, given[name], config.difficulty) for name, size in table.items()}
+    sizes: dict[str, Any] = {name: size.resolve(name, given[name], config.difficulty) for name, size in table.items()}
     if "steps" in sizes:
         sizes["steps"] = int(sizes["steps"])
+    if config.gap_max_m is not None:
+        sizes |= _drawn_gaps(config, config.gap_max_m)
     return MAKERS[config.terrain](**sizes)
+
+
+def _drawn_gaps(config: TerrainConfig, gap_max_m: float) -> dict[str, Any]:
+    if config.terrain != "stepping_stones":
+        raise ConfigError(f"gap_max_m = {gap_max_m} has no meaning for terrain '{config.terrain}': only for stones")
+    greatest = GREATEST_GAP.resolve("gap_max_m", gap_max_m, None)
+    return {"gap_max_m": greatest, "rng": np.random.default_rng(config.layout_seed)}
 
 
 MAKERS: dict[TerrainKind, Callable[..., Terrain]] = {
