@@ -46,8 +46,9 @@ class LegControllerConfig:
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     landing_kp: float = 60.0
     landing_kd: float = 4.0
-    """Of all joints while landing: softer than standing, and well damped. A body below 1 m/s is caught at any phase
-    of the gait; a faster one must brake first (`controller.braking`)."""
+    """Of all joints while landing: softer than standing, and well damped. Measured at 20 phases of the gait: out of
+    bounding at 0.9 m/s they catch 40 of 40 robots; at 1.7 m/s 12 of 40 told to stop, 4 of 40 left without plans. So a
+    fast robot brakes first (`controller.braking`)."""
     settled_speed_mps: float = 0.3
     """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
     damp_kd: float = 3.0

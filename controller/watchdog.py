@@ -16,9 +16,10 @@ class WatchdogConfig:
     """The planner is gone: `saltus.topics.MAX_EXTRA_AGE_S`."""
     tilt_limit_rad: float = radians(60.0)
     """Beyond this a robot is not upright: the definition of a failed trial."""
-    landing_limit_s: float = 1.2
-    """A landing is over after this at the latest. From 1.8 m/s the robot brakes with one or two contacts of each pair
-    of legs before sprung legs catch it: it does not jump on, but no single contact could stop it."""
+    landing_limit_s: float = 1.1
+    """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s the robot
+    brakes with one or two contacts of each pair of legs before sprung legs catch it: it does not jump on, but no
+    single contact could stop it."""
 
 
 @dataclass(frozen=True, kw_only=True)

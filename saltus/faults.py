@@ -26,7 +26,7 @@ from saltus.stack import Stack
 
 RUN_TIMEOUT_S = 20.0
 SETTLE_S = 4.0
-"""Watched after the kill: a landing (1 s at most), a restart (2 s at most), and a second of standing."""
+"""Watched after the kill: a landing (1.1 s at most), a restart (2 s at most), and a second of standing."""
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees

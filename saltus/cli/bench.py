@@ -15,13 +15,15 @@ class Bench:
     """Measures this machine; each benchmark prints its figures and ends with one JSON object on the last line."""
 
     what: Annotated[
-        Literal["qp", "render", "inference", "transport", "stack", "planner", "train", "stance_batched", "faults"],
+        Literal[
+            "qp", "render", "inference", "transport", "stack", "planner", "train", "stance_batched", "faults", "landing"
+        ],
         tyro.conf.Positional,
     ]
     """qp: ground reaction forces and the leg controller. render: the depth cameras. inference: the heightmap service.
     transport: the bus. stack: a real-time run. planner: its success on fresh seeds. train: the
     motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during a
-    run."""
+    run. landing: robots at full speed that are left without a planner."""
     arguments: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Passed to the benchmark, one at a time."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False

@@ -76,11 +76,11 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent
     assert robot.state.velocity_base_in_world[0] > 1.2
     robot.take_trunk_contact()
 
-    modes = stop(robot, loop, plan if silent else message(REST, PlanStatus.STOP), 2.4)  # landing 1.2 s, blend 1 s
+    modes = stop(robot, loop, plan if silent else message(REST, PlanStatus.STOP), 2.4)  # landing 1.1 s, blend 1 s
 
     order = [ControllerMode.LANDING, ControllerMode.STOPPED]
     assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)
-    assert modes[ControllerMode.STOPPED] - modes[ControllerMode.LANDING] < 1.2 + 2 * go1.PHYSICS_DT
+    assert modes[ControllerMode.STOPPED] - modes[ControllerMode.LANDING] < 1.1 + 2 * go1.PHYSICS_DT
     state = robot.state
     assert state.position_base_in_world[2] > 0.24
     assert np.linalg.norm(state.velocity_base_in_world) < 0.1

@@ -43,7 +43,7 @@ def expected(state, now):
     """The table of transitions, written as a list of rules of which the first that applies decides."""
     upright = now.finite and abs(now.roll) <= math.radians(60) and abs(now.pitch) <= math.radians(60)
     fresh_go = now.plan_status == PlanStatus.GO and now.plan_age_s <= 0.030
-    over = now.settled or state.mode_time_s >= 1.2
+    over = now.settled or state.mode_time_s >= 1.1
     mode = ControllerMode
     moving = state.mode in (mode.RUN, mode.COAST)
     rules = [

@@ -1,0 +1,129 @@
+"""Takes the planner from robots at full speed, at every phase of the gait, and counts those that come to a stand.
+
+    saltus bench landing --arguments=--terrain --arguments=stairs
+
+Without processes and clocks: the control loop, the plant and the scripted planner on true heights with each trial's
+shift. "stop": heightmaps end, and the planner says STOP. "silence": plans end. Prints a line for each, and last one
+JSON object.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.loop import FIRST_STAND_S, ControlLoop
+from controller.robot.mujoco import MujocoRobot
+from policy.process import PlannerProcess
+from policy.scripted import ScriptedPlanner
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.profile import GO1
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import rotation_matrix
+from saltus.messages import ControllerMode, Floats, Heightmap, HeightmapStatus, MotionPlan
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+
+TICK_NS = round(1e9 * go1.PHYSICS_DT)
+AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landing:
+    """How one robot came to rest."""
+
+    stands: bool
+    """In mode STOPPED, upright, on its feet and at rest."""
+    touched: bool
+    """The trunk met the ground on the way."""
+    stopped_s: float
+    """From the fault to the end of the landing; infinite where there was none."""
+    distance_m: float
+    """From the fault to the end."""
+
+
+def land(terrain: Terrain, trial: Trial, fault_s: float, silent: bool) -> Landing:
+    """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
+    robot = MujocoRobot(terrain, trial, trial.applied_to(GO1).actuator_chain)
+    robot.reset()
+    loop, planner = ControlLoop(), PlannerProcess(ScriptedPlanner())
+    plan: MotionPlan | None = None
+    stopped_s, start_x = float("inf"), 0.0
+    fault_tick = round(fault_s / go1.PHYSICS_DT)
+    for tick in range(fault_tick + round(AFTER_S / go1.PHYSICS_DT)):
+        now_ns, step = tick * TICK_NS, tick // go1.POLICY_STEPS
+        loop.sense(robot.read())
+        if tick == fault_tick:
+            start_x = float(robot.state.position_base_in_world[0])
+            robot.take_trunk_contact()
+        if tick % go1.POLICY_STEPS == 0 and not (silent and tick >= fault_tick):
+            seen = _heightmap(robot, trial, now_ns, step) if tick < fault_tick else None
+            plan = planner.step(loop.state(now_ns, step), seen, now_ns)
+        robot.write(loop.act(plan, 1e-9 * (now_ns - plan.time_ns) if plan else float("inf")))
+        if loop.mode == ControllerMode.STOPPED and stopped_s == float("inf"):
+            stopped_s = (tick - fault_tick) * go1.PHYSICS_DT
+    state = robot.state
+    x = float(state.position_base_in_world[0])
+    return Landing(
+        stands=loop.mode == ControllerMode.STOPPED
+        and bool(rotation_matrix(state.quaternion_base_in_world)[2, 2] > np.cos(np.deg2rad(30.0)))
+        and float(state.position_base_in_world[2] - terrain.height_at(np.array(x))) > 0.18
+        and float(np.linalg.norm(state.velocity_base_in_world)) < 0.1,
+        touched=robot.take_trunk_contact(),
+        stopped_s=stopped_s,
+        distance_m=x - start_x,
+    )
+
+
+def _heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Heightmap:
+    position: Floats = robot.state.position_base_in_world
+    ahead = position[0] + trial.height_shift_x + HEIGHTMAP_X
+    return Heightmap(
+        time_ns=time_ns,
+        step=step,
+        x=HEIGHTMAP_X,
+        height=robot.terrain.height_at(ahead) - position[2] + trial.height_shift_z,
+        std=np.zeros(len(HEIGHTMAP_X)),
+        status=HeightmapStatus.OK,
+        depth_age_s=0.05,
+        frame_id=step,
+        model_id="",
+    )
+
+
+def main() -> None:
+    """Runs the trials."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--terrain", choices=["flat", "stairs"], default="flat")
+    parser.add_argument("--run-s", type=float, default=1.8, help="time from the first jump to the first fault")
+    parser.add_argument("--phases", type=int, default=20, help="of the gait at which the fault comes")
+    parser.add_argument("--seeds", type=int, default=2, help="trials at each phase")
+    parser.add_argument("--first-seed", type=int, default=0)
+    options = parser.parse_args()
+    terrain = make_terrain(TerrainConfig(terrain=options.terrain))
+    cycle_s = 1.0 / float(np.asarray(ScriptedPlanner().parameters.stepping_frequency_hz))
+    table = {}
+    for fault in ("stop", "silence"):
+        landings = [
+            land(terrain, Trial.draw(seed), FIRST_STAND_S + options.run_s + phase * cycle_s, fault == "silence")
+            for seed in range(options.first_seed, options.first_seed + options.seeds)
+            for phase in np.arange(options.phases) / options.phases
+        ]
+        standing = [landing for landing in landings if landing.stands]
+        table[fault] = {
+            "trials": len(landings),
+            "stand": len(standing),
+            "touched": sum(landing.touched for landing in landings),
+            "stopped_s_max": max((landing.stopped_s for landing in standing), default=None),
+            "distance_m_median": float(np.median([landing.distance_m for landing in landings])),
+        }
+        print(fault, table[fault], file=sys.stderr, flush=True)
+    print(json.dumps({"landing": {"terrain": options.terrain, **table}}))
+
+
+if __name__ == "__main__":
+    main()
