@@ -42,6 +42,8 @@ class Evaluation:
             raise ConfigError(f"trials = {self.trials}: it must be at least 1")
         if self.first_seed < 0:
             raise ConfigError(f"first_seed = {self.first_seed}: seeds are not negative")
+        make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
+        load_profile(self.profile)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

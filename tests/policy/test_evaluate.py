@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from policy.evaluate import Evaluation, collect, evaluate
+from policy.evaluate import Evaluation, collect, courses_of, evaluate
 from policy.rollout import exact_heights
 from policy.scripted import ScriptedParameters
 from policy.search import BOUNDS, FIRST_SEARCH_SEED, SearchConfig, search
@@ -34,10 +34,10 @@ def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, int]) -> None:
         Evaluation(course=FLAT, **wrong)
 
 
-def test_a_search_starts_where_it_is_told_and_repeats_with_its_seed() -> None:
+def test_a_search_starts_where_it_is_told_and_repeats_with_its_seed_in_any_number_of_processes() -> None:
     config = SearchConfig(courses=(FLAT,), generations=2, population=6, seed=3, time_limit_s=1.1)
-    first, second = (list(search(config, ScriptedParameters())) for _ in range(2))
-    assert [g.mean for g in first] == [g.mean for g in second]
+    first, second = (list(search(config, ScriptedParameters(), processes)) for processes in (1, 2))
+    assert [(g.mean, g.success) for g in first] == [(g.mean, g.success) for g in second]
     assert [g.index for g in first] == [0, 1]
     for generation in first:
         values = asdict(generation.mean)
@@ -54,3 +54,11 @@ def test_every_number_that_is_searched_exists_and_starts_within_its_bounds() -> 
 def test_searches_and_evaluations_draw_different_trials() -> None:
     assert Trial.draw(FIRST_SEARCH_SEED) != Trial.draw(0)
     assert FIRST_SEARCH_SEED > 100_000
+
+
+def test_drawn_courses_differ_from_trial_to_trial_and_repeat_with_the_seed() -> None:
+    drawn = TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5)
+    first, second = courses_of(drawn, (7, 8)), courses_of(drawn, (7, 8))
+    assert [terrain.edges_x.tolist() for terrain in first] == [terrain.edges_x.tolist() for terrain in second]
+    assert first[0].finish_x != first[1].finish_x
+    assert len(set(map(id, courses_of(FLAT, (7, 8))))) == 1

@@ -10,7 +10,7 @@ import pytest
 
 from policy.__main__ import body
 from saltus import go1
-from saltus.config import Pace, RunConfig
+from saltus.config import Pace, PlannerName, RunConfig
 from saltus.grid import HEIGHTMAP_X
 from saltus.memory_bus import MemoryBus, MemoryHub
 from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus, RobotState
@@ -51,10 +51,10 @@ HEIGHTMAP = Heightmap(
 class Stage:
     """A planner in a thread, and the others' end of its bus."""
 
-    def __init__(self, pace: Pace, tmp_path: Path) -> None:
+    def __init__(self, pace: Pace, tmp_path: Path, planner: PlannerName = "scripted") -> None:
         hub = MemoryHub()
         self.epoch_ns = time.monotonic_ns()
-        config = RunConfig(pace=pace, epoch_ns=self.epoch_ns)
+        config = RunConfig(pace=pace, planner=planner, epoch_ns=self.epoch_ns)
         self.context = ProcessContext("policy", config, tmp_path, MemoryBus("go1/0", hub))
         self.others = MemoryBus("go1/0", hub)
         self.states = self.others.publisher("controller/state")
@@ -79,9 +79,11 @@ class Stage:
         return time.monotonic_ns() - self.epoch_ns
 
 
-@pytest.mark.parametrize("heightmap_first", [True, False])
-def test_lockstep_waits_for_the_heightmap_of_each_step(tmp_path: Path, heightmap_first: bool) -> None:
-    with Stage("lockstep", tmp_path) as stage:
+@pytest.mark.parametrize(("planner", "heightmap_first"), [("scripted", True), ("scripted", False), ("learned", True)])
+def test_lockstep_waits_for_the_heightmap_of_each_step(
+    tmp_path: Path, planner: PlannerName, heightmap_first: bool
+) -> None:
+    with Stage("lockstep", tmp_path, planner) as stage:
         for step in range(70):
             state = replace(STATE, step=step, time_ns=step * STEP_NS)
             heightmap = replace(HEIGHTMAP, step=step, time_ns=step * STEP_NS)

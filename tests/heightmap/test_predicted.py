@@ -1,0 +1,96 @@
+"""Predicted heights in roll-outs: to each robot what camera process and heightmap service would give it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from heightmap.predicted import PredictedHeights, PredictedHeightsFactory
+from heightmap.service import HeightmapService
+from policy.heights import HeightSource
+from policy.planner import make_planner
+from policy.rollout import Rollout, RolloutStep
+from render.__main__ import RANDOM_STREAM
+from render.embree import EmbreeRenderer
+from render.process import CameraProcess
+from saltus.config import TerrainConfig
+from saltus.effects.profile import load_profile
+from saltus.messages import ControllerMode, GroundTruth, RobotState
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.stack import TerrainStack
+from saltus.trial import Trial
+
+TRIALS = [Trial.draw(seed) for seed in (3, 4, 5)]
+TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in ("stairs", "stairs", "gap")]
+TICKS = 150
+TICK_NS = 10_000_000
+
+
+def robot_state(step: RolloutStep, robot: int) -> RobotState:
+    states = step.states
+    return RobotState(
+        time_ns=states.step * TICK_NS,
+        step=states.step,
+        quaternion_base_in_world=states.quaternion_base_in_world[robot],
+        angular_velocity_base=states.angular_velocity_base[robot],
+        acceleration_base=states.acceleration_base[robot],
+        joint_position=states.joint_position[robot],
+        joint_velocity=states.joint_velocity[robot],
+        joint_torque=np.zeros(12),
+        velocity_base_in_world=states.velocity_base_in_world[robot],
+        base_height=float(states.base_height[robot]),
+        leg_contact=states.leg_contact[robot],
+        leg_progress=states.leg_progress[robot],
+        leg_trusted=states.leg_trusted[robot],
+        cycle=int(states.cycle[robot]),
+        mode=ControllerMode.RUN,
+        depth_due=-1,
+    )
+
+
+def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
+    return GroundTruth(
+        time_ns=step.states.step * TICK_NS,
+        step=step.states.step,
+        position_base_in_world=step.truth.position_base_in_world[robot],
+        quaternion_base_in_world=step.truth.quaternion_base_in_world[robot],
+        velocity_base_in_world=step.truth.velocity_base_in_world[robot],
+        angular_velocity_base=step.truth.angular_velocity_base[robot],
+        joint_position=step.truth.joint_position[robot],
+        foot_force=step.truth.foot_force[robot],
+        height=np.zeros(30),
+    )
+
+
+def rollout(model: Path) -> Rollout:
+    planner, heights = make_planner("scripted"), PredictedHeightsFactory(model=model)
+    return Rollout(TERRAINS, TRIALS, planner, heights=heights, stand_steps=60)
+
+
+def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
+    cameras = [
+        CameraProcess(
+            EmbreeRenderer(terrain),
+            trial.applied_to(load_profile("go1")).camera_chain,
+            np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),
+        )
+        for terrain, trial in zip(TERRAINS, TRIALS, strict=True)
+    ]
+    services = [HeightmapService(model_path) for _ in TRIALS]
+    batch = rollout(model_path)
+    for k in range(TICKS):
+        step = batch.step()
+        for robot, (camera, service) in enumerate(zip(cameras, services, strict=True)):
+            frame = camera.step(ground_truth(step, robot), k * TICK_NS)
+            answer = service.step(robot_state(step, robot), frame, k * TICK_NS)
+            np.testing.assert_allclose(step.heights[robot], answer.height, atol=1e-5)
+
+
+def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
+    batch = rollout(model_path)
+    source: HeightSource = PredictedHeightsFactory(model=model_path)(TerrainStack(TERRAINS), TRIALS)
+    assert isinstance(source, PredictedHeights)
+    steps = [batch.step() for _ in range(40)]
+    everyone, nobody = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
+    first = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
+    again = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
+    np.testing.assert_array_equal(first, again)

@@ -1,0 +1,40 @@
+"""Planners by name, and what the shipped policy promises."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from policy.actor import PolicyActor
+from policy.bounds import ActionBounds
+from policy.features import SIZE
+from policy.planner import make_planner, warm_up
+from policy.scripted import ScriptedPlanner
+from saltus.config import PlannerName
+from saltus.errors import ConfigError, ModelError
+from saltus.resources import resource
+
+
+@pytest.mark.parametrize(("name", "kind"), [("scripted", ScriptedPlanner), ("learned", PolicyActor)])
+def test_planners_come_by_name_and_plan_at_once(name: PlannerName, kind: type) -> None:
+    planner = make_planner(name)
+    assert isinstance(planner, kind)
+    warm_up(planner)
+
+
+def test_only_the_learned_planner_takes_a_model(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--planner learned"):
+        make_planner("scripted", resource("models/policy.onnx"))
+    with pytest.raises(ModelError, match=r"missing\.onnx"):
+        make_planner("learned", tmp_path / "missing.onnx")
+
+
+def test_the_shipped_policy_repeats_and_stays_within_its_bounds_whatever_it_sees() -> None:
+    actor, bounds = PolicyActor(resource("models/policy.onnx")), ActionBounds()
+    given = np.random.default_rng(0).normal(0.0, 3.0, (200, SIZE))
+    plan = actor.values(given)
+    assert np.array_equal(plan, actor.values(given))
+    assert (plan >= np.array(bounds.low) - 1e-5).all()
+    assert (plan <= np.array(bounds.high) + 1e-5).all()
+    alone = np.array([actor.values(row) for row in given[:20]])
+    np.testing.assert_allclose(alone, plan[:20], atol=1e-4)

@@ -1,0 +1,55 @@
+"""`saltus policy`: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from policy.actor import PolicyActor
+from saltus.cli.main import main
+
+KEYS = {"terrain", "params", "trials", "success_rate", "mean_speed_mps", "time_s", "failures"}
+STONES = ("--terrain", "stepping_stones", "--steps", "1", "--gap-m", "0.05", "--gap-max-m", "0.1")
+
+
+@pytest.mark.parametrize("heightmap", ["true-exact", "predicted"])
+def test_eval_crosses_easy_stones_and_reports(
+    heightmap: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["--planner", "learned", "--trials", "2", "--heightmap", heightmap, "--out", str(tmp_path), "--json"]
+    assert main(["policy", "eval", *STONES, *flags, "--processes", "1"]) == 0
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert table.keys() >= KEYS
+    assert table["params"] == {"steps": 1, "stone_m": 0.5, "gap_m": 0.05, "gap_max_m": 0.1}
+    assert (table["success_rate"], table["failures"]) == (1.0, {})
+    assert table["time_s"]["p50"] > 0.0
+    report = (tmp_path / "report.html").read_text()
+    assert "2 of 2 trials succeeded" in report
+    assert "<script src=" not in report  # it opens without a network
+
+
+def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
+    flags = ["--robots", "16", "--iterations", "1", "--device", "cpu", "--out", str(tmp_path / "run")]
+    assert main(["policy", "train", *flags]) == 0
+    model = tmp_path / "policy.onnx"
+    assert main(["policy", "export", "--checkpoint", str(tmp_path / "run/checkpoint.pt"), "--out", str(model)]) == 0
+    assert PolicyActor(model).metadata["iteration"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("flags", "hint"),
+    [
+        (["eval", "--planner", "learnt"], "learned"),
+        (["eval", "--planner", "scripted", "--model", "policy.onnx"], "--planner learned"),
+        (["eval", "--planner", "learned", "--model", "missing.onnx"], "missing.onnx"),
+        (["eval", "--terrain", "stairs", "--gap-max-m", "0.3"], "gap_max_m"),
+        (["eval", *STONES[:-1], "2.0"], "gap_max_m"),
+        (["export", "--checkpoint", "missing.pt"], "missing.pt"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_one_line_that_helps(flags: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["policy", *flags]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert hint in captured.err
