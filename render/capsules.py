@@ -33,10 +33,11 @@ def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Fl
     """
     rows, columns, seen = windows(capsules, intrinsics)
     image, k = np.nonzero(seen)
-    coefficients = _coefficients(capsules.start[image, k], capsules.end[image, k], capsules.radius[k])
-    flat_directions, flat_depth = directions.reshape(-1, 3), depth.reshape(-1)
+    quadrics = Quadrics.of(capsules.start[image, k], capsules.end[image, k], capsules.radius[k])
+    x, y = np.ascontiguousarray(directions[..., 0]).reshape(-1), np.ascontiguousarray(directions[..., 1]).reshape(-1)
+    flat_depth = depth.reshape(-1)
     for owner, pixel in _pixels(rows[image, k], columns[image, k], intrinsics.width):
-        hit = _entry(coefficients.take(owner), flat_directions[pixel])
+        hit = quadrics.take(owner).depth(x[pixel], y[pixel])
         found = np.flatnonzero(hit < np.inf)
         place = image[owner[found]] * (intrinsics.width * intrinsics.height) + pixel[found]
         np.minimum.at(flat_depth, place, hit[found].astype(np.float32))
@@ -54,16 +55,19 @@ def capsule_depth(start: Floats, end: Floats, radius: Floats | float, directions
     Returns:
         Shape (...), all dimensions broadcast.
     """
-    return _entry(_coefficients(start, end, radius), directions)
+    return Quadrics.of(start, end, radius).depth(directions[..., 0], directions[..., 1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Coefficients:
-    """What the entry of any ray into capsules depends on; arrays of shape (..., 3) or (...)."""
+class Quadrics:
+    """What the depth at which any ray enters capsules depends on."""
 
     start: Floats
+    """Component first [m], shape (3, ...)."""
     axis: Floats
+    """From the start to the end [m], shape (3, ...)."""
     length_squared: Floats
+    """Shape (...), as those that follow."""
     offset: Floats
     """Start along the axis, times its length."""
     start_ball: Floats
@@ -71,39 +75,47 @@ class _Coefficients:
     side: Floats
     """Terms of the three quadratics in depth that do not depend on the ray."""
 
-    def take(self, index: NDArray[np.int64]) -> "_Coefficients":
-        return _Coefficients(**{name: value[index] for name, value in vars(self).items()})
+    @classmethod
+    def of(cls, start: Floats, end: Floats, radius: Floats | float) -> "Quadrics":
+        """Of capsules with axes from start to end [m], shape (..., 3), and a radius [m], shape (...)."""
+        first, last = np.moveaxis(start, -1, 0), np.moveaxis(end, -1, 0)
+        axis = last - first
+        length_squared, offset, distance_squared = _dot(axis, axis), _dot(axis, first), _dot(first, first)
+        radius_squared = np.square(radius)
+        return cls(
+            start=first,
+            axis=axis,
+            length_squared=length_squared,
+            offset=offset,
+            start_ball=distance_squared - radius_squared,
+            end_ball=_dot(last, last) - radius_squared,
+            side=length_squared * (distance_squared - radius_squared) - offset * offset,
+        )
 
+    def take(self, index: NDArray[np.int64]) -> "Quadrics":
+        """Those of some of the capsules, in any order, for arrays of shape (n,)."""
+        return Quadrics(**{name: np.take(value, index, axis=-1) for name, value in vars(self).items()})
 
-def _coefficients(start: Floats, end: Floats, radius: Floats | float) -> _Coefficients:
-    axis = end - start
-    length_squared, offset, distance_squared = _dot(axis, axis), _dot(axis, start), _dot(start, start)
-    radius_squared = np.square(radius)
-    return _Coefficients(
-        start=start,
-        axis=axis,
-        length_squared=length_squared,
-        offset=offset,
-        start_ball=distance_squared - radius_squared,
-        end_ball=_dot(end, end) - radius_squared,
-        side=length_squared * (distance_squared - radius_squared) - offset * offset,
-    )
+    def depth(self, x: Floats, y: Floats) -> Floats:
+        """The least depth at which a ray is within the radius of an end or of the line between them; else infinite.
 
-
-def _entry(capsule: _Coefficients, directions: Floats) -> Floats:
-    """The least depth at which a ray is within the radius of an end or of the line between them, shape (...)."""
-    speed_squared = _dot(directions, directions)
-    to_start, along = _dot(directions, capsule.start), _dot(directions, capsule.axis)
-    nearest = np.minimum(
-        _first_root(speed_squared, to_start, capsule.start_ball),
-        _first_root(speed_squared, to_start + along, capsule.end_ball),
-    )
-    # the side: distance of the ray's point from the axis line is the radius
-    a = capsule.length_squared * speed_squared - along * along
-    b = capsule.length_squared * to_start - capsule.offset * along
-    depth = _first_root(a, b, capsule.side)
-    place = np.where(depth < np.inf, depth, 0.0) * along - capsule.offset
-    return np.minimum(nearest, np.where((place > 0.0) & (place < capsule.length_squared), depth, np.inf))
+        Args:
+            x: tangent of the ray to the right, shape (...).
+            y: tangent of the ray downwards, shape (...).
+        """
+        speed_squared = x * x + y * y + 1.0
+        to_start = x * self.start[0] + y * self.start[1] + self.start[2]
+        along = x * self.axis[0] + y * self.axis[1] + self.axis[2]
+        nearest = np.minimum(
+            _first_root(speed_squared, to_start, self.start_ball),
+            _first_root(speed_squared, to_start + along, self.end_ball),
+        )
+        # the side: distance of the ray's point from the axis line is the radius
+        a = self.length_squared * speed_squared - along * along
+        b = self.length_squared * to_start - self.offset * along
+        depth = _first_root(a, b, self.side)
+        place = np.where(depth < np.inf, depth, 0.0) * along - self.offset
+        return np.minimum(nearest, np.where((place > 0.0) & (place < self.length_squared), depth, np.inf))
 
 
 def _first_root(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -114,8 +126,8 @@ def _first_root(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def _dot(left: Floats, right: Floats) -> Floats:
-    """Inner product over the last axis; by components, so that it does not depend on the other dimensions."""
-    return left[..., 0] * right[..., 0] + left[..., 1] * right[..., 1] + left[..., 2] * right[..., 2]
+    """Inner product over the first axis; by components, so that it does not depend on the other dimensions."""
+    return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]
 
 
 def windows(

@@ -52,30 +52,52 @@ class HoleFilling(Effect[DepthImage]):
 
 
 def _filled_from_around(depth: Any) -> Any:
+    """Works on the list of holes, which are few, with jumps of 1, 2, 4, ... of them, since values walk far."""
     xp = namespace(depth)
+    width = depth.shape[-1]
     empty = depth == 0.0
-    # a pixel below another that is valid, however far above, finds its upper neighbour filled when its turn comes
-    valid_above = xp.cumulative_sum(xp.astype(~empty[..., :-2, 1:], xp.int32), axis=-2) > 0
-    hole = empty[..., 1:-1, 1:] & valid_above
-    if not bool(xp.any(hole)):
+    inner = xp.zeros_like(empty)
+    inner[..., 1:-1, 1:] = empty[..., 1:-1, 1:]
+    (hole,) = xp.nonzero(xp.reshape(inner, (-1,)))
+    if not hole.shape[0]:
         return depth
-    far = xp.where(empty, xp.full_like(depth, math.inf), depth)
+    # a pixel below another that is valid, however far above, finds its upper neighbour filled when its turn comes
+    supported = xp.concat([~xp.reshape(empty, (-1,))[hole - width], hole[:1] < 0])
+    for jump in _jumps(hole, width):
+        supported = supported | supported[jump]
+    hole = hole[supported[:-1]]
+    far = xp.reshape(xp.where(empty, xp.full_like(depth, math.inf), depth), (-1,))
     # the row below has not been visited yet: of it counts only what it had by itself
-    own = xp.minimum(far[..., 2:, :-1], far[..., 2:, 1:])
-    inner = xp.where(hole, own, far[..., 1:-1, 1:])
-    top, side, corner = far[..., :1, 1:], far[..., 1:-1, :1], far[..., :-2, :1]
-    for _ in range(sum(depth.shape[-2:])):  # the longest way that a value can take
-        above = xp.concat([top, inner[..., :-1, :]], axis=-2)
-        left = xp.concat([side, inner[..., :-1]], axis=-1)
-        above_left = xp.concat([corner, above[..., :-1]], axis=-1)
-        offered = xp.minimum(xp.minimum(above, above_left), left)
-        better = hole & (offered < inner)
-        if not bool(xp.any(better)):
-            break
-        inner = xp.where(better, offered, inner)
-    result = xp.asarray(depth, copy=True)
-    result[..., 1:-1, 1:] = xp.where(hole, inner, depth[..., 1:-1, 1:])
-    return result
+    nearest = far[hole - width]
+    for step in (-width - 1, -1, width - 1, width):
+        nearest = xp.minimum(nearest, far[hole + step])
+    nearest = xp.concat([nearest, xp.full_like(far[:1], math.inf)])
+    jumps = [jump for step in (1, width, width + 1) for jump in _jumps(hole, step)]
+    before = None
+    while before is None or bool(xp.any(nearest < before)):
+        before = nearest
+        for jump in jumps:
+            nearest = xp.minimum(nearest, nearest[jump])
+    result = xp.reshape(xp.asarray(depth, copy=True), (-1,))
+    result[hole] = nearest[:-1]
+    return xp.reshape(result, depth.shape)
+
+
+def _jumps(place: Any, step: int) -> list[Any]:
+    """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... before it.
+
+    Only where all between are entries, too. An entry more, at the end, stands for none; each array has it as well.
+    """
+    xp = namespace(place)
+    none = place.shape[0]
+    found = xp.searchsorted(place, place - step)
+    jump = xp.where(place[found] == place - step, found, none) if none else found
+    jump = xp.concat([jump, xp.full((1,), none, dtype=jump.dtype, device=place.device)])
+    jumps = []
+    while bool(xp.any(jump < none)):
+        jumps.append(jump)
+        jump = jump[jump]
+    return jumps
 
 
 @dataclass(frozen=True, kw_only=True)

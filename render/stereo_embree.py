@@ -5,7 +5,7 @@ import open3d
 from numpy.typing import NDArray
 
 from render.camera import Mount, camera_pose
-from render.capsules import capsule_depth, capsules_in_camera, windows
+from render.capsules import Quadrics, capsules_in_camera, windows
 from render.embree import RAYS_PER_CAST, EmbreeRenderer
 from render.legs import Capsules, leg_capsules
 from render.stereo.optics import Optics
@@ -67,10 +67,10 @@ class StereoEmbree(EmbreeRenderer):
             part = slice(first, first + chunk)
             origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
             hidden[part] = self._terrain_hides(depth[part], origin, rotation)
-        if self.legs:
-            right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
-            legs = capsules_in_camera(leg_capsules(joint_position), right, self.mount.rotation)
-            _hide_behind(hidden, depth, legs, self._directions, self.intrinsics, self.optics)
+            if self.legs:
+                right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
+                legs = capsules_in_camera(leg_capsules(joint_position[part]), right, self.mount.rotation)
+                self._legs_hide(hidden[part], depth[part], legs)
         return depth, hidden
 
     def _terrain_hides(self, depth: NDArray[np.float32], origin: Floats, rotation: Floats) -> NDArray[np.bool_]:
@@ -95,27 +95,30 @@ class StereoEmbree(EmbreeRenderer):
             self._rays = np.empty((count, *self._rays.shape[1:]), dtype=np.float32)
         return self._rays[:count]
 
+    def _legs_hide(self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules) -> None:
+        """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame.
 
-def _hide_behind(
-    hidden: NDArray[np.bool_],
-    depth: NDArray[np.float32],
-    legs: Capsules,
-    directions: Floats,
-    camera: Intrinsics,
-    optics: Optics,
-) -> None:
-    """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame."""
-    wide = right_camera(camera, optics, NEAREST_POINT_M)
-    rows, columns, seen = windows(legs, wide)
-    to_right = np.arange(camera.width) + (wide.width - camera.width) + 0.5
-    for image, k in np.argwhere(seen):
-        part = slice(*rows[image, k])
-        shift = optics.baseline_m / depth[image, part]
-        place = to_right - shift * camera.fx
-        row, column = np.nonzero((place >= columns[image, k, 0]) & (place <= columns[image, k, 1]))
-        if not row.size:
-            continue
-        rays = directions[part][row, column]
-        rays[:, 0] -= shift[row, column]
-        hit = capsule_depth(legs.start[image, k], legs.end[image, k], float(legs.radius[k]), rays)
-        hidden[image, part][row, column] |= hit < ALONG_RAY * depth[image, part][row, column]
+        Only points whose image in the right imager lies in the window of a leg are tested.
+        """
+        camera = self.intrinsics
+        wide = right_camera(camera, self.optics, NEAREST_POINT_M)
+        rows, columns, seen = windows(legs, wide)
+        image, k = np.nonzero(seen)
+        tall = rows[image, k, 1] - rows[image, k, 0]
+        # one line for each row of each window: its window, its row, and its place among all rows of all images
+        window = np.repeat(np.arange(len(k)), tall)
+        row = np.arange(len(window)) + np.repeat(rows[image, k, 0] - np.cumsum(tall) + tall, tall)
+        line = image[window] * camera.height + row
+        to_right = np.arange(camera.width, dtype=np.float32) + np.float32(wide.width - camera.width + 0.5)
+        shift = (self.optics.baseline_m / depth).reshape(-1, camera.width)
+        place = np.take(to_right - shift * camera.fx, line, axis=0)
+        limits = columns[image, k].astype(np.float32)[window]
+        found = np.flatnonzero((place >= limits[:, :1]) & (place <= limits[:, 1:]))
+        which, column = found // camera.width, found % camera.width
+        point = line[which] * camera.width + column
+        x = self._directions[0, column, 0] - shift.reshape(-1)[point]
+        y = self._directions[row[which], 0, 1]
+        quadrics = Quadrics.of(legs.start[image, k], legs.end[image, k], legs.radius[k])
+        hit = quadrics.take(window[which]).depth(x, y)
+        behind = hit < ALONG_RAY * depth.reshape(-1)[point]
+        hidden.reshape(-1)[point[behind]] = True
