@@ -71,6 +71,7 @@ def _attempts(image: Path | None) -> list[Finding]:
     """Checks that try the thing itself."""
     checks: tuple[tuple[str, str, Callable[[], str]], ...] = (
         ("heightmap model", "reinstall saltus: a shipped file is missing or damaged", _model),
+        ("motion policy", "reinstall saltus: a shipped file is missing or damaged", _policy),
         ("Embree (open3d)", LIBRARIES, lambda: _render("embree", image)),
         ("pyrender on OSMesa", MESA, lambda: _render("pyrender", None)),
         ("MuJoCo on OSMesa", MESA, _mujoco_frame),
@@ -94,6 +95,13 @@ def _model() -> str:
     path = resource("models/heightmap.onnx")
     HeightmapService(path)
     return f"sha256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}, loads"
+
+
+def _policy() -> str:
+    from policy.actor import PolicyActor
+    from saltus.resources import resource
+
+    return f"sha256 {PolicyActor(resource('models/policy.onnx')).model_id}, loads"
 
 
 def _render(backend: str, image: Path | None) -> str:
