@@ -20,6 +20,11 @@ from saltus.trial import Trial
 
 TICK_NS = round(1e9 * go1.PHYSICS_DT)
 STEP_NS = TICK_NS * go1.POLICY_STEPS
+STEPS_AT_REST = 30
+"""The end of a recording shows a robot that stands."""
+MAX_STEPS_TO_STAND = 150
+"""1.5 s: a landing takes 1.1 s at most, and the supervisor kills what has not ended 3 s after it was told to."""
+AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 
 
 def body(context: ProcessContext) -> None:
@@ -49,8 +54,11 @@ class Run:
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)
         self._joints = context.bus.publisher("controller/joints")
+        self._states = context.bus.publisher("controller/state")
+        self._truths = context.bus.publisher("plant/truth")
         self._mode = ControllerMode.STAND
         self._step = 0
+        self._interrupted = False
 
     def lockstep(self) -> None:
         """Waits for the others at every policy step."""
@@ -63,7 +71,7 @@ class Run:
             self._loop.sense(self._robot.read())
             truth = self._robot.truth(start_ns, self._step)
             if not exchange.answered(truth, self._loop.state):
-                return
+                break
             for tick in range(go1.POLICY_STEPS):
                 now_ns = start_ns + tick * TICK_NS
                 self._context.clock.set(now_ns)
@@ -71,38 +79,57 @@ class Run:
                     self._loop.sense(self._robot.read())
                 self._act(now_ns)
             self._close_step(start_ns)
+        self._come_to_a_stand(None)
 
     def realtime(self) -> None:
         """Runs at 500 Hz of the wall clock; the others answer when they can."""
-        states = self._context.bus.publisher("controller/state")
-        truths = self._context.bus.publisher("plant/truth")
         ticker = Ticker(1.0 / go1.PHYSICS_DT)
         gc.collect()
         gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
         self._context.ready()
         while not self._finished():
-            start_ns = 0
-            for tick in range(go1.POLICY_STEPS):
+            self._free_step(ticker)
+            self._context.beat(ticks=ticker.ticks, overruns=ticker.overruns)
+        self._come_to_a_stand(ticker)
+
+    def _free_step(self, ticker: Ticker | None) -> None:
+        """A policy step that waits for nobody: on the wall clock, or, without a ticker, as fast as it goes."""
+        start_ns = 0
+        for tick in range(go1.POLICY_STEPS):
+            if ticker is not None:
                 ticker.wait()
                 now_ns = self._context.clock.now_ns()
-                self._loop.sense(self._robot.read())
-                if tick == 0:
-                    start_ns = now_ns
-                    truths.put(self._robot.truth(now_ns, self._step))
-                    states.put(self._loop.state(now_ns, self._step))
-                self._act(now_ns)
-            self._close_step(start_ns)
-            self._context.beat(ticks=ticker.ticks, overruns=ticker.overruns)
+            else:
+                now_ns = self._step * STEP_NS + tick * TICK_NS
+            self._loop.sense(self._robot.read())
+            if tick == 0:
+                start_ns = now_ns
+                self._truths.put(self._robot.truth(now_ns, self._step))
+                self._states.put(self._loop.state(now_ns, self._step))
+            self._act(now_ns)
+        self._close_step(start_ns)
+
+    def _come_to_a_stand(self, ticker: Ticker | None) -> None:
+        """A robot that is told to stop in the middle of a run lands before its controller goes."""
+        if not self._progress.over:
+            self._interrupted = True
+            resting = 0
+            for _ in range(MAX_STEPS_TO_STAND):
+                self._free_step(ticker)
+                resting += self._mode in AT_REST
+                if resting >= STEPS_AT_REST:
+                    break
 
     def _finished(self) -> bool:
         return self._context.stopped or self._progress.over
 
     def _act(self, now_ns: int) -> None:
-        plan, age_s = self._plans.newest(now_ns, halt=self._progress.halt)
+        halt = self._progress.halt or self._interrupted
+        plan, age_s = self._plans.newest(now_ns, halt=halt)
         self._robot.write(self._loop.act(plan, age_s))
         if self._loop.mode != self._mode:
             self._mode = self._loop.mode
-            reason = "the trial is over" if self._progress.halt else self._plans.reason(now_ns)
+            reason = "the run is over" if halt else self._plans.reason(now_ns)
             self._context.event(f"mode_{self._mode.name.lower()}", reason)
 
     def _close_step(self, start_ns: int) -> None:

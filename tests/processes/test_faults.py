@@ -1,5 +1,9 @@
 """A process is killed in the middle of a run: the others say so, the robot lands and stands, the process comes back."""
 
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -7,7 +11,7 @@ import pytest
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import StackError
 from saltus.faults import PRODUCT, judge, kill_during_run
-from saltus.messages import ControllerMode
+from saltus.messages import ControllerMode, RobotState
 from saltus.recording import read_recording
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime")
@@ -30,3 +34,29 @@ def test_a_killed_controller_ends_the_run_and_leaves_a_recording(tmp_path: Path)
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.lost == []
     assert sum(1 for _ in recording.messages("controller/state")) > 100
+
+
+def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "saltus.cli.main",
+        "demo",
+        "--terrain",
+        "flat",
+        "--no-video",
+        "--out",
+        str(tmp_path),
+    ]
+    demo = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    log = tmp_path / "logs" / "controller.log"
+    deadline_s = time.monotonic() + 30.0
+    while not log.exists() and time.monotonic() < deadline_s:  # the controller is started last
+        time.sleep(0.05)
+    time.sleep(2.0)  # into the run: which moment does not matter
+    demo.send_signal(signal.SIGINT)
+    assert demo.wait(timeout=20.0) == 130
+    recording = read_recording(tmp_path / "recording.mcap")
+    assert recording.complete
+    modes = [state.mode for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
+    assert modes[-1] in (ControllerMode.STAND, ControllerMode.STOPPED)
