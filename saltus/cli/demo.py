@@ -44,12 +44,14 @@ class Demo:
 
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""
+        from saltus.effects.profile import load_profile
         from saltus.recording import read_recording
         from saltus.report import write_report
         from saltus.summary import summarise
         from saltus.terrain.curriculum import make_terrain
 
         terrain = make_terrain(self.course)
+        load_profile(self.profile)
         directory = run_directory("demo", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,

@@ -6,11 +6,20 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from saltus.errors import SaltusError
+
 
 def run_directory(command: str, out: Path | None) -> Path:
-    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here."""
+    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here.
+
+    Raises:
+        SaltusError: it cannot be made.
+    """
     path = out or Path("runs") / f"{datetime.now():%Y-%m-%dT%H%M%S}-{command}"
-    path.mkdir(parents=True, exist_ok=True)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SaltusError(f"cannot make the folder '{path}' ({error.strerror}): name another with --out") from error
     return path
 
 

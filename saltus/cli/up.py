@@ -31,10 +31,12 @@ class Up:
 
     def run(self) -> int:
         """Runs until the end; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        from saltus.effects.profile import load_profile
         from saltus.stack import Stack
         from saltus.terrain.curriculum import make_terrain
 
         make_terrain(self.course)
+        load_profile(self.profile)
         directory = run_directory("up", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,

@@ -96,7 +96,7 @@ def load_profile(name_or_path: str) -> Profile:
         return _NAMED[name_or_path]
     path = Path(name_or_path)
     if path.suffix != ".toml" and not path.is_file():
-        raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, _NAMED)} Or give a TOML file.")
+        raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, _NAMED)}; or give a TOML file")
     try:
         return profile_from_toml(path.read_text())
     except (OSError, UnicodeDecodeError) as error:

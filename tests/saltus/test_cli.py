@@ -15,6 +15,8 @@ BAD = {
     "not a number": (["demo", "--seed", "three"], "three"),
     "size out of range": (["demo", "--rise-m", "-1"], "-1"),
     "difficulty out of range": (["demo", "--difficulty", "2"], "2"),
+    "unknown profile": (["demo", "--profile", "g1"], "go1"),
+    "folder that cannot be": (["demo", "--out", "/dev/null/run"], "--out"),
     "no such recording": (["replay", "missing.mcap"], "missing.mcap"),
 }
 
