@@ -5,6 +5,7 @@ import sys
 import numpy as np
 
 from render.backends import make_renderer
+from render.exposure import Exposure, PerfectExposure, StereoExposure
 from render.process import CameraProcess
 from saltus.effects.profile import load_profile
 from saltus.messages import Done
@@ -21,10 +22,15 @@ RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of
 def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
     config = context.config
-    renderer = make_renderer(config.renderer, make_terrain(config.terrain))
+    terrain = make_terrain(config.terrain)
     profile = Trial.draw(config.seed).applied_to(load_profile(config.profile))
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
-    return CameraProcess(renderer, profile.camera_chain, rng)
+    exposure: Exposure
+    if config.camera == "d435i":
+        exposure = StereoExposure(terrain, rng)
+    else:
+        exposure = PerfectExposure(make_renderer(config.renderer, terrain))
+    return CameraProcess(exposure, profile.camera_chain, rng)
 
 
 def body(context: ProcessContext) -> None:

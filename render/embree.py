@@ -1,6 +1,7 @@
 """Back end on Embree (open3d): rays against the terrain's triangles, exact capsules for the legs."""
 
 import os
+import threading
 from typing import ClassVar
 
 import numpy as np
@@ -27,7 +28,7 @@ class EmbreeRenderer(Renderer):
 
     Args:
         threads: for casting the rays of a batch; as many as this process has cores where it is not given. Single small
-            images are cast by one. Images do not depend on it.
+            images are cast by one. Images do not depend on it. Several threads may call one renderer.
     """
 
     name: ClassVar[str] = "embree"
@@ -49,7 +50,7 @@ class EmbreeRenderer(Renderer):
         self._directions = ray_directions(intrinsics)
         self._across = self._directions[0, :, 0].astype(np.float32)
         self._down = self._directions[:, 0, 1].astype(np.float32)
-        self._rays = np.empty((0, *self._directions.shape[:2], 6), dtype=np.float32)
+        self._kept = threading.local()
 
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         height, width = self.intrinsics.height, self.intrinsics.width
@@ -66,13 +67,18 @@ class EmbreeRenderer(Renderer):
 
     def _cast(self, origin: Floats, rotation: Floats) -> NDArray[np.float32]:
         """Depth of the terrain from n camera poses, shape (n, height, width)."""
-        if len(self._rays) < len(origin):
-            self._rays = np.empty((len(origin), *self._rays.shape[1:]), dtype=np.float32)
-        rays = self._rays[: len(origin)]
+        rays = self._buffer(len(origin))
         rays[..., :3] = origin[:, None, None, :]
         self._turn(rotation.astype(np.float32), rays[..., 3:])
         threads = min(self._threads, 1 + rays.size // (6 * RAYS_PER_THREAD))
         return self._scene.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=threads)["t_hit"].numpy()
+
+    def _buffer(self, count: int) -> NDArray[np.float32]:
+        """Room for the rays of `count` images, kept from call to call of a thread: fresh pages are slow."""
+        rays: NDArray[np.float32] | None = getattr(self._kept, "rays", None)
+        if rays is None or len(rays) < count:
+            rays = self._kept.rays = np.empty((count, *self._directions.shape[:2], 6), dtype=np.float32)
+        return rays[:count]
 
     def _turn(self, rotation: NDArray[np.float32], out: NDArray[np.float32]) -> None:
         """Directions of pixels in the world: what the column gives and what the row gives, one sum for each number."""

@@ -84,7 +84,7 @@ def _filled_from_around(depth: Any) -> Any:
 
 
 def _jumps(place: Any, step: int) -> list[Any]:
-    """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... before it.
+    """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... places before it.
 
     Only where all between are entries, too. An entry more, at the end, stands for none; each array has it as well.
     """
@@ -214,19 +214,20 @@ class TemporalFilter(Effect[DepthImage]):
             history = xp.astype(depth > 0.0, xp.uint8)
             return signal, (depth, history, signal.time_s, depth)
         kept, history, last_s, given = state
-        zero = xp.zeros_like(history[..., :1, :1])
         repeated = (signal.time_s == last_s)[..., None, None]
         valid = depth > 0.0
-        agrees = valid & (kept > 0.0) & (xp.abs(depth - kept) < (self.delta - HALF) * self.unit)
+        agrees = valid & (abs(depth - kept) < (self.delta - HALF) * self.unit)
         result = depth
         if self.delta > 1.0:  # below, only equal values agree
+            agrees = agrees & (kept > 0.0)
             count = self.alpha * depth + (1.0 - self.alpha) * kept
             count = xp.floor(xp.where(agrees, count, depth) * (1.0 / self.unit) + FLOAT_SLACK)
             result = xp.where(agrees, count * self.unit, depth)
         twice = (history & (history - 1)) != 0  # what is left of a number without its lowest bit
-        output = xp.where(valid, result, xp.where(twice, kept, depth))
+        output = xp.where(valid | ~twice, result, kept)
         # a bit enters on the right; where the value is new, older bits go
-        following = ((history << 1) & xp.where(valid & ~agrees, zero, zero + LAST_FOUR)) | xp.astype(valid, xp.uint8)
+        known = xp.astype(valid, xp.uint8)
+        following = (history << 1) & (LAST_FOUR * (xp.astype(agrees, xp.uint8) | (1 - known))) | known
         following_kept = xp.where(valid, result, kept)
         if bool(xp.any(repeated)):
             output = xp.where(repeated, given, output)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from render.renderer import Renderer
+from render.exposure import Exposure
 from saltus.depth import MILLIMETRE, depth_in_millimetres
 from saltus.effects.camera import CameraChain
 from saltus.effects.signals import DepthImage
@@ -15,13 +15,13 @@ class CameraProcess:
     """Exposes at every second policy step and hands out each frame when it is due.
 
     Args:
-        renderer: makes the images.
-        effects: of the camera, its latency among them.
+        exposure: makes the images.
+        effects: of the link, its latency among them.
         rng: draws what is random in the effects.
     """
 
-    def __init__(self, renderer: Renderer, effects: CameraChain, rng: np.random.Generator) -> None:
-        self._renderer = renderer
+    def __init__(self, exposure: Exposure, effects: CameraChain, rng: np.random.Generator) -> None:
+        self._exposure = exposure
         self._effects = effects
         self._state = effects.init((), rng)
         self._exposed: DepthImage | None = None
@@ -59,9 +59,7 @@ class CameraProcess:
         return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
 
     def _expose(self, truth: GroundTruth) -> None:
-        depth = self._renderer.render(
-            truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
-        )
+        depth = self._exposure.expose(truth)
         if self._exposed is not None:
             self.overruns += (truth.step - self._exposed_step) // EXPOSURE_STEPS - 1
         self._exposed = DepthImage(depth=depth, time_s=np.asarray(1e-9 * truth.time_ns))
@@ -73,7 +71,7 @@ class CameraProcess:
         """Packs an image; frames that are older will not be asked for again."""
         frame_id = self._frame_ids[time_ns]
         self._frame_ids = {time: known for time, known in self._frame_ids.items() if time >= time_ns}
-        camera = self._renderer.intrinsics
+        camera = self._exposure.intrinsics
         return DepthFrame(
             time_ns=time_ns,
             frame_id=frame_id,

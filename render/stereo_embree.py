@@ -89,12 +89,6 @@ class StereoEmbree(EmbreeRenderer):
         blocked = self._scene.test_occlusions(open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads)
         return np.asarray(blocked.numpy())
 
-    def _buffer(self, count: int) -> NDArray[np.float32]:
-        """Room for the rays of `count` images, kept from one call to the next."""
-        if len(self._rays) < count:
-            self._rays = np.empty((count, *self._rays.shape[1:]), dtype=np.float32)
-        return self._rays[:count]
-
     def _legs_hide(self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules) -> None:
         """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame.
 

@@ -27,4 +27,6 @@ class DepthUnit(Effect[DepthImage]):
             return signal, None
         xp = namespace(signal.depth)
         count = xp.round(signal.depth * (1.0 / self.unit))
-        return replace(signal, depth=xp.where(count < LARGEST, count * self.unit, xp.zeros_like(count))), None
+        fits = count < LARGEST
+        count *= self.unit
+        return replace(signal, depth=xp.where(fits, count, xp.zeros_like(count[..., :1, :1]))), None

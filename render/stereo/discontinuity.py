@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from render.stereo.fields import padded
 from saltus.arrays import namespace
 
 
@@ -12,15 +11,15 @@ def discontinuity(disparity: Any, jump: float) -> Any:
     The disparity of a plane is linear in the image, so the second difference is 0 on every plane, however slanted.
     """
     xp = namespace(disparity)
-    found = None
+    found = xp.zeros_like(disparity, dtype=xp.bool)
     for axis in (-2, -1):
         if disparity.shape[axis] < 2:
             continue
-        wide = padded(disparity, 1, axis)
-        if axis == -2:
-            bend = wide[..., 2:, :] + wide[..., :-2, :] - 2.0 * disparity
-        else:
-            bend = wide[..., 2:] + wide[..., :-2] - 2.0 * disparity
-        broken = xp.abs(bend) > jump
-        found = broken if found is None else found | broken
-    return xp.zeros_like(disparity) > 0.0 if found is None else found
+        across, broken = (xp.matrix_transpose(a) if axis == -2 else a for a in (disparity, found))
+        slope = across[..., 1:] - across[..., :-1]
+        bend = abs(slope[..., 1:] - slope[..., :-1])
+        broken[..., 1:-1] |= bend > jump
+        # beyond the border all is as at the border
+        broken[..., 0] |= abs(slope[..., 0]) > jump
+        broken[..., -1] |= abs(slope[..., -1]) > jump
+    return found

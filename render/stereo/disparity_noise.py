@@ -53,10 +53,13 @@ class DisparityNoise(Effect[StereoImage]):
             elapsed = signal.time_s - last_s
             kept = xp.exp(-xp.where(elapsed > 0.0, elapsed, xp.zeros_like(elapsed)) / self.persistence_s)
             kept = xp.astype(kept, disparity.dtype)[..., None, None]
-            noise = noise * xp.sqrt(1.0 - kept * kept) + last * kept
+            noise *= xp.sqrt(1.0 - kept * kept)
+            noise += last * kept
         scale = per_image(self.sigma, disparity, xp) * self._averaged(optics.pitch_x, optics.pitch_y)
         # nothing hit stays nothing; less than no disparity does not exist
-        noisy = xp.where(disparity > 0.0, xp.clip(disparity + scale * noise, min=0.0), disparity)
+        noisy = scale * noise
+        noisy += disparity
+        noisy = xp.where((disparity > 0.0) & (noisy > 0.0), noisy, xp.zeros_like(disparity[..., :1, :1]))
         return replace(signal, disparity=noisy), (keys, signal.time_s, noise)
 
     def window(self, pitch: float) -> int:

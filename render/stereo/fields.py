@@ -13,36 +13,57 @@ import numpy as np
 from saltus.arrays import namespace
 from saltus.effects.draws import uniform
 
-# The 32-bit hash of saltus.effects.draws on int32, whose products wrap; a shift is masked because it keeps the sign.
+# Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products wrap. Shifts keep the
+# sign, which halves the number of different values, not the quality of their upper bits, and saves masking.
 _FACTORS = (0x21F0AAAD, 0x735A2D97)
 _GOLDEN = 0x9E3779B1  # 2^32 over the golden ratio: spreads consecutive counters over all bits
-_LARGEST = 0x7FFFFFFF
 ENOUGH_TO_ADD = 9  # uniform numbers, for a sum that is normal to 0.3 % of its standard deviation up to three of them
 
 
 def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
-    """Independent random int32 of 31 bits (not negative), shape (..., *shape).
+    """Independent random int32, shape (..., *shape); upper bits are better than lower ones.
 
     Args:
         keys: one per image, from `saltus.effects.draws.draw_keys`, shape (...).
         time_s: the instant [s], shape (...).
         shape: height and width.
     """
-    xp = namespace(time_s)
-    seed = xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
-    value = _counters(xp, shape, time_s.device) ^ seed[..., None, None]
-    value ^= (value >> 16) & 0xFFFF
-    value *= _FACTORS[0]
-    value ^= (value >> 15) & 0x1FFFF
-    value *= _FACTORS[1]
-    value ^= (value >> 15) & 0x1FFFF
-    return value & _LARGEST
+    counters = _counters(namespace(time_s), shape, time_s.device)
+    return _hashed(counters ^ _seeds(keys, time_s)[..., None, None])
 
 
 def unit_uniform(keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
     """Independent uniform numbers in (0, 1) of the given type, shape (..., *shape)."""
+    return _unit(white(keys, time_s, shape), dtype)
+
+
+def unit_uniform_at(place: Any, keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
+    """What `unit_uniform` has at places of its flattened result, shape as `place`."""
+    xp, size = namespace(time_s), shape[0] * shape[1]
+    counters = xp.reshape(_counters(xp, shape, time_s.device), (-1,))
+    seeds = xp.reshape(_seeds(keys, time_s), (-1,))
+    return _unit(_hashed(counters[place % size] ^ seeds[place // size]), dtype)
+
+
+def _seeds(keys: Any, time_s: Any) -> Any:
     xp = namespace(time_s)
-    return (xp.astype(white(keys, time_s, shape) >> 15, dtype) + 0.5) * 2.0**-16
+    return xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
+
+
+def _hashed(value: Any) -> Any:
+    """Mixes int32 in place."""
+    value ^= value >> 16
+    value *= _FACTORS[0]
+    value ^= value >> 15
+    value *= _FACTORS[1]
+    return value
+
+
+def _unit(value: Any, dtype: Any) -> Any:
+    result = namespace(value).astype(value >> 16, dtype)
+    result += 2.0**15 + 0.5
+    result *= 2.0**-16
+    return result
 
 
 def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, int], dtype: Any) -> Any:
@@ -61,19 +82,20 @@ def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, 
     Returns:
         Shape (..., *shape).
     """
-    xp = namespace(time_s)
     rows, columns = window
     values = white(keys, time_s, (shape[0] + rows - 1, shape[1] + columns - 1))
     if rows * columns >= ENOUGH_TO_ADD:
         parts, bits = 1, 16
-        values = values >> 15
+        values >>= 16
     else:
         parts, bits = 3, 10
-        values = (values & 1023) + ((values >> 10) & 1023) + ((values >> 20) & 1023)
+        values = (values >> 22) + ((values << 10) >> 22) + ((values << 20) >> 22)
     total = windowed_sum(windowed_sum(values, rows, -2), columns, -1)
     count, levels = rows * columns * parts, 1 << bits
-    deviation = math.sqrt(count * (levels**2 - 1) / 12.0)
-    return (xp.astype(total, dtype) - 0.5 * count * (levels - 1)) * (1.0 / deviation)
+    result = namespace(total).astype(total, dtype)
+    result += 0.5 * count  # the numbers lie between -levels / 2 and levels / 2 - 1
+    result *= 1.0 / math.sqrt(count * (levels**2 - 1) / 12.0)
+    return result
 
 
 def windowed_sum(values: Any, size: int, axis: int) -> Any:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from render.stereo.optics import Optics
 from saltus.arrays import namespace
 from saltus.messages import Floats
@@ -50,8 +52,6 @@ def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics) -> Stereo
 def depth_of(image: StereoImage) -> Any:
     """Depth [m] along the optical axis: infinite where nothing is hit, 0 where invalid. Shape (..., height, width)."""
     xp = namespace(image.disparity)
-    seen = image.disparity > 0.0
-    one = xp.ones_like(image.disparity)
-    depth = image.optics.disparity_at_1m / xp.where(seen, image.disparity, one)
-    depth = xp.where(seen, depth, one * float("inf"))
-    return xp.where(image.valid, depth, xp.zeros_like(depth))
+    with np.errstate(divide="ignore"):
+        depth = image.optics.disparity_at_1m / image.disparity
+    return xp.where(image.valid, depth, xp.zeros_like(depth[..., :1, :1]))

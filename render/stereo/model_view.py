@@ -32,12 +32,18 @@ def pooled(depth: Any, rows: int, columns: int) -> Any:
         `saltus.depth.model_images`.
     """
     xp = namespace(depth)
-    shape = (*depth.shape[:-2], depth.shape[-2] // rows, rows, depth.shape[-1] // columns, columns)
-    parts = xp.reshape(depth, shape)
-    samples = [parts[..., i, :, k] for i in range(rows) for k in range(columns)]
-    total, count = samples[0], xp.astype(samples[0] > 0.0, depth.dtype)
-    for sample in samples[1:]:
-        total = total + sample
-        count = count + xp.astype(sample > 0.0, depth.dtype)
-    mean = total / xp.clip(count, min=1.0)
-    return xp.where(count >= VALID_SHARE * len(samples), mean, xp.zeros_like(mean))
+    total = _block_sums(depth, rows, columns)
+    count = _block_sums(xp.astype(depth > 0.0, xp.uint8), rows, columns)
+    seen = count >= VALID_SHARE * rows * columns
+    return xp.where(seen, total, xp.zeros_like(total)) / xp.astype(xp.where(seen, count, count + 1), depth.dtype)
+
+
+def _block_sums(values: Any, rows: int, columns: int) -> Any:
+    """Sums of blocks of `rows` times `columns` samples, shape (..., height / rows, width / columns)."""
+    total = values[..., ::rows, :]
+    for i in range(1, rows):
+        total = total + values[..., i::rows, :]
+    result = total[..., ::columns]
+    for i in range(1, columns):
+        result = result + total[..., i::columns]
+    return result

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from render.stereo.fields import gaussian, padded, samples
+from render.stereo.fields import gaussian, samples
 from render.stereo.image import StereoImage
 from render.stereo.per_image import per_image
 from saltus.arrays import namespace
@@ -46,28 +46,35 @@ class WeakSignal(Effect[StereoImage]):
         draw = gaussian(state, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
         # cos / z^2 over that at the reach; disparities stand for 1 / z
         weakest = optics.disparity_at_1m / per_image(self.reach, disparity, xp)
-        needed = xp.exp(self.spread * draw) * (weakest * weakest)
-        found = (
-            _cosine(disparity, optics.focal_px / optics.pitch_x, optics.focal_px / optics.pitch_y) * disparity**2
-            > needed
+        draw *= self.spread
+        needed = xp.exp(draw)
+        needed *= weakest * weakest
+        square = disparity * disparity
+        steepness = square + _slopes_squared(
+            disparity, optics.focal_px / optics.pitch_x, optics.focal_px / optics.pitch_y
         )
-        return replace(signal, valid=signal.valid & found), state
+        # the cosine is disparity over the root of the steepness; both sides squared
+        needed *= needed
+        needed *= steepness
+        strength = square * square
+        strength *= square
+        return replace(signal, valid=signal.valid & (strength > needed)), state
 
 
-def _cosine(disparity: Any, focal_x: float, focal_y: float) -> Any:
-    """Cosine of the angle between line of sight and surface normal, at most 1, for rays near the optical axis.
+def _slopes_squared(disparity: Any, focal_x: float, focal_y: float) -> Any:
+    """Square of the slope of the disparity per unit of tangent, for rays near the optical axis.
 
     A plane's disparity is linear in the image: slopes a, b (per unit of tangent) and value c at the pixel make the
-    normal (a, b, c) in the frame of the pixel's own ray.
+    normal (a, b, c) in the frame of the pixel's own ray, so that the cosine of the incidence is c over its length.
     """
     xp = namespace(disparity)
-    tall, wide = padded(disparity, 1, -2), padded(disparity, 1, -1)
-    # the smaller of the slopes to both sides, so that an edge does not look like a grazing surface
-    across = focal_x * _smaller(xp, wide[..., 1:-1] - wide[..., :-2], wide[..., 2:] - wide[..., 1:-1])
-    down = focal_y * _smaller(xp, tall[..., 1:-1, :] - tall[..., :-2, :], tall[..., 2:, :] - tall[..., 1:-1, :])
-    square = disparity * disparity
-    return xp.sqrt(square / (square + across * across + down * down + 1e-12))
-
-
-def _smaller(xp: Any, one: Any, other: Any) -> Any:
-    return xp.minimum(xp.abs(one), xp.abs(other))
+    total = xp.zeros_like(disparity)
+    for axis, focal in ((-2, focal_y), (-1, focal_x)):
+        along, into = (xp.matrix_transpose(a) if axis == -2 else a for a in (disparity, total))
+        slope = abs(along[..., 1:] - along[..., :-1])
+        # the smaller of the slopes to both sides, so that an edge does not look like a grazing surface; 0 at borders
+        smaller = xp.minimum(slope[..., 1:], slope[..., :-1])
+        smaller *= focal
+        smaller *= smaller
+        into[..., 1:-1] += smaller
+    return total
