@@ -13,6 +13,7 @@ from saltus.errors import ConfigError, nearest_hint
 
 TerrainKind = Literal["flat", "stairs", "stepping_stones", "step", "gap"]
 Pace = Literal["lockstep", "realtime"]
+Camera = Literal["ideal", "d435i"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
 PlannerName = Literal["scripted", "learned"]
 
@@ -55,6 +56,8 @@ class RunConfig:
     seed: int = 0
     pace: Pace = "lockstep"
     renderer: Renderer = "auto"
+    camera: Camera = "ideal"
+    """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240 (Embree)."""
     profile: str = "go1"
     """Effects of the hardware: "ideal", "go1", or the name or path of a TOML profile."""
     planner: PlannerName = "scripted"

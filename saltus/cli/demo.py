@@ -8,7 +8,7 @@ import tyro
 from tqdm import tqdm
 
 from saltus.cli.output import print_json, run_directory
-from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.messages import GroundTruth
 
 if TYPE_CHECKING:
@@ -27,8 +27,10 @@ class Demo:
     """Seed of everything that is drawn."""
     pace: Pace = "lockstep"
     """lockstep: bit-repeatable, as fast as it goes. realtime: on the wall clock."""
+    camera: Camera = "ideal"
+    """ideal: true depth. d435i: with the errors of a stereo camera."""
     renderer: Renderer = "auto"
-    """Back end of the depth camera."""
+    """Back end of the ideal camera."""
     planner: PlannerName = "scripted"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
@@ -54,8 +56,8 @@ class Demo:
         load_profile(self.profile)
         directory = run_directory("demo", self.out)
         config = RunConfig(
-            terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,
-            planner=self.planner, time_limit_s=self.time_limit_s,
+            terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
+            profile=self.profile, planner=self.planner, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         run_stack(config, directory, terrain.finish_x)
         recording = read_recording(directory / "recording.mcap")

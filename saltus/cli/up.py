@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from saltus.cli.output import run_directory
-from saltus.config import Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 
 FOREVER_S = 1e6
 
@@ -20,8 +20,10 @@ class Up:
     """Seed of everything that is drawn."""
     pace: Pace = "realtime"
     """realtime: on the wall clock. lockstep: bit-repeatable, as fast as it goes."""
+    camera: Camera = "ideal"
+    """ideal: true depth. d435i: with the errors of a stereo camera."""
     renderer: Renderer = "auto"
-    """Back end of the depth camera."""
+    """Back end of the ideal camera."""
     planner: PlannerName = "scripted"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
@@ -39,8 +41,8 @@ class Up:
         load_profile(self.profile)
         directory = run_directory("up", self.out)
         config = RunConfig(
-            terrain=self.course, seed=self.seed, pace=self.pace, renderer=self.renderer, profile=self.profile,
-            planner=self.planner, time_limit_s=FOREVER_S,
+            terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
+            profile=self.profile, planner=self.planner, time_limit_s=FOREVER_S,
         )  # fmt: skip
         with Stack(config, directory) as stack:
             print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")

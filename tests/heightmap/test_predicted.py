@@ -11,6 +11,7 @@ from policy.planner import make_planner
 from policy.rollout import Rollout, RolloutStep
 from render.__main__ import RANDOM_STREAM
 from render.embree import EmbreeRenderer
+from render.exposure import PerfectExposure
 from render.process import CameraProcess
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
@@ -69,7 +70,7 @@ def rollout(model: Path) -> Rollout:
 def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
     cameras = [
         CameraProcess(
-            EmbreeRenderer(terrain),
+            PerfectExposure(EmbreeRenderer(terrain)),
             trial.applied_to(load_profile("go1")).camera_chain,
             np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),
         )

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from render.backends import make_renderer
+from render.exposure import PerfectExposure
 from render.process import CameraProcess
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -31,7 +32,9 @@ def truth(step: int) -> GroundTruth:
 
 
 def camera(*effects: CameraLatency | FrameDrop, seed: int = 0) -> CameraProcess:
-    return CameraProcess(make_renderer("embree", TERRAIN), CameraChain(effects), np.random.default_rng(seed))
+    return CameraProcess(
+        PerfectExposure(make_renderer("embree", TERRAIN)), CameraChain(effects), np.random.default_rng(seed)
+    )
 
 
 def run(process: CameraProcess, steps: int) -> dict[int, DepthFrame]:

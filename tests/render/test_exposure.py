@@ -1,0 +1,58 @@
+"""What the camera process exposes: true depth, or a stereo camera's."""
+
+import numpy as np
+
+from render.backends import make_renderer
+from render.exposure import PerfectExposure, StereoExposure
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.depth import Intrinsics, depth_in_millimetres, model_image
+from saltus.messages import DepthFrame, Floats, GroundTruth
+from saltus.terrain.curriculum import make_terrain
+
+TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.15))
+
+
+def truth(step: int) -> GroundTruth:
+    return GroundTruth(
+        time_ns=step * 10_000_000,
+        step=step,
+        position_base_in_world=np.array([0.6 + 0.01 * step, 0.0, go1.STAND_HEIGHT]),
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        velocity_base_in_world=np.zeros(3),
+        angular_velocity_base=np.zeros(3),
+        joint_position=go1.STAND_POSE,
+        foot_force=np.zeros(4),
+        height=np.zeros(30),
+    )
+
+
+def seen(depth: Floats, camera: Intrinsics) -> tuple[Floats, Floats]:
+    """Depth [m] and validity of the model's image."""
+    frame = DepthFrame(
+        time_ns=0, frame_id=0, depth=depth_in_millimetres(depth), depth_unit_m=0.001,
+        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
+    )  # fmt: skip
+    image = model_image(frame)
+    return 3.0 * image.depth, image.valid
+
+
+def test_the_model_sees_the_same_through_both_but_for_the_errors_of_the_camera() -> None:
+    perfect = PerfectExposure(make_renderer("embree", TERRAIN))
+    stereo = StereoExposure(TERRAIN, np.random.default_rng(0))
+    for step in range(0, 40, 2):
+        true_depth, _ = seen(perfect.expose(truth(step)), perfect.intrinsics)
+        depth, valid = seen(stereo.expose(truth(step)), stereo.intrinsics)
+        assert valid.mean() > 0.9
+        error = np.abs(depth - true_depth)[valid]
+        # sigma of one pixel of the sensor at 1.5 m is 17 mm, of which pooling leaves a part
+        assert np.median(error) < 0.01
+        assert np.median(error) > 0.0003
+
+
+def test_a_seed_gives_the_same_errors_again_and_another_does_not() -> None:
+    a, b, c = (StereoExposure(TERRAIN, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    for step in range(0, 6, 2):
+        first, second, other = a.expose(truth(step)), b.expose(truth(step)), c.expose(truth(step))
+        np.testing.assert_array_equal(first, second)
+        assert (first != other).mean() > 0.3
