@@ -8,6 +8,7 @@ from render.camera import Mount, camera_pose
 from render.capsules import Quadrics, capsules_in_camera, windows
 from render.embree import RAYS_PER_CAST, EmbreeRenderer
 from render.legs import Capsules, leg_capsules
+from render.stereo.doubt import doubtful
 from render.stereo.optics import Optics
 from render.stereo.second_view import right_camera
 from saltus.depth import MODEL_CAMERA, Intrinsics
@@ -22,7 +23,8 @@ ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the s
 class StereoEmbree(EmbreeRenderer):
     """An Embree renderer that also says what the right imager of a stereo camera does not see.
 
-    The second view is one ray for each point of the left image, so it is exact at every pixel and has no border.
+    The second view is one ray for each point of the left image, so it is exact at every pixel and has no border; rays
+    that cannot hit terrain are not cast.
 
     Args:
         terrain: see `Renderer`.
@@ -61,33 +63,39 @@ class StereoEmbree(EmbreeRenderer):
         Arguments as `Renderer.render_batch`; both results have the shape (n, height, width).
         """
         depth = self.render_batch(base_position, base_quaternion, joint_position)
-        hidden = np.empty(depth.shape, dtype=np.bool_)
+        hidden = np.zeros(depth.shape, dtype=np.bool_)
         chunk = max(1, RAYS_PER_CAST // depth[0].size)
         for first in range(0, len(depth), chunk):
             part = slice(first, first + chunk)
             origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
-            hidden[part] = self._terrain_hides(depth[part], origin, rotation)
+            self._terrain_hides(hidden[part], np.minimum(depth[part], FARTHEST_M), origin, rotation)
             if self.legs:
                 right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
                 legs = capsules_in_camera(leg_capsules(joint_position[part]), right, self.mount.rotation)
                 self._legs_hide(hidden[part], depth[part], legs)
         return depth, hidden
 
-    def _terrain_hides(self, depth: NDArray[np.float32], origin: Floats, rotation: Floats) -> NDArray[np.bool_]:
-        """Whether terrain lies between the right imager and points, shape (n, height, width)."""
-        along = np.minimum(depth, FARTHEST_M)
-        to_right = (rotation[..., 0] * self.optics.baseline_m).astype(np.float32)
+    def _terrain_hides(
+        self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], origin: Floats, rotation: Floats
+    ) -> None:
+        """Marks in place the points, shape (n, height, width), with terrain between them and the right imager."""
+        baseline_m = self.optics.baseline_m
+        point = doubtful(self.terrain, self.intrinsics, origin, rotation, baseline_m, depth)
+        if not point.size:
+            return
+        row, column = np.divmod(point, self.intrinsics.width)
+        image, row = np.divmod(row, self.intrinsics.height)
+        along, to_right = depth.reshape(-1)[point], baseline_m * rotation[..., 0]
         turn = rotation.astype(np.float32)
-        rays = self._buffer(len(depth))
-        rays[..., :3] = (origin + to_right)[:, None, None, :]
+        rays = np.empty((len(point), 6), dtype=np.float32)
+        rays[:, :3] = (origin + to_right).astype(np.float32)[image]
         for axis in range(3):
-            across = turn[:, axis, :1] * self._across
-            down = turn[:, axis, 1:2] * self._down + turn[:, axis, 2:]
-            line = down[:, :, None] + across[:, None, :]
-            line *= along
-            np.subtract(line, to_right[:, axis, None, None], out=rays[..., 3 + axis])
+            direction = (turn[:, axis, 1:2] * self._down + turn[:, axis, 2:])[image, row]
+            direction += (turn[:, axis, :1] * self._across)[image, column]
+            direction *= along
+            np.subtract(direction, to_right[:, axis].astype(np.float32)[image], out=rays[:, 3 + axis])
         blocked = self._scene.test_occlusions(open3d.core.Tensor.from_numpy(rays), 0.0, ALONG_RAY, self._threads)
-        return np.asarray(blocked.numpy())
+        hidden.reshape(-1)[point] = blocked.numpy()
 
     def _legs_hide(self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules) -> None:
         """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame.
