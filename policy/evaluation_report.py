@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from policy.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
+from policy.evaluation_pictures import picture_strip
 from saltus.config import to_toml
 from saltus.messages import Floats
 from saltus.provenance import commit
@@ -39,6 +40,8 @@ def write_evaluation_report(
         _numbers(table),
         f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
         _figure(_placement(shown, terrains), first=True),
+        f"<h2>Seed {result.seeds[0]}, from the first jump to the end</h2>",
+        picture_strip(terrains[0], shown[0].trace),
         f"<h2>Height and pitch of the trunk along the course, {alike}</h2>",
         _figure(_body(shown)),
         f"<h2>Phase diagram: pitch and its rate, {alike}</h2>",

@@ -30,10 +30,12 @@ IN_AIR_S = 0.05
 class Trace:
     """One trial, one row a policy step (100 Hz), from its start to its end; t rows."""
 
-    base: Floats
-    """x and z of the trunk's centre in the world [m], shape (t, 2)."""
-    pitch: Floats
-    """Nose down positive [rad], shape (t,)."""
+    pose: Floats
+    """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (t, 7)."""
+    joint_position: Floats
+    """[rad], shape (t, 12)."""
+    heights: Floats
+    """What the planner saw: terrain relative to the base [m], shape (t, 30)."""
     foot: Floats
     """x and z of the feet's centres in the world [m], shape (t, 4, 2)."""
     stance: NDArray[np.bool_]
@@ -44,7 +46,18 @@ class Trace:
     @property
     def time_s(self) -> Floats:
         """Since the start [s], shape (t,)."""
-        return np.arange(len(self.pitch)) * STEP_S
+        return np.arange(len(self.pose)) * STEP_S
+
+    @property
+    def base(self) -> Floats:
+        """Position of the trunk's centre in the world, x and z [m], shape (t, 2)."""
+        return self.pose[:, [0, 2]]
+
+    @property
+    def pitch(self) -> Floats:
+        """Nose down positive [rad], shape (t,)."""
+        _, pitch, _ = roll_pitch_yaw(rotation_matrix(self.pose[:, 3:]))
+        return np.asarray(pitch)
 
     @property
     def landings(self) -> Floats:
@@ -56,16 +69,19 @@ class Trace:
 def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
     """Cuts a roll-out into the traces of its first trials."""
     lengths = np.sum([step.running for step in steps], axis=0)
-    rotation = rotation_matrix(np.array([step.truth.quaternion_base_in_world for step in steps]))
-    _, pitch, _ = roll_pitch_yaw(rotation)
-    base = np.array([step.truth.position_base_in_world[:, [0, 2]] for step in steps])
+    position = np.array([step.truth.position_base_in_world for step in steps])
+    quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
+    pose = np.concatenate([position, quaternion], axis=-1)
+    joints = np.array([step.truth.joint_position for step in steps])
+    heights = np.array([step.heights for step in steps])
     foot = np.array([step.truth.foot_position_in_world[..., [0, 2]] for step in steps])
     stance = np.array([step.states.leg_contact for step in steps])
     loaded = np.array([step.truth.foot_force for step in steps]) > LOADED_N
     return [
         Trace(
-            base=base[:n, i].astype(np.float32),
-            pitch=pitch[:n, i].astype(np.float32),
+            pose=pose[:n, i].astype(np.float32),
+            joint_position=joints[:n, i].astype(np.float32),
+            heights=heights[:n, i].astype(np.float32),
             foot=foot[:n, i].astype(np.float32),
             stance=stance[:n, i],
             loaded=loaded[:n, i],

@@ -19,8 +19,14 @@ def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> Tra
     """A robot whose feet stay on the ground at x."""
     flags = np.ones((STEPS, 4), dtype=np.bool_)
     foot = np.broadcast_to([x, go1.FOOT_RADIUS], (STEPS, 4, 2)).copy()
-    base = np.broadcast_to([x, go1.STAND_HEIGHT], (STEPS, 2)).copy()
-    return Trace(base=base, pitch=np.zeros(STEPS), foot=foot, stance=flags & stance, loaded=flags & loaded)
+    return Trace(
+        pose=np.tile([x, 0.0, go1.STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0], (STEPS, 1)),
+        joint_position=np.tile(go1.STAND_POSE, (STEPS, 1)),
+        heights=np.full((STEPS, 30), -go1.STAND_HEIGHT),
+        foot=foot,
+        stance=flags & stance,
+        loaded=flags & loaded,
+    )
 
 
 def sliding() -> Trace:
