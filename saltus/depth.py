@@ -58,15 +58,16 @@ def model_image(frame: DepthFrame) -> ModelImage:
     A frame with the model's own intrinsics keeps its pixels.
     """
     height, width = frame.depth.shape
-    rows, row_weights = _pooling(MODEL_CAMERA.height, MODEL_CAMERA.fy, MODEL_CAMERA.cy, height, frame.fy, frame.cy)
-    columns, column_weights = _pooling(MODEL_CAMERA.width, MODEL_CAMERA.fx, MODEL_CAMERA.cx, width, frame.fx, frame.cx)
-    raw = frame.depth[rows, columns]
+    rows = _pooling(MODEL_CAMERA.height, MODEL_CAMERA.fy, MODEL_CAMERA.cy, height, frame.fy, frame.cy)
+    columns = _pooling(MODEL_CAMERA.width, MODEL_CAMERA.fx, MODEL_CAMERA.cx, width, frame.fx, frame.cx)
+    raw = frame.depth[rows.needed, columns.needed]
     valid = raw > 0
     near = np.minimum(raw * np.float32(frame.depth_unit_m / RANGE_M), np.float32(1.0))
     near[raw == NOTHING] = 1.0  # whatever the unit
-    share = row_weights @ valid.astype(np.float32) @ column_weights.T
-    total = row_weights @ near @ column_weights.T
-    return _marked(total / np.where(share > 0.0, share, np.float32(1.0)), share >= VALID_SHARE)
+    share = _pooled(valid.astype(np.float32), rows, columns)
+    seen = share >= VALID_SHARE
+    share[~seen] = 1.0
+    return _marked(_pooled(near, rows, columns) / share, seen)
 
 
 def model_images(depth_m: Floats) -> ModelImage:
@@ -91,20 +92,39 @@ def _marked(depth: NDArray[np.float32], valid: NDArray[np.bool_]) -> ModelImage:
     return ModelImage(depth=np.where(valid, depth, np.float32(1.0)), valid=valid)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pooling:
+    """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers."""
+
+    needed: slice
+    """Of the source."""
+    place: NDArray[np.int64]
+    """For each model pixel those that may cover it, counted within `needed`, shape (count, some)."""
+    weight: NDArray[np.float32]
+    """Of each, shape (count, some); they add up to the covered share of a model pixel: 1 inside the source image."""
+
+
+def _pooled(image: NDArray[np.float32], rows: _Pooling, columns: _Pooling) -> NDArray[np.float32]:
+    """Weighted sums for all model pixels. Not as products with matrices: for these BLAS may wake and await threads."""
+    tall: NDArray[np.float32] = np.einsum("nk,nkw->nw", rows.weight, image[rows.place])
+    result: NDArray[np.float32] = np.einsum("nk,mnk->mn", columns.weight, tall[:, columns.place])
+    return result
+
+
 @lru_cache(maxsize=64)
 def _pooling(
     count: int, focal: float, centre: float, source_count: int, source_focal: float, source_centre: float
-) -> tuple[slice, NDArray[np.float32]]:
-    """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers.
-
-    Returns:
-        A slice of the source, and weights, shape (count, length of the slice), whose rows add up to the covered share
-        of a model pixel: 1 inside the source image.
-    """
+) -> _Pooling:
     scale = source_focal / focal
     edges = source_centre + (np.arange(count + 1) - centre) * scale
     first = min(max(math.floor(edges[0]), 0), source_count)
     last = max(min(math.ceil(edges[-1]), source_count), first)
-    pixel = np.arange(first, last)
+    begin, end = np.floor(edges[:-1]), np.ceil(edges[1:])
+    pixel = begin[:, None] + np.arange(int(np.max(end - begin)) if last > first else 0)
     overlap = np.minimum(edges[1:, None], pixel + 1.0) - np.maximum(edges[:-1, None], pixel)
-    return slice(first, last), (np.maximum(overlap, 0.0) / scale).astype(np.float32)
+    inside = (pixel >= first) & (pixel < last)
+    return _Pooling(
+        needed=slice(first, last),
+        place=np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64),
+        weight=(np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32),
+    )
