@@ -70,15 +70,21 @@ class RunClock:
 class Ticker:
     """Loop of fixed rate on absolute deadlines of the wall clock.
 
-    A late tick is followed at once by the next, but by one only: more than a period behind, the missed ticks are
-    counted as overruns and left out, so that a stall never ends in a burst.
+    A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that are missed beyond
+    that are counted as overruns and left out, so that a stall never ends in a long burst.
+
+    Args:
+        rate_hz: of the ticks.
+        catch_up: how many ticks may follow each other without a pause. 1 for hardware, which cannot make up for lost
+            time; more for a simulation, whose time would fall behind the wall clock.
     """
 
     BUCKETS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
     """Upper edges of the histogram of lateness."""
 
-    def __init__(self, rate_hz: float) -> None:
+    def __init__(self, rate_hz: float, catch_up: int = 1) -> None:
         self.period_ns = round(1e9 / rate_hz)
+        self.catch_up = catch_up
         self.ticks = 0
         self.overruns = 0
         self.late_max_ns = 0
@@ -95,7 +101,7 @@ class Ticker:
             self._deadline_ns = now
         else:
             self._deadline_ns += self.period_ns
-        missed = max(0, (now - self._deadline_ns) // self.period_ns)
+        missed = max(0, (now - self._deadline_ns) // self.period_ns - (self.catch_up - 1))
         self._deadline_ns += missed * self.period_ns
         while (left_ns := self._deadline_ns - time.monotonic_ns()) > 0:
             time.sleep(1e-9 * left_ns)

@@ -86,6 +86,29 @@ def test_a_long_stall_is_counted_not_made_up_for(clock: FakeTime) -> None:
     assert ticker.late_max_ns < 2 * MS
 
 
+def _waits_at_once(ticker: Ticker, fake: FakeTime) -> bool:
+    before = fake.now_ns
+    ticker.wait()
+    return fake.now_ns == before
+
+
+@given(stall_periods=st.integers(0, 40), catch_up=st.integers(1, 20))
+def test_a_stall_is_made_up_for_up_to_the_limit_and_counted_beyond_it(stall_periods: int, catch_up: int) -> None:
+    fake = FakeTime()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "time", fake)
+        ticker = Ticker(500.0, catch_up=catch_up)
+        ticker.wait()
+        start = fake.now_ns
+        fake.now_ns += stall_periods * 2 * MS
+        at_once = 0
+        while _waits_at_once(ticker, fake):
+            at_once += 1
+        assert at_once <= catch_up
+        assert ticker.overruns == max(0, stall_periods - 1 - (catch_up - 1))
+        assert (fake.now_ns - start) // (2 * MS) == ticker.ticks + ticker.overruns - 1
+
+
 def test_rate_of_a_real_loop() -> None:
     ticker = Ticker(200.0)
     start = time.monotonic()
