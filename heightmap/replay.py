@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -10,6 +11,14 @@ from heightmap.service import HeightmapService
 from saltus import go1, kinematics
 from saltus.messages import ControllerMode, DepthFrame, Heightmap, RobotState
 from saltus.topics import CAMERA_LATENCY_S
+
+
+class Predictor(Protocol):
+    """Anything that answers each robot state with a heightmap, as `heightmap.service.HeightmapService` does."""
+
+    def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
+        """Advances by one tick; `frame` has arrived since the last call."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +67,16 @@ def replay_frames(
     Returns:
         One heightmap for each state.
     """
-    service = HeightmapService(model_path)
     states = robot.states(frames) if isinstance(robot, AssumeLevel) else robot
     if arrival_ns is None:
         arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
+    return replay_predictor(HeightmapService(model_path), frames, states, arrival_ns)
+
+
+def replay_predictor(
+    predictor: Predictor, frames: Sequence[DepthFrame], states: Sequence[RobotState], arrival_ns: Sequence[int]
+) -> list[Heightmap]:
+    """The same for any predictor; it has not been used before."""
     heightmaps = []
     following = 0
     for state in states:
@@ -69,7 +84,7 @@ def replay_frames(
         while following < len(frames) and arrival_ns[following] <= state.time_ns:
             newest = frames[following]
             following += 1
-        heightmaps.append(service.step(state, newest, state.time_ns))
+        heightmaps.append(predictor.step(state, newest, state.time_ns))
     return heightmaps
 
 
