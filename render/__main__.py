@@ -5,7 +5,7 @@ import sys
 import numpy as np
 
 from render.backends import make_renderer
-from render.exposure import Exposure, PerfectExposure, StereoExposure
+from render.exposure import Exposure, PerfectExposure
 from render.process import CameraProcess
 from saltus.effects.profile import load_profile
 from saltus.messages import Done
@@ -27,6 +27,10 @@ def build(context: ProcessContext) -> CameraProcess:
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
     exposure: Exposure
     if config.camera == "d435i":
+        from render.stereo_exposure import (
+            StereoExposure,
+        )  # a camera that has died must be back soon: load what is needed
+
         exposure = StereoExposure(terrain, rng)
     else:
         exposure = PerfectExposure(make_renderer(config.renderer, terrain))

@@ -3,7 +3,8 @@
 import numpy as np
 
 from render.backends import make_renderer
-from render.exposure import PerfectExposure, StereoExposure
+from render.exposure import PerfectExposure
+from render.stereo_exposure import StereoExposure
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_in_millimetres, model_image

@@ -1,0 +1,37 @@
+"""Exposures of a stereo camera, with its errors."""
+
+import numpy as np
+
+from render.stereo.camera import StereoCamera, StereoConfig
+from render.stereo.model_view import sampled_model_camera
+from render.stereo.optics import Optics
+from render.stereo_embree import StereoEmbree
+from saltus.messages import Floats, GroundTruth
+from saltus.terrain.terrain import Terrain
+
+NATIVE_PIXELS = 5  # of the D435i at 424x240, in each direction, for one pixel of the model
+
+
+class StereoExposure:
+    """The centre crop of a D435i at 424x240, 80 pixels wide, with the errors of stereo matching.
+
+    Args:
+        terrain: to look at.
+        rng: draws what is random in the errors.
+        config: the errors; those of a D435i by default.
+    """
+
+    def __init__(self, terrain: Terrain, rng: np.random.Generator, config: StereoConfig | None = None) -> None:
+        self.intrinsics = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
+        optics = Optics.of(self.intrinsics)
+        self._views = StereoEmbree(terrain, optics, self.intrinsics)
+        self._camera = StereoCamera(config or StereoConfig(), optics)
+        self._state = self._camera.init((), rng)
+
+    def expose(self, truth: GroundTruth) -> Floats:
+        """See `render.exposure.Exposure`."""
+        depth, hidden = self._views.render_pair(
+            truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
+        )
+        image, self._state = self._camera.step(depth, hidden, np.asarray(1e-9 * truth.time_ns), self._state)
+        return np.asarray(image.depth)
