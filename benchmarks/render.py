@@ -1,20 +1,21 @@
 """Speed of the depth camera: frames per second of every back end that this machine has, and what they leave in memory.
 
-python benchmarks/render.py [--backend NAME] [--seconds S] [--json]: ends with one line of JSON, whose rows say what was
-rendered ("legs": terrain and the 12 shapes of the legs, which are in view in half of the frames), with which noise
-("native": the sensor's 80 x 240 pixels with their true second view, then pooled; "fast": the chain for training, three
-rays a pixel of the model), and the growth of the process over 20,000 frames of 16 x 48 or as many
-rays of other images. Lines before the JSON name the processor time
-of a frame too: on a shared machine it is the steadier one.
+python benchmarks/render.py [--backend NAME] [--seconds S] [--json]: ends with one line of JSON, whose rows say by which
+back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the legs, which are in view in half of the
+frames; else terrain only), with which noise ("native": the sensor's 80 x 240 pixels with their true second view, then
+pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the model), and the growth of the process over
+20,000 frames of 16 x 48 or as many rays of other images. Lines before the JSON name the processor time of a frame, too:
+on a shared machine it is the steadier one, and cores over it are the frames per second of a machine that is at rest.
 """
 
 import argparse
+import itertools
 import json
+import multiprocessing
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ GROWTH_RAYS = 20_000 * MODEL_CAMERA.width * MODEL_CAMERA.height
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
-NATIVE_BATCH = 16
+NATIVE_BATCH = 56
 ROWS, COLUMNS = 3, 1  # rays for a pixel of the model in `render.stereo_fast`, which cannot be asked without Embree
 
 Poses = tuple[Any, Any, Any]
@@ -56,8 +57,9 @@ class Case:
 
     @property
     def size(self) -> str:
-        """As the rows name it."""
-        return f"{self.camera.width}x{self.camera.height}"
+        """As the rows name it: of the image that gets the noise."""
+        scale = NATIVE if self.noise == "native" else 1
+        return f"{scale * self.camera.width}x{scale * self.camera.height}"
 
     @property
     def rays(self) -> int:
@@ -99,54 +101,25 @@ def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
     if case.backend == "warp":
         return warp_exposure(case)
     robots = poses(case.batch)
-    if case.noise == "native":
-        return native_exposure(case, robots)
-    if case.noise == "fast":
-        return fast_exposure(case, robots)
+    if case.noise != "none":
+        return noisy_exposure(case, robots)
     renderer = make_renderer(case.backend, TERRAIN, case.camera, legs=case.legs)
     return lambda: renderer.render_batch(*robots), renderer.close
 
 
-def native_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
-    """The sensor's own pixels, with what the right imager does not see; a camera's noise on each core."""
-    from render.stereo.camera import StereoCamera, StereoConfig
-    from render.stereo.model_view import pooled, sampled_model_camera
-    from render.stereo.optics import Optics
-    from render.stereo_embree import StereoEmbree
-
-    sensor = sampled_model_camera(NATIVE, NATIVE)
-    optics = Optics.of(sensor)
-    pair = StereoEmbree(TERRAIN, optics, sensor, legs=case.legs, threads=cores())
-    camera = StereoCamera(StereoConfig(), optics)
-    pool = ThreadPoolExecutor(cores())
-    states = [camera.init((1,), np.random.default_rng(i)) for i in range(case.batch)]
-
-    def expose() -> object:
-        depth, hidden = pair.render_pair_batch(*robots)
-
-        def noisy(i: int) -> Any:
-            image, states[i] = camera.step(depth[i : i + 1], hidden[i : i + 1], np.zeros(1), states[i])
-            return pooled(image.depth, NATIVE, NATIVE)
-
-        return list(pool.map(noisy, range(case.batch)))
-
-    return expose, pool.shutdown
-
-
-def fast_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
-    """The chain for training, on threads."""
+def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The chain of the sensor's own pixels, or that for training, with a process on each core."""
     from render import stereo_fast
+    from render.stereo_processes import StereoProcesses
 
     assert (ROWS, COLUMNS) == (stereo_fast.ROWS, stereo_fast.COLUMNS)
-    camera = stereo_fast.FastStereo(TERRAIN, legs=case.legs, threads=cores())
-    state = camera.init(case.batch, np.random.default_rng(0))
-
-    def expose() -> object:
-        nonlocal state
-        images, state = camera.step(*robots, 0.0, state)
-        return images
-
-    return expose, lambda: None
+    rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
+    rng = np.random.default_rng(0)
+    cameras = StereoProcesses(
+        TERRAIN, legs=case.legs, rows=rows, columns=columns, count=case.batch, rng=rng, processes=cores()
+    )
+    instants = instants_s()
+    return lambda: cameras.step(*robots, next(instants)), cameras.close
 
 
 def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -166,13 +139,14 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
     optics = Optics.of(view)
     cameras = TorchStereo(StereoConfig(), optics, caster.device)
     state = cameras.init(case.batch, np.random.default_rng(0)) if case.noise != "none" else ()
-    times = torch.zeros(case.batch, dtype=torch.float64, device=caster.device)
+    instants = instants_s()
 
     def expose() -> object:
         nonlocal state
         if case.noise == "none":
             images = warp.to_torch(caster.cast(*robots))
         else:
+            times = torch.full((case.batch,), next(instants), dtype=torch.float64, device=caster.device)
             depth, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m))
             images, state = cameras.step_pooled(depth, hidden, times, state, ROWS, COLUMNS)
         warp.synchronize_device(caster.device)
@@ -181,18 +155,23 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
     return expose, lambda: None
 
 
+def instants_s() -> Iterator[float]:
+    """Capture times [s], 20 ms apart: a frame that comes again would be less work."""
+    return itertools.count(0.0, 0.02)
+
+
 def measure(case: Case, seconds: float) -> dict[str, object]:
     """One row; prints a line about it."""
     expose, close = exposure(case)
     growing = int(np.ceil(GROWTH_RAYS / case.rays / case.batch))
     for _ in range(3 + growing // 4):  # compiled, cached, allocated by every thread
         expose()
-    calls, begin, processor = 0, time.perf_counter(), time.process_time()
+    calls, begin, processor = 0, time.perf_counter(), processor_s()
     while time.perf_counter() - begin < seconds:
         expose()
         calls += 1
     frames = calls * case.batch
-    wall, processor = time.perf_counter() - begin, time.process_time() - processor
+    wall, processor = time.perf_counter() - begin, processor_s() - processor
     before = resident_mb()
     for _ in range(growing):
         expose()
@@ -221,9 +200,21 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
+def own_processes() -> list[Path]:
+    """Where the system tells about this process and those that it has started."""
+    return [Path(f"/proc/{pid}") for pid in (os.getpid(), *(p.pid for p in multiprocessing.active_children()))]
+
+
 def resident_mb() -> float:
-    """Memory of this process."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    """Memory of this process and of those that it has started."""
+    pages = sum(int((folder / "statm").read_text().split()[1]) for folder in own_processes())
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def processor_s() -> float:
+    """Processor time that this process and those that it has started have used."""
+    fields = [(folder / "stat").read_text().rpartition(")")[2].split() for folder in own_processes()]
+    return sum(int(f[11]) + int(f[12]) for f in fields) / os.sysconf("SC_CLK_TCK")
 
 
 def crop_ms(camera: Intrinsics, seconds: float) -> float:

@@ -27,6 +27,10 @@ ROWS, COLUMNS = 3, 1
 CHUNK = 64  # images that one thread works on at a time: their arrays of 600 kB stay in its cache
 
 
+FastState = tuple[tuple[StereoCamera, StereoState], ...]
+"""For each chunk of cameras their effects and the states of these."""
+
+
 class FastStereo:
     """A batch of stereo cameras on one terrain, each reporting the model's 16 x 48 pixels.
 
@@ -35,7 +39,10 @@ class FastStereo:
         config: of the cameras; parameters may be arrays with one value a camera.
         mount: on the trunk.
         legs: whether the robots' legs can be seen.
-        threads: to work with.
+        threads: to work with; several processes do more (`render.stereo_processes`).
+        rows: rays for each pixel of the model, one under the other; with five rows and five columns this is the native
+            chain.
+        columns: of rays for each pixel.
     """
 
     def __init__(
@@ -46,16 +53,20 @@ class FastStereo:
         *,
         legs: bool = True,
         threads: int = 1,
+        rows: int = ROWS,
+        columns: int = COLUMNS,
     ) -> None:
-        camera = sampled_model_camera(ROWS, COLUMNS)
+        camera = sampled_model_camera(rows, columns)
+        self._samples = rows, columns
+        self.chunk = max(1, CHUNK * ROWS * COLUMNS // (rows * columns))
         self.optics = Optics.of(camera)
         self.config = config or StereoConfig()
         self._renderer = StereoEmbree(terrain, self.optics, camera, mount, legs=legs, threads=1)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
-    def init(self, count: int, rng: np.random.Generator) -> tuple[tuple[StereoCamera, StereoState], ...]:
+    def init(self, count: int, rng: np.random.Generator) -> FastState:
         """State before the first images, for `count` cameras."""
-        parts = [slice(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+        parts = [slice(first, min(first + self.chunk, count)) for first in range(0, count, self.chunk)]
         cameras = [StereoCamera(part_of(self.config, part), self.optics) for part in parts]
         return tuple(
             (camera, camera.init((part.stop - part.start,), rng)) for camera, part in zip(cameras, parts, strict=True)
@@ -67,8 +78,8 @@ class FastStereo:
         base_quaternion: Floats,
         joint_position: Floats,
         time_s: float,
-        state: tuple[tuple[StereoCamera, StereoState], ...],
-    ) -> tuple[NDArray[np.float32], tuple[tuple[StereoCamera, StereoState], ...]]:
+        state: FastState,
+    ) -> tuple[NDArray[np.float32], FastState]:
         """One exposure of every camera at `time_s`.
 
         Args:
@@ -88,10 +99,10 @@ class FastStereo:
 
         def expose(index: int) -> tuple[StereoCamera, StereoState]:
             camera, memory = state[index]
-            part = slice(index * CHUNK, (index + 1) * CHUNK)
+            part = slice(index * self.chunk, (index + 1) * self.chunk)
             depth, hidden = self._renderer.render_pair_batch(*(pose[part] for pose in poses))
             image, memory = camera.step(depth, hidden, np.full(len(depth), time_s), memory)
-            images[part] = pooled(image.depth, ROWS, COLUMNS)
+            images[part] = pooled(image.depth, *self._samples)
             return camera, memory
 
         chunks = range(len(state))

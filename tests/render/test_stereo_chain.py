@@ -16,10 +16,12 @@ from render.stereo.optics import Optics
 from render.stereo.second_view import hidden_from, right_camera, right_mount
 from render.stereo_embree import StereoEmbree
 from render.stereo_fast import CHUNK, COLUMNS, ROWS, FastStereo
+from render.stereo_processes import StereoProcesses
 from render.stereo_torch import TorchStereo
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
+from saltus.errors import SaltusError
 from saltus.go1 import STAND_POSE
 from saltus.messages import DepthFrame
 from saltus.terrain.curriculum import make_terrain
@@ -221,3 +223,19 @@ def test_cameras_of_one_batch_may_differ() -> None:
     near = images[:, 24:]
     spread = np.std(near - np.mean(near, axis=0), axis=(1, 2))
     assert np.min(spread[sigma > 0.1]) > 3.0 * np.max(spread[sigma < 0.1])
+
+
+def test_processes_give_the_images_of_one() -> None:
+    ground, count = terrain(), 2 * CHUNK + 5
+    robots = poses(count, ground, seed=4)
+    fast = FastStereo(ground)
+    state = fast.init(count, np.random.default_rng(6))
+    several = StereoProcesses(ground, count=count, rng=np.random.default_rng(6), processes=2)
+    try:
+        for k in range(3):
+            images, state = fast.step(*robots, 0.02 * k, state)
+            np.testing.assert_array_equal(several.step(*robots, 0.02 * k), images)
+        with pytest.raises(SaltusError, match="one for each"):
+            several.step(*(pose[1:] for pose in robots), 0.1)
+    finally:
+        several.close()
