@@ -40,6 +40,7 @@ GROWTH_RAYS = 20_000 * MODEL_CAMERA.width * MODEL_CAMERA.height
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
 NATIVE_BATCH = 56
+SETTLING = 8  # calls
 ROWS, COLUMNS = 3, 1  # rays for a pixel of the model in `render.stereo_fast`, which cannot be asked without Embree
 
 Poses = tuple[Any, Any, Any]
@@ -172,10 +173,10 @@ def measure(case: Case, seconds: float) -> dict[str, object]:
         calls += 1
     frames = calls * case.batch
     wall, processor = time.perf_counter() - begin, processor_s() - processor
-    before = resident_mb()
+    before = settled_mb(expose)
     for _ in range(growing):
         expose()
-    growth = resident_mb() - before
+    growth = settled_mb(expose) - before
     close()
     scene = "with legs" if case.legs else "terrain"
     print(
@@ -209,6 +210,11 @@ def resident_mb() -> float:
     """Memory of this process and of those that it has started."""
     pages = sum(int((folder / "statm").read_text().split()[1]) for folder in own_processes())
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def settled_mb(expose: Callable[[], object]) -> float:
+    """The least memory after some calls: the heap gives pages back at one and takes them again at another."""
+    return min((expose(), resident_mb())[1] for _ in range(SETTLING))
 
 
 def processor_s() -> float:
