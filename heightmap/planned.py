@@ -47,14 +47,14 @@ class PlannedBounding:
 
     def _batch(self, rng: np.random.Generator, trials: list[Trial]) -> Iterator[Trajectory]:
         terrains = [make_terrain(_course(rng, self.hardest)) for _ in trials]
-        planner = ScriptedPlanner(_varied(rng, self.variation, len(trials)))
+        planner = ScriptedPlanner(varied(rng, self.variation, len(trials)))
         steps = list(Rollout(terrains, trials, planner, time_limit_s=self.time_limit_s).run())
         running = np.array([step.running for step in steps])  # (ticks, robots)
         truth = [step.truth for step in steps]
         position = np.array([t.position_base_in_world for t in truth])
         quaternion = np.array([t.quaternion_base_in_world for t in truth])
         joints = np.array([t.joint_position for t in truth])
-        felt = np.array([_felt(step) for step in steps])
+        proprioception = np.array([felt(step) for step in steps])
         for robot, terrain in enumerate(terrains):
             ticks = int(running[:, robot].sum())
             if ticks < MIN_TICKS:
@@ -64,7 +64,7 @@ class PlannedBounding:
                 position_base_in_world=position[:ticks, robot],
                 quaternion_base_in_world=quaternion[:ticks, robot],
                 joint_position=joints[:ticks, robot],
-                proprioception=felt[:ticks, robot],
+                proprioception=proprioception[:ticks, robot],
             )
 
 
@@ -76,7 +76,7 @@ def _course(rng: np.random.Generator, hardest: float) -> TerrainConfig:
     return TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, hardest)))
 
 
-def _varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:
+def varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:
     """The planner's numbers, each times its own random factor for each robot; speeds also down to a half."""
     start = ScriptedParameters()
     factors = {f.name: 1.0 + variation * rng.normal(size=count) for f in fields(start)}
@@ -84,7 +84,8 @@ def _varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedP
     return replace(start, **{name: np.asarray(getattr(start, name)) * factor for name, factor in factors.items()})
 
 
-def _felt(step: RolloutStep) -> np.ndarray:
+def felt(step: RolloutStep) -> np.ndarray:
+    """What the robots of a step feel, see `heightmap.features`, shape (robots, n)."""
     states = step.states
     return proprioception(
         quaternion_base_in_world=states.quaternion_base_in_world,

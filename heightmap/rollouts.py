@@ -60,7 +60,7 @@ def collect(directory: Path, source: MotionSource, *, count: int, seed: int, con
 def episodes(source: MotionSource, rng: np.random.Generator, count: int) -> Iterator[Episode]:
     """Lets `source` move `count` robots, takes their pictures and writes down the true heights."""
     for trajectory in source.trajectories(rng, count):
-        yield _episode(trajectory, random_mount(rng))
+        yield episode_of(trajectory, random_mount(rng))
 
 
 def random_mount(rng: np.random.Generator) -> Mount:
@@ -77,10 +77,11 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floa
     return terrain.height_at(x) - position[..., 2:]
 
 
-def _episode(trajectory: Trajectory, mount: Mount) -> Episode:
+def episode_of(trajectory: Trajectory, mount: Mount, threads: int | None = None) -> Episode:
+    """Takes the pictures of one robot with a camera that sits as `mount` says, and writes down the true heights."""
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     taken = np.arange(0, len(position), FRAME_TICKS)
-    camera = EmbreeRenderer(trajectory.terrain, mount=mount)
+    camera = EmbreeRenderer(trajectory.terrain, mount=mount, threads=threads)
     depth = camera.render_batch(position[taken], quaternion[taken], trajectory.joint_position[taken])
     return Episode(
         terrain=trajectory.terrain.kind,

@@ -12,14 +12,19 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap.delivery import TICK_S
+from heightmap.features import PROPRIOCEPTION
+from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 from saltus.provenance import commit
 
 MANIFEST = "manifest.json"
 _FORMAT = "saltus-heightmap-dataset-1"
-_PER_TICK = ("proprioception", "height")
-_PER_FRAME = ("depth", "frame_tick")
+LAYOUT = "layout"
+PER_TICK = ("proprioception", "height")
+PER_FRAME = ("depth", "frame_tick")
 
 
 class DatasetError(SaltusError):
@@ -72,13 +77,25 @@ def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, conf
     def fill(temporary: Path) -> None:
         with h5py.File(temporary, "w") as file:
             counts.update(_fill(file, episodes))
+            file.attrs[LAYOUT] = json.dumps(layout())
 
-    _write_whole(directory / name, fill)
-    sha256 = _sha256(directory / name)
+    write_whole(directory / name, fill)
+    sha256 = file_sha256(directory / name)
     record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=commit(), config=config, **counts)
-    text = json.dumps({"format": _FORMAT, "shards": [asdict(r) for r in (*records, record)]}, indent=1)
-    _write_whole(directory / MANIFEST, lambda temporary: _write_text(temporary, text))
+    write_manifest(directory, [*records, record])
     return record
+
+
+def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
+    """Replaces the manifest of a dataset, whole or not at all."""
+    text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1)
+    write_whole(directory / MANIFEST, lambda temporary: _write_text(temporary, text))
+
+
+def layout() -> dict[str, Any]:
+    """What the columns of the arrays mean; it is kept in each shard."""
+    camera = asdict(MODEL_CAMERA)
+    return {"grid_m": HEIGHTMAP_X.tolist(), "proprioception": list(PROPRIOCEPTION), "camera": camera, "tick_s": TICK_S}
 
 
 def read_manifest(directory: Path) -> list[ShardRecord]:
@@ -116,7 +133,7 @@ def _fill(file: h5py.File, episodes: Iterable[Episode]) -> dict[str, int]:
     counts = {"episodes": 0, "ticks": 0, "frames": 0}
     rows: list[tuple[str, int, int]] = []
     for episode in episodes:
-        for name in (*_PER_TICK, *_PER_FRAME):
+        for name in (*PER_TICK, *PER_FRAME):
             _append(file, name, getattr(episode, name))
         rows.append((episode.terrain, len(episode.height), len(episode.depth)))
         counts["episodes"] += 1
@@ -147,18 +164,18 @@ def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
     path = directory / record.file
     if not path.exists():
         raise DatasetError(f"{path} is missing: the manifest names it")
-    if _sha256(path) != record.sha256:
+    if file_sha256(path) != record.sha256:
         raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
     with h5py.File(path, "r") as file:
-        arrays = {name: file[name][:] for name in (*_PER_TICK, *_PER_FRAME)}
+        arrays = {name: file[name][:] for name in (*PER_TICK, *PER_FRAME)}
         kinds = [kind.decode() for kind in file["terrain"][:]]
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
-    parts = {name: np.split(arrays[name], ticks if name in _PER_TICK else frames) for name in arrays}
+    parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
     return [Episode(terrain=kind, **{name: parts[name][i] for name in parts}) for i, kind in enumerate(kinds)]
 
 
-def _write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Writes beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Writes a file beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
     temporary = path.with_name(f".{path.name}.partial")
     try:
         write(temporary)
@@ -178,6 +195,7 @@ def _write_text(path: Path, text: str) -> None:
     path.write_text(text + "\n")
 
 
-def _sha256(path: Path) -> str:
+def file_sha256(path: Path) -> str:
+    """Hexadecimal sha256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -11,6 +11,8 @@ from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus import go1
+from saltus.cli.heightmap_data import Dagger, Dataset
+from saltus.cli.heightmap_report import Report
 from saltus.cli.output import print_json
 from saltus.cli.serve import serve
 from saltus.errors import SaltusError
@@ -197,15 +199,18 @@ class Eval:
 
 @dataclass(frozen=True, kw_only=True)
 class Heightmap:
-    """The heightmap: serve, collect, train, export, eval."""
+    """The heightmap: serve, collect, train, export, eval, report."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
             Annotated[Serve, subcommand("serve")]
             | Annotated[Collect, subcommand("collect")]
+            | Annotated[Dagger, subcommand("dagger")]
+            | Annotated[Dataset, subcommand("dataset")]
             | Annotated[Train, subcommand("train")]
             | Annotated[Export, subcommand("export")]
             | Annotated[Eval, subcommand("eval")]
+            | Annotated[Report, subcommand("report")]
         ]
     ] = field()
 
