@@ -18,6 +18,7 @@ from saltus.report import STYLE
 
 WORST = 10
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
+_TABLE_STYLE = "td, th { padding: 0.25em 0.5em; } td:nth-child(-n+2) { text-align: left; white-space: nowrap; }"
 _SECTIONS = (
     ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),
     ("speed_mps", "By speed", Errors.by_speed, "speed as estimated [m/s]"),
@@ -172,7 +173,7 @@ def write_report(report: ErrorReport, path: Path) -> None:
     try:
         path.write_text(
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus heightmap errors</title>'
-            f"<style>{STYLE}</style></head><body>{body}</body></html>"
+            f"<style>{STYLE}{_TABLE_STYLE}</style></head><body>{body}</body></html>"
         )
     except OSError as error:
         raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another file") from error

@@ -22,7 +22,7 @@ MOMENT_HEIGHT = 230  # px
 def figure_html(figure: go.Figure, *, first: bool = False) -> str:
     """A figure as part of a page; the first brings plotly with it."""
     figure.update_layout(template="simple_white", hovermode="closest")
-    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
+    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first, config={"displayModeBar": False})
     return fragment
 
 
@@ -119,12 +119,12 @@ def moment_figure(
         frame: None where the recording has not kept it.
         names: of all predictors, in the order of colours.
     """
-    figure = make_subplots(cols=2, column_widths=[0.2, 0.8], horizontal_spacing=0.08)
+    figure = make_subplots(cols=2, column_widths=[0.17, 0.83], horizontal_spacing=0.14)
     if frame is not None:
         image, x, y = _image(frame)
         figure.add_heatmap(
             z=image, x=x, y=y, colorscale="Viridis_r", zmin=0.3, zmax=2.0, hovertemplate="%{z:.2f} m<extra></extra>",
-            colorbar={"title": "m", "thickness": 8, "x": 0.17, "len": 1.0}, row=1, col=1,
+            colorbar={"title": "m", "thickness": 8, "x": 0.145, "len": 1.0}, row=1, col=1,
         )  # fmt: skip
     figure.update_xaxes(visible=False, col=1)
     figure.update_yaxes(visible=False, autorange="reversed", scaleanchor="x", col=1)
