@@ -12,8 +12,8 @@ from saltus.effects.effect import Effect, PerRobot, Site, like, parameter, perio
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
-Memory = tuple[Any, tuple[DepthImage, ...]]
-"""Keys of the robots, and the images of the last samples, newest first."""
+Memory = tuple[Any, tuple[tuple[DepthImage, Any], ...]]
+"""Keys of the robots, and the images of the last samples with their arrivals [s], newest first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,18 +50,18 @@ class CameraLatency(Effect[DepthImage]):
         keys, past = state
         images = past
         # the same image may be shown again while the next one is awaited: it takes no place in memory
-        if not past or bool(namespace(signal.time_s).any(signal.time_s != past[0].time_s)):
+        if not past or bool(namespace(signal.time_s).any(signal.time_s != past[0][0].time_s)):
             length = math.ceil(float(np.max(np.add(self.latency, self.jitter))) / self.dt_s) + 1
-            images = (signal, *past)[:length]
+            images = ((signal, self.arrival_s(signal.time_s, keys)), *past)[:length]
         newest = nothing_yet(signal)
-        for image in images[::-1]:
-            arrived = self.arrival_s(image.time_s, keys) <= time_s + ROUNDING_S
+        for image, arrival_s in images[::-1]:
+            arrived = arrival_s <= time_s + ROUNDING_S
             newest = chosen(arrived & (image.time_s >= newest.time_s), image, newest)
         return newest, (keys, images)
 
     def next_arrival_s(self, time_s: float, state: Memory) -> float:
         """When the next image arrives, of any robot's [s]; infinite where none is under way."""
-        keys, images = state
-        arrivals = [np.asarray(self.arrival_s(image.time_s, keys)) for image in images]
+        _, images = state
+        arrivals = [np.asarray(arrival_s) for _, arrival_s in images]
         coming = [float(np.min(a[a > time_s + ROUNDING_S])) for a in arrivals if np.any(a > time_s + ROUNDING_S)]
         return min(coming, default=math.inf)
