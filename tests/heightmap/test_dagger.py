@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,11 +106,14 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
 
 @pytest.mark.parametrize("field", ["batches", "updates", "seed", "loop", "start", "base"])
 def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: str) -> None:
-    changed = {
+    changed: dict[str, dict[str, Any]] = {
         "loop": {"loop": ClosedLoop(hardest=0.1)},
         **{name: {name: 7} for name in ("batches", "updates", "seed")},
     }
-    paths = {"start": {"start": whole / "round_000" / "heightmap.pt"}, "base": {"base": whole / "dataset"}}
+    paths: dict[str, dict[str, Any]] = {
+        "start": {"start": whole / "round_000" / "heightmap.pt"},
+        "base": {"base": whole / "dataset"},
+    }
     config = DaggerConfig(**{**vars(CONFIG), **changed.get(field, {})})
     with pytest.raises(DatasetError, match=f"begun with {field} ="):
         dagger(whole, config, SILENT, **paths.get(field, {}))
