@@ -165,7 +165,7 @@ def measure(case: Case, seconds: float) -> dict[str, object]:
     """One row; prints a line about it."""
     expose, close = exposure(case)
     growing = int(np.ceil(GROWTH_RAYS / case.rays / case.batch))
-    for _ in range(3 + growing // 4):  # compiled, cached, allocated by every thread
+    for _ in range(3 + 2 * growing):  # compiled, cached, and heaps have the size at which they stay (40,000 frames)
         expose()
     calls, begin, processor = 0, time.perf_counter(), processor_s()
     while time.perf_counter() - begin < seconds:
@@ -213,8 +213,8 @@ def resident_mb() -> float:
 
 
 def settled_mb(expose: Callable[[], object]) -> float:
-    """The least memory after some calls: the heap gives pages back at one and takes them again at another."""
-    return min((expose(), resident_mb())[1] for _ in range(SETTLING))
+    """The most memory after any of some calls: the heap gives pages back at one and takes them again at another."""
+    return max((expose(), resident_mb())[1] for _ in range(SETTLING))
 
 
 def processor_s() -> float:
