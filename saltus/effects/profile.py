@@ -30,7 +30,15 @@ from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError, nearest_hint
 from saltus.topics import CAMERA_LATENCY_S
 
-PARTS = {"command": "actuator", "torque": "actuator", "depth": "camera", "heightmap": "heightmap"}
+PARTS = {
+    "command": "actuator",
+    "torque": "actuator",
+    "joint_state": "actuator",
+    "depth": "camera",
+    "heightmap": "heightmap",
+    "imu": "imu",
+    "model": "body",
+}
 """In which part of a profile the effects of a site stand."""
 
 
@@ -45,9 +53,11 @@ class Profile:
     actuator: tuple[Effect[Any], ...] = ()
     camera: tuple[Effect[Any], ...] = ()
     heightmap: tuple[Effect[Any], ...] = ()
+    imu: tuple[Effect[Any], ...] = ()
+    body: tuple[Effect[Any], ...] = ()
 
     def __post_init__(self) -> None:
-        for part in ("actuator", "camera", "heightmap"):
+        for part in (f.name for f in fields(self)):
             names = [effect.name for effect in getattr(self, part)]
             for effect in getattr(self, part):
                 if PARTS.get(effect.site) != part:
