@@ -88,7 +88,15 @@ def export_run_log(recording: Recording, directory: Path) -> None:
     Raises:
         RecordingError: the recording has no joint data, or the directory cannot be written.
     """
-    log = _collect(recording)
+    write_run_log(_collect(recording), directory)
+
+
+def write_run_log(log: RunLog, directory: Path) -> None:
+    """Writes a run log.
+
+    Raises:
+        RecordingError: the directory cannot be written.
+    """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
@@ -244,10 +252,10 @@ def _write(path: Path, columns: Sequence[str], table: Table) -> None:
 
 
 def _write_depth(path: Path, depth: DepthTable) -> None:
-    assert depth.capture_s is not None  # noqa: S101 - a recording always knows it
-    np.savez_compressed(
-        path, t_arrival=depth.arrival_s, t_capture=depth.capture_s, frame_id=depth.frame_id, depth=depth.depth_mm
-    )
+    arrays: dict[str, Any] = {"t_arrival": depth.arrival_s, "frame_id": depth.frame_id, "depth": depth.depth_mm}
+    if depth.capture_s is not None:
+        arrays["t_capture"] = depth.capture_s
+    np.savez_compressed(path, **arrays)
 
 
 def _read_csv(path: Path) -> tuple[list[str], Floats]:
