@@ -1,13 +1,10 @@
 """The exported network behind ONNX Runtime: checked when loaded, called once per tick."""
 
-import hashlib
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from heightmap.features import PROPRIOCEPTION
@@ -15,12 +12,12 @@ from saltus import depth, go1
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
+from saltus.model_file import ModelFile
 
 FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
 OUTPUTS = ("height", "std", "hidden_out")
 _TOLERANCE = 1e-6  # of a number that went through text
-_MAX_BYTES = 64 << 20
 
 
 def camera_metadata() -> dict[str, Any]:
@@ -64,22 +61,12 @@ class HeightmapNetwork:
     """
 
     def __init__(self, path: Path) -> None:
-        data = _read(path)
-        self.model_id = hashlib.sha256(data).hexdigest()[:16]
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
-        try:
-            # The very bytes that were hashed, so that the identity is that of what runs.
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # the runtime has no common base class of its errors
-            raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        _check_metadata(path, self.metadata)
+        file = ModelFile(path)
+        self.model_id = file.model_id
+        self._session = file.session
+        _check_metadata(file)
         self.hidden_size = _checked_shapes(path, self._session)
-        self.warmup_frames = int(self.metadata["warmup_frames"])
+        self.warmup_frames = int(file.field("warmup_frames"))
 
     def tick(self, image: Floats, age_s: float, new: bool, features: Floats, hidden: Floats) -> Tick:
         """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
@@ -100,17 +87,7 @@ class HeightmapNetwork:
         return Tick(*self._session.run(OUTPUTS, feed))
 
 
-def _read(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"cannot read model {path}: {error.strerror}") from error
-    if not 0 < len(data) <= _MAX_BYTES:
-        raise ModelError(f"model {path} has {len(data)} bytes: expected 1 to {_MAX_BYTES}")
-    return data
-
-
-def _check_metadata(path: Path, metadata: dict[str, str]) -> None:
+def _check_metadata(file: ModelFile) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
     expected: dict[str, Any] = {
         "format": FORMAT,
@@ -119,25 +96,16 @@ def _check_metadata(path: Path, metadata: dict[str, str]) -> None:
         "proprioception": list(PROPRIOCEPTION),
     }
     for name, wanted in expected.items():
-        found = _field(path, metadata, name)
+        found = file.field(name)
         for where, left, right in _leaves(name, found, wanted):
             if not _same(left, right):
-                raise ModelError(f"model {path} does not fit: '{where}' is {left!r}, this program needs {right!r}")
+                raise ModelError(f"model {file.path} does not fit: '{where}' is {left!r}, this program needs {right!r}")
     for name, low, high in (("warmup_frames", 1, 500), ("nominal_delay_s", 0.0, 0.5)):
-        found = _field(path, metadata, name)
+        found = file.field(name)
         if isinstance(found, bool) or not isinstance(found, int | float) or not low <= found <= high:
-            raise ModelError(f"model {path} does not fit: '{name}' is {found!r}, expected {low} to {high}")
-    if not isinstance(_field(path, metadata, "warmup_frames"), int):
-        raise ModelError(f"model {path} does not fit: 'warmup_frames' must be a whole number")
-
-
-def _field(path: Path, metadata: dict[str, str], name: str) -> Any:
-    if name not in metadata:
-        raise ModelError(f"model {path} does not fit: '{name}' is missing from its metadata")
-    try:
-        return json.loads(metadata[name])
-    except json.JSONDecodeError as error:
-        raise ModelError(f"model {path} does not fit: '{name}' is not JSON") from error
+            raise ModelError(f"model {file.path} does not fit: '{name}' is {found!r}, expected {low} to {high}")
+    if not isinstance(file.field("warmup_frames"), int):
+        raise ModelError(f"model {file.path} does not fit: 'warmup_frames' must be a whole number")
 
 
 def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:

@@ -1,12 +1,8 @@
 """The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded, without memory."""
 
-import hashlib
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import onnxruntime
 
 from policy.action import Action
 from policy.bounds import ACTIONS, action_from_values
@@ -16,6 +12,7 @@ from saltus import go1
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats, MotionPlan
+from saltus.model_file import ModelFile
 from saltus.schemas import FIELDS
 
 FORMAT = "saltus-policy-1"
@@ -35,22 +32,10 @@ class PolicyActor:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise ModelError(f"cannot read {path}: {error.strerror}") from error
-        self.model_id = hashlib.sha256(data).hexdigest()[:16]
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
-        try:
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # the runtime has no common base class of its errors
-            raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        _check(path, self.metadata)
+        file = ModelFile(path)
+        self.model_id = file.model_id
+        self._session = file.session
+        _check(file)
 
     def step(self, observation: Observation, heights: Floats) -> Action:
         """Plans the next 10 ms.
@@ -71,24 +56,26 @@ class PolicyActor:
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))
 
 
-def _check(path: Path, metadata: dict[str, str]) -> None:
+def _check(file: ModelFile) -> None:
     """Refuses a policy whose meaning differs from what this program would feed, read and track."""
     expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
     for name, value in expected.items():
-        found = _field(path, metadata, name)
+        found = file.field(name)
         if found != value:
-            raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again")
-    grid = _numbers(path, metadata, "grid_m", len(HEIGHTMAP_X))
+            raise ModelError(
+                f"{file.path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again"
+            )
+    grid = _numbers(file, "grid_m", len(HEIGHTMAP_X))
     if np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
-        raise ModelError(f"{path}: 'grid_m' is not the heightmap's grid of this program")
-    swing = _numbers(path, metadata, "swing_foot_z_range_m", 2)
+        raise ModelError(f"{file.path}: 'grid_m' is not the heightmap's grid of this program")
+    swing = _numbers(file, "swing_foot_z_range_m", 2)
     if np.abs(swing - go1.SWING_FOOT_Z).max() > _TOLERANCE:
         raise ModelError(
-            f"{path}: 'swing_foot_z_range_m' is {swing.tolist()}, the leg controller's is {list(go1.SWING_FOOT_Z)}: "
-            "train the policy again"
+            f"{file.path}: 'swing_foot_z_range_m' is {swing.tolist()}, the leg controller's is "
+            f"{list(go1.SWING_FOOT_Z)}: train the policy again"
         )
-    low, high = (_numbers(path, metadata, name, len(ACTIONS)) for name in ("low", "high"))
-    _check_bounds(path, low, high)
+    low, high = (_numbers(file, name, len(ACTIONS)) for name in ("low", "high"))
+    _check_bounds(file.path, low, high)
 
 
 def _check_bounds(path: Path, low: Floats, high: Floats) -> None:
@@ -104,19 +91,12 @@ def _check_bounds(path: Path, low: Floats, high: Floats) -> None:
             )
 
 
-def _field(path: Path, metadata: dict[str, str], name: str) -> Any:
-    try:
-        return json.loads(metadata[name])
-    except (KeyError, json.JSONDecodeError) as error:
-        raise ModelError(f"{path}: '{name}' is missing from its metadata: export the policy again") from error
-
-
-def _numbers(path: Path, metadata: dict[str, str], name: str, count: int) -> Floats:
-    found = _field(path, metadata, name)
+def _numbers(file: ModelFile, name: str, count: int) -> Floats:
+    found = file.field(name)
     try:
         numbers = np.asarray(found, dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise ModelError(f"{path}: '{name}' is {found!r}, this program needs {count} numbers")
+        raise ModelError(f"{file.path}: '{name}' is {found!r}, this program needs {count} numbers")
     return numbers

@@ -13,7 +13,7 @@ from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.policy_train import Export, Train
-from saltus.cli.serve import serve
+from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName, TerrainConfig, to_toml
 
 if TYPE_CHECKING:
@@ -119,17 +119,10 @@ class Search:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve:
+class Serve(ServeProcess):
     """Runs the planner process against a running stack."""
 
-    endpoint: str
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
-    run_dir: Path
-    """Folder with the run's run.toml."""
-
-    def run(self) -> int:
-        """Runs until it is told to stop."""
-        return serve("policy", self.run_dir, self.endpoint)
+    module = "policy"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
-from saltus.cli.serve import serve
+from saltus.cli.serve import ServeProcess
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
 
@@ -65,17 +65,10 @@ class Fit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve:
+class Serve(ServeProcess):
     """Runs the camera process against a running stack."""
 
-    endpoint: str
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
-    run_dir: Path
-    """Folder with the run's run.toml."""
-
-    def run(self) -> int:
-        """Runs until it is told to stop."""
-        return serve("render", self.run_dir, self.endpoint)
+    module = "render"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,29 @@
 
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 
 def serve(module: str, run_dir: Path, endpoint: str) -> int:
     """Runs `python -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
     command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint]
     return subprocess.run(command, check=False).returncode
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeProcess:
+    """The command of a process that needs a running stack and nothing else."""
+
+    module: ClassVar[str]
+    """Whose `__main__` is run."""
+
+    endpoint: str
+    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
+    run_dir: Path
+    """Folder with the run's run.toml."""
+
+    def run(self) -> int:
+        """Runs until the run is over or it is told to stop."""
+        return serve(self.module, self.run_dir, self.endpoint)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from policy.actor import PolicyActor
 from saltus.cli.main import main
+from saltus.model_file import ModelFile
 
 KEYS = {"terrain", "params", "trials", "success_rate", "mean_speed_mps", "time_s", "failures"}
 STONES = ("--terrain", "stepping_stones", "--steps", "1", "--gap-m", "0.05", "--gap-max-m", "0.1")
@@ -33,7 +33,7 @@ def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
     assert main(["policy", "train", *flags]) == 0
     model = tmp_path / "policy.onnx"
     assert main(["policy", "export", "--checkpoint", str(tmp_path / "run/checkpoint.pt"), "--out", str(model)]) == 0
-    assert PolicyActor(model).metadata["iteration"] == "1"
+    assert ModelFile(model).field("iteration") == 1
 
 
 @pytest.mark.parametrize(

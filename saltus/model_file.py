@@ -1,0 +1,60 @@
+"""A trained network as one ONNX file: read, named by its hash, run on one thread, refused in one line."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import onnxruntime
+
+from saltus.errors import ModelError
+
+MAX_BYTES = 64 << 20
+"""Six times what is shipped at most: a larger file is another file."""
+
+
+class ModelFile:
+    """An ONNX file in ONNX Runtime, on one thread that sleeps between calls.
+
+    Attributes:
+        path: Where it was read.
+        model_id: First half of the sha256 of the very bytes that run, as hexadecimal digits.
+        session: ONNX Runtime's.
+        metadata: As text; `field` reads them.
+
+    Raises:
+        ModelError: the file is unreadable, of no sensible size, or not a network that can be run.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise ModelError(f"cannot read model {path}: {error.strerror}") from error
+        if not 0 < len(data) <= MAX_BYTES:
+            raise ModelError(f"model {path} has {len(data)} bytes: expected 1 to {MAX_BYTES}")
+        self.model_id = hashlib.sha256(data).hexdigest()[:16]
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
+        try:
+            self.session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # the runtime has no common base class of its errors
+            raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
+        self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
+
+    def field(self, name: str) -> Any:
+        """One of its metadata, which are JSON.
+
+        Raises:
+            ModelError: it is missing or not JSON.
+        """
+        if name not in self.metadata:
+            raise ModelError(f"model {self.path} does not fit: '{name}' is missing from its metadata")
+        try:
+            return json.loads(self.metadata[name])
+        except json.JSONDecodeError as error:
+            raise ModelError(f"model {self.path} does not fit: '{name}' is not JSON") from error
