@@ -3,10 +3,10 @@
     meta.json, joints.csv, imu.csv, base.csv, feet.csv, depth.npz
 
 SI units; `t` in seconds on one monotonic clock; world z up; quaternions (w, x, y, z), body to world. Everything but
-`meta.json` and `joints.csv` may be missing. Columns are in `README.md` of a log's schema, "saltus-run/1".
+`meta.json` and `joints.csv` may be missing; a table may be Parquet with the same columns, e.g. `joints.parquet`.
+Reading checks the form only: columns and types. Whether the contents make sense is for `real2sim.screen` to say.
 """
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 from numpy.typing import NDArray
 
 from saltus import go1
@@ -33,11 +36,12 @@ BASE_COLUMNS = (*AXES, *QUATERNION, *(f"v{a}" for a in AXES))
 FEET_COLUMNS = tuple(f"f_{leg}" for leg in go1.LEGS)
 JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est")
 REQUIRED_SIGNALS = ("q", "q_des")
+SEGMENT_KEYS = ("name", "t0", "t1", "condition")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Rows of one CSV file."""
+    """Rows of one table."""
 
     time_s: Floats
     """Shape (n,)."""
@@ -92,17 +96,17 @@ def export_run_log(recording: Recording, directory: Path) -> None:
 
 
 def write_run_log(log: RunLog, directory: Path) -> None:
-    """Writes a run log.
+    """Writes a run log, tables as CSV with every bit of their numbers.
 
     Raises:
         RecordingError: the directory cannot be written.
     """
+    signals = [name for name in JOINT_SIGNALS if getattr(log.joints, name) is not None]
+    columns = [f"{name}_{joint}" for name in signals for joint in log.meta["joints"]]
+    values = np.concatenate([getattr(log.joints, name) for name in signals], axis=1)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
-        signals = [name for name in JOINT_SIGNALS if getattr(log.joints, name) is not None]
-        columns = [f"{name}_{joint}" for name in signals for joint in log.meta["joints"]]
-        values = np.concatenate([getattr(log.joints, name) for name in signals], axis=1)
         _write(directory / "joints.csv", columns, Table(time_s=log.joints.time_s, values=values))
         for name, names, table in (
             ("imu", IMU_COLUMNS, log.imu),
@@ -127,19 +131,44 @@ def read_run_log(directory: Path) -> RunLog:
         meta = json.loads((directory / "meta.json").read_text())
     except (OSError, ValueError) as error:
         raise RecordingError(f"{directory} is not a run log: meta.json: {error}") from error
+    if not isinstance(meta, dict):
+        raise RecordingError(f"{directory} is not a run log: meta.json holds no object")
     if meta.get("schema") != SCHEMA:
         raise RecordingError(f"{directory}: schema {meta.get('schema')!r}, this version reads '{SCHEMA}'")
     joints = meta.get("joints")
     if not isinstance(joints, list) or not joints:
         raise RecordingError(f"{directory}: meta.json names no joints")
+    missing = [key for key in ("kp", "kd", "control_dt") if key not in meta]
+    if missing:
+        raise RecordingError(f"{directory}: meta.json lacks '{missing[0]}'")
+    segments(meta)
     return RunLog(
         meta=meta,
-        joints=_read_joints(directory / "joints.csv", joints),
-        imu=_read_optional(directory / "imu.csv", IMU_COLUMNS),
-        base=_read_optional(directory / "base.csv", BASE_COLUMNS),
-        feet=_read_optional(directory / "feet.csv", FEET_COLUMNS),
+        joints=_read_joints(directory, joints),
+        imu=_read_optional(directory, "imu", IMU_COLUMNS),
+        base=_read_optional(directory, "base", BASE_COLUMNS),
+        feet=_read_optional(directory, "feet", FEET_COLUMNS),
         depth=_read_depth(directory / "depth.npz"),
     )
+
+
+def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
+    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none.
+
+    Raises:
+        RecordingError: a segment without name, t0, t1 or condition, or that ends before it begins.
+    """
+    excitation = meta.get("excitation")
+    named = meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None) or []
+    if not isinstance(named, list):
+        raise RecordingError("meta.json: 'segments' must be a list")
+    for segment in named:
+        missing = [key for key in SEGMENT_KEYS if not isinstance(segment, dict) or key not in segment]
+        if missing:
+            raise RecordingError(f"meta.json: a segment lacks '{missing[0]}': {segment!r}")
+        if not all(isinstance(segment[key], int | float) for key in ("t0", "t1")) or segment["t1"] <= segment["t0"]:
+            raise RecordingError(f"meta.json: segment {segment['name']!r} must have numbers t0 < t1")
+    return named
 
 
 def _collect(recording: Recording) -> RunLog:
@@ -242,13 +271,12 @@ def _to_millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
 
 
 def _write(path: Path, columns: Sequence[str], table: Table) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["t", *columns])
-        # repr keeps every bit of a float
-        writer.writerows(
-            [repr(t), *map(repr, row)] for t, row in zip(table.time_s.tolist(), table.values.tolist(), strict=True)
-        )
+    rows = np.column_stack([table.time_s, table.values])
+    names = ["t", *columns]
+    with path.open("wb") as file:
+        file.write((",".join(names) + "\n").encode())
+        options = pyarrow.csv.WriteOptions(include_header=False)
+        pyarrow.csv.write_csv(pa.table(list(rows.T), names=names), file, options)
 
 
 def _write_depth(path: Path, depth: DepthTable) -> None:
@@ -258,33 +286,49 @@ def _write_depth(path: Path, depth: DepthTable) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _read_csv(path: Path) -> tuple[list[str], Floats]:
-    try:
-        with path.open(newline="") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-            rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"cannot read {path}: {error}") from error
-    if not header or header[0] != "t" or rows.shape[1] != len(header):
-        raise RecordingError(f"{path}: the first line must name its {rows.shape[1]} columns, 't' first")
-    if np.any(np.diff(rows[:, 0]) < 0):
-        raise RecordingError(f"{path}: 't' runs backwards")
-    return header, rows
-
-
-def _read_optional(path: Path, columns: Sequence[str]) -> Table | None:
+def _read_table(directory: Path, name: str) -> tuple[Path, list[str], Floats] | None:
+    """File, names of its columns and rows of a table, whichever of the two forms is there."""
+    parquet, csv = directory / f"{name}.parquet", directory / f"{name}.csv"
+    path = parquet if parquet.exists() else csv
     if not path.exists():
         return None
-    header, rows = _read_csv(path)
-    missing = [name for name in columns if name not in header]
+    try:
+        table = pyarrow.parquet.read_table(path) if path is parquet else _read_csv(path)
+        columns = [column.cast(pa.float64()).to_numpy() for column in table.columns]
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    header = [column.strip() for column in table.column_names]
+    if "t" not in header:
+        raise RecordingError(f"{path}: column 't' is missing")
+    if not table.num_rows:
+        raise RecordingError(f"{path} has no rows")
+    return path, header, np.column_stack(columns)
+
+
+def _read_csv(path: Path) -> pa.Table:
+    with path.open() as file:
+        header = file.readline().rstrip("\r\n").split(",")
+    types = {name.strip('"'): pa.float64() for name in header}
+    return pyarrow.csv.read_csv(path, convert_options=pyarrow.csv.ConvertOptions(column_types=types))
+
+
+def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> Table | None:
+    read = _read_table(directory, name)
+    if read is None:
+        return None
+    path, header, rows = read
+    missing = [column for column in columns if column not in header]
     if missing:
         raise RecordingError(f"{path}: column '{missing[0]}' is missing")
-    order = [header.index(name) for name in columns]
-    return Table(time_s=rows[:, 0], values=rows[:, order])
+    order = [header.index(column) for column in columns]
+    return Table(time_s=rows[:, header.index("t")], values=rows[:, order])
 
 
-def _read_joints(path: Path, joints: list[str]) -> JointTable:
-    header, rows = _read_csv(path)
+def _read_joints(directory: Path, joints: list[str]) -> JointTable:
+    read = _read_table(directory, "joints")
+    if read is None:
+        raise RecordingError(f"{directory}: joints.csv is missing")
+    path, header, rows = read
     signals: dict[str, Floats | None] = {}
     for signal in JOINT_SIGNALS:
         columns = [f"{signal}_{joint}" for joint in joints]
@@ -295,7 +339,7 @@ def _read_joints(path: Path, joints: list[str]) -> JointTable:
             raise RecordingError(f"{path}: column '{missing[0]}' is missing")
         else:
             signals[signal] = None
-    return JointTable(time_s=rows[:, 0], **signals)  # type: ignore[arg-type]
+    return JointTable(time_s=rows[:, header.index("t")], **signals)  # type: ignore[arg-type]
 
 
 def _read_depth(path: Path) -> DepthTable | None:
@@ -303,9 +347,15 @@ def _read_depth(path: Path) -> DepthTable | None:
         return None
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            capture = arrays.get("t_capture")
-            return DepthTable(
-                arrival_s=arrays["t_arrival"], capture_s=capture, frame_id=arrays["frame_id"], depth_mm=arrays["depth"]
+            depth = DepthTable(
+                arrival_s=arrays["t_arrival"],
+                capture_s=arrays.get("t_capture"),
+                frame_id=arrays["frame_id"],
+                depth_mm=arrays["depth"],
             )
     except Exception as error:  # a damaged archive fails in many ways
         raise RecordingError(f"cannot read {path}: {error}") from error
+    frames = len(depth.arrival_s)
+    if depth.depth_mm.ndim != 3 or len(depth.depth_mm) != frames or len(depth.frame_id) != frames:
+        raise RecordingError(f"{path}: {frames} arrivals, but depth {depth.depth_mm.shape}, ids {depth.frame_id.shape}")
+    return depth

@@ -1,16 +1,19 @@
 """Run logs: a recording exported to plain tables reads back to the bit, and bad tables are named."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 from test_recording import STEPS, run_samples, write
 
 from saltus.errors import RecordingError
 from saltus.messages import DepthFrame, GroundTruth, JointLog, RobotState
 from saltus.recording import Recording
-from saltus.run_log import export_run_log, read_run_log
+from saltus.run_log import export_run_log, read_run_log, segments, write_run_log
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +83,9 @@ def _drop_column(directory: Path) -> None:
     path.write_text(path.read_text().replace("q_FR_hip", "q_XX_hip", 1))
 
 
-def _backwards(directory: Path) -> None:
-    lines = (directory / "imu.csv").read_text().splitlines()
-    (directory / "imu.csv").write_text("\n".join([lines[0], *reversed(lines[1:])]))
+def _not_t(directory: Path) -> None:
+    path = directory / "imu.csv"
+    path.write_text(path.read_text().replace("t,", "time,", 1))
 
 
 def _text(directory: Path) -> None:
@@ -103,7 +106,7 @@ def _cut_archive(directory: Path) -> None:
     ("damage", "says"),
     [
         (_drop_column, "q_FR_hip' is missing"),
-        (_backwards, "runs backwards"),
+        (_not_t, "column .t. is missing"),
         (_text, "cannot read .*base.csv"),
         (_schema, "saltus-run/9"),
         (_cut_archive, "depth.npz"),
@@ -122,3 +125,44 @@ def test_a_recording_without_joints_has_no_log(tmp_path: Path) -> None:
     samples = [s for s in run_samples(3) if s.key != "controller/joints"]
     with pytest.raises(RecordingError, match="controller/joints"):
         export_run_log(write(tmp_path / "recording.mcap", samples), tmp_path / "log")
+
+
+def test_parquet_tables_mean_the_same(directory: Path) -> None:
+    expected = read_run_log(directory)
+    for name in ("joints", "imu", "base", "feet"):
+        csv = directory / f"{name}.csv"
+        pyarrow.parquet.write_table(pyarrow.csv.read_csv(csv), directory / f"{name}.parquet")
+        csv.unlink()
+    log = read_run_log(directory)
+    np.testing.assert_array_equal(log.joints.q_des, expected.joints.q_des)
+    assert log.imu is not None
+    assert expected.imu is not None
+    np.testing.assert_array_equal(log.imu.values, expected.imu.values)
+
+
+def test_what_was_written_reads_back_to_the_bit(directory: Path, tmp_path: Path) -> None:
+    log = read_run_log(directory)
+    q = log.joints.q * np.pi
+    q[3, 2] = np.nan
+    write_run_log(replace(log, joints=replace(log.joints, q=q)), tmp_path / "again")
+    np.testing.assert_array_equal(read_run_log(tmp_path / "again").joints.q, q)
+
+
+@pytest.mark.parametrize("outer", [True, False])
+def test_segments_stand_beside_or_within_the_excitation(outer: bool) -> None:
+    named = [{"name": "a", "t0": 0, "t1": 1.5, "condition": "slow"}]
+    assert (
+        segments({"segments": named, "excitation": "text"} if outer else {"excitation": {"segments": named}}) == named
+    )
+    assert segments({"excitation": "text"}) == []
+    for wrong in ({"name": "a", "t0": 0, "t1": 1}, {**named[0], "t1": -1.0}, {**named[0], "t0": "0"}):
+        with pytest.raises(RecordingError, match="segment"):
+            segments({"segments": [wrong]})
+
+
+def test_a_clock_that_runs_backwards_is_read_as_it_is(directory: Path) -> None:
+    lines = (directory / "imu.csv").read_text().splitlines()
+    (directory / "imu.csv").write_text("\n".join([lines[0], *reversed(lines[1:])]))
+    imu = read_run_log(directory).imu
+    assert imu is not None
+    assert (np.diff(imu.time_s) < 0).all()
