@@ -19,6 +19,8 @@ from saltus.terrain.terrain import Terrain
 
 GRAVITY = 9.81  # the engine's default, original
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
+HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
+HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
 STAND_DROP = -float(foot_position(go1.STAND_POSE)[0, 2]) + go1.FOOT_RADIUS
 """Height of the base above the ground when the soles touch it in `STAND_POSE` [m]; the legs give 1 cm under load."""
 
@@ -73,6 +75,8 @@ class Plant:
         com_shift: Added to the trunk's centre of mass [m], base frame.
         chain: What the drives do to a command; by default the ideal PD law.
         seed: Of the randomness in the drives.
+        held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the joints are then
+            integrated to a higher order, so that the time step shows in no log.
     """
 
     def __init__(
@@ -84,9 +88,14 @@ class Plant:
         com_shift: Sequence[float] = (0.0, 0.0, 0.0),
         chain: ActuatorChain | None = None,
         seed: int = 0,
+        held: bool = False,
     ) -> None:
         self.terrain = terrain
         self.model = scene.build_spec(terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift).compile()
+        self._held = held
+        if held:
+            self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+            self.model.dof_armature[:6] = HELD_INERTIA
         self.data = mujoco.MjData(self.model)
         self._chain = chain or ActuatorChain()
         self._seed = seed
@@ -105,6 +114,8 @@ class Plant:
         self.data.qpos[:] = standing_pose(
             self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
         )
+        if self._held:
+            self.data.qpos[2] = HELD_HEIGHT
         self._actuators = self._chain.init((), np.random.default_rng(self._seed))
         mujoco.mj_forward(self.model, self.data)
         self._state = self._observe(np.zeros(12))
