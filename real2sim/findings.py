@@ -1,0 +1,102 @@
+"""What a search hands on: effects found for one kind of sensor, how sure they are, and what else was considered."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from real2sim.problem import Estimate, Floats
+
+ProblemRuling = Literal["named", "set", "unexplained", "no_gap"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A physical parameter with the interval that holds it in 90 % of logs."""
+
+    value: float
+    ci90: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundEffect:
+    """An effect with the values it has at some places."""
+
+    name: str
+    where: str | tuple[str, ...]
+    """"all", the names of places, or, where the problem has one place only, its name."""
+    params: dict[str, Interval]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rung:
+    """A set of effects that was fitted, and what it is worth on segments held out from its fit."""
+
+    effects: tuple[str, ...]
+    gain: float
+    """Drop of the held-out cost against the model without effects [nats]."""
+    gain_ci90: tuple[float, float]
+    closed: float
+    """Share of the closable gap, held out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalGap:
+    """Mean squared whitened residual of one signal on the test segments."""
+
+    signal: str
+    residuals: int
+    before: float
+    after: float
+    floor: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Confusion:
+    """Cosines between what the effects do to the residuals of these data, with nuisances projected out."""
+
+    effects: tuple[str, ...]
+    cosine: Floats
+    """Shape (effects, effects), 0 to 1."""
+
+    def between(self, a: str, b: str) -> float:
+        """The cosine of two effects; 0 where one leaves no trace."""
+        if a not in self.effects or b not in self.effects:
+            return 0.0
+        return float(self.cosine[self.effects.index(a), self.effects.index(b)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baselines:
+    """What simpler ways would have named, for comparison only."""
+
+    threshold: tuple[str, ...]
+    """All effects whose estimate in one joint fit differs from 0 by more than three of its standard errors."""
+    lowest_training_error: tuple[str, ...]
+    """The one effect that fits best, with no held-out data and no threshold."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """The result of `real2sim.search.search` for one kind of sensor."""
+
+    problem: str
+    verdict: ProblemRuling
+    effects: tuple[FoundEffect, ...] = ()
+    """Those that nothing else explains as well."""
+    sets: tuple[tuple[str, ...], ...] = ()
+    """Effects that these data cannot tell apart, at most three each."""
+    rivals: tuple[FoundEffect, ...] = ()
+    """The fitted values of all effects in sets."""
+    ladder: tuple[Rung, ...] = ()
+    """Best first."""
+    confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))
+    gaps: tuple[SignalGap, ...] = ()
+    remainder: float = 0.0
+    """RMS of what the best model leaves above the noise, in the segment and signal that show it best [sigma]."""
+    minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
+    untestable: dict[str, str] = field(default_factory=dict)
+    baselines: Baselines = field(default_factory=lambda: Baselines(threshold=(), lowest_training_error=()))
+    evaluations: int = 0
+    """Sets of unknowns that were simulated."""

@@ -1,0 +1,70 @@
+"""Which of a problem's unknowns belong to which effect, and models as sets of effects."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from real2sim.problem import Candidate, Floats, Indices, Problem
+
+Model = tuple[str, ...]
+"""Effects that a model has besides the claimed ones, sorted; () is the claimed model itself."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
+    """The columns of a problem's vector of unknowns."""
+
+    candidates: tuple[Candidate, ...]
+    candidate: Indices
+    """Shape (unknowns,): the candidate that each unknown belongs to."""
+    is_shape: Indices
+    low: Floats
+    high: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Layout":
+        """The layout of a problem."""
+        unknowns = [unknown for candidate in problem.candidates for unknown in candidate.unknowns]
+        return cls(
+            candidates=problem.candidates,
+            candidate=np.repeat(np.arange(len(problem.candidates)), [len(c.unknowns) for c in problem.candidates]),
+            is_shape=np.array([unknown.is_shape for unknown in unknowns], dtype=bool),
+            low=np.array([unknown.low for unknown in unknowns]),
+            high=np.array([unknown.high for unknown in unknowns]),
+            scale=np.array([unknown.scale for unknown in unknowns]),
+        )
+
+    @property
+    def effects(self) -> Model:
+        """Names of the effects that are no nuisances, in the order of the candidates."""
+        return tuple(dict.fromkeys(c.effect for c in self.candidates if not c.is_nuisance))
+
+    @property
+    def nuisances(self) -> Indices:
+        """Columns that every model fits."""
+        return np.flatnonzero([self.candidates[i].is_nuisance for i in self.candidate])
+
+    def of_candidate(self, index: int) -> Indices:
+        """Columns of one candidate."""
+        return np.flatnonzero(self.candidate == index)
+
+    def of_effects(self, effects: Iterable[str]) -> Indices:
+        """Columns of effects, nuisances not included."""
+        names = set(effects)
+        return np.flatnonzero([self.candidates[i].effect in names for i in self.candidate])
+
+    def of_model(self, model: Model) -> Indices:
+        """Columns that a model fits: its effects' and the nuisances, in ascending order."""
+        return np.sort(np.concatenate([self.of_effects(model), self.nuisances]))
+
+    def starts(self, index: int) -> list[Floats]:
+        """Shapes from which fits of a candidate start, without repetition; 0 where an unknown is no shape."""
+        shapes = [np.where(self.is_shape[self.of_candidate(index)], s, 0.0) for s in self.candidates[index].starts]
+        return list({tuple(shape): shape for shape in shapes}.values())
+
+
+def model_of(effects: Iterable[str]) -> Model:
+    """The model with these effects."""
+    return tuple(sorted(set(effects)))

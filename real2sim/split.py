@@ -1,0 +1,101 @@
+"""Which residuals fits may see, which compare hypotheses, and which judge the result.
+
+The rule:
+
+1. A condition with two or more segments that look like repeats - the claimed model leaves similar gaps in all of them -
+   gives its last segment to the test.
+2. Where segments of a condition differ, e.g. one motion at several amplitudes, or where there is only one, each is cut
+   into pieces of at least `PIECE_S`, and every third piece is a test. An effect that only the largest amplitude shows
+   is then seen by fit and test alike.
+3. All else is for fitting. Hypotheses are compared by cross-validation in which each fold holds out one segment, or one
+   piece of those that were cut.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from real2sim.problem import Floats, Indices, Problem
+
+PIECE_S = 2.0
+"""Longer than what a joint under PD control remembers, so that pieces are independent."""
+CHUNK_S = 0.5
+"""Stretch over which residuals may be correlated; the unit of the bootstrap and of robust covariances. Two periods of
+the slowest oscillation of a leg under a Go1's gains, about 4 Hz."""
+REPEAT_RATIO = 1.5
+"""Largest ratio of the RMS gaps of two segments that still count as repeats: amplitudes differ by 2 in practice."""
+TEST = -1
+"""Fold of residuals that no fit sees."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Split:
+    """The parts of a problem's residuals."""
+
+    chunk: Indices
+    """Shape (m,): to which chunk a residual belongs."""
+    fold: Indices
+    """Shape (chunks,): which fold holds a chunk out; `TEST` where no fit sees it."""
+    segment: Indices
+    """Shape (chunks,): index into the problem's segments."""
+
+    @property
+    def folds(self) -> list[int]:
+        """The folds of the cross-validation."""
+        return [int(fold) for fold in np.unique(self.fold) if fold != TEST]
+
+    @property
+    def is_fit(self) -> Indices:
+        """Shape (m,): whether fits see a residual."""
+        return self.fold[self.chunk] != TEST
+
+
+def split(problem: Problem, residuals: Floats) -> Split:
+    """Splits a problem's residuals.
+
+    Args:
+        problem: The problem.
+        residuals: Of the model without effects, shape (blocks, m); tells repeats from families of amplitudes.
+    """
+    power = np.mean(residuals**2, axis=0)
+    pieces: list[tuple[Indices, int]] = []  # rows and segment
+    test: list[bool] = []
+    for condition in dict.fromkeys(segment.condition for segment in problem.segments):
+        members = [i for i, s in enumerate(problem.segments) if s.condition == condition]
+        rows = {i: np.flatnonzero(problem.segment == i) for i in members}
+        members = [i for i in members if len(rows[i])]
+        levels = [float(np.sqrt(np.mean(power[rows[i]]))) for i in members]
+        if len(members) >= 2 and max(levels) <= REPEAT_RATIO * min(levels):
+            pieces += [(rows[i], i) for i in members]
+            test += [i == members[-1] for i in members]
+            continue
+        for i in members:
+            cut = _cut(problem.time_s[rows[i]], PIECE_S)
+            pieces += [(rows[i][part], i) for part in cut]
+            test += [len(cut) >= 3 and k % 3 == 2 for k in range(len(cut))]
+    return _number(problem, pieces, test)
+
+
+def _number(problem: Problem, pieces: list[tuple[Indices, int]], test: list[bool]) -> Split:
+    chunk = np.zeros(len(problem.time_s), dtype=np.int64)
+    fold: list[int] = []
+    segment: list[int] = []
+    folds = 0
+    for (rows, index), is_test in zip(pieces, test, strict=True):
+        for part in _cut(problem.time_s[rows], CHUNK_S):
+            chunk[rows[part]] = len(fold)
+            fold.append(TEST if is_test else folds)
+            segment.append(index)
+        folds += not is_test
+    return Split(chunk=chunk, fold=np.array(fold), segment=np.array(segment))
+
+
+def _cut(time_s: Floats, length_s: float) -> list[Indices]:
+    """Cuts a stretch into parts of equal duration, at least `length_s` each; rows of each part."""
+    start, duration = float(time_s.min()), float(np.ptp(time_s))
+    parts = max(1, int(duration / length_s))
+    edges = start + duration * np.arange(parts + 1) / parts
+    edges[-1] = np.inf
+    rows = [np.flatnonzero((time_s >= low) & (time_s < high)) for low, high in pairwise(edges)]
+    return [part for part in rows if len(part)]

@@ -1,0 +1,147 @@
+"""`verdict.json`: what was found in a run log, in the words of the schema of run logs."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from real2sim.findings import Findings, FoundEffect, Interval
+from real2sim.problem import Estimate
+
+Ruling = Literal["named", "set", "unexplained", "no_gap", "bad_log"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Mean squared whitened residual on segments that no fit has seen; 1 is noise alone."""
+
+    before: float
+    after: float
+    floor: float
+
+    @property
+    def closed(self) -> float:
+        """Closed share of the gap that a perfect model would close; 0 where there is none."""
+        closable = self.before - self.floor
+        return (self.before - self.after) / closable if closable > 0.0 else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextExperiment:
+    """The experiment that would tell the effects of a set apart."""
+
+    name: str
+    why: str
+    expected_separation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Contents of `verdict.json`."""
+
+    verdict: Ruling
+    effects: tuple[FoundEffect, ...] = ()
+    sets: tuple[tuple[str, ...], ...] = ()
+    next_experiment: NextExperiment | None = None
+    untestable: dict[str, str] = field(default_factory=dict)
+    """Name of an effect and why these data cannot show it."""
+    gap: Gap | None = None
+    minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
+    log_faults: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict as JSON holds it."""
+        return {
+            "verdict": self.verdict,
+            "effects": [_effect_to_dict(effect) for effect in self.effects],
+            "sets": [list(names) for names in self.sets],
+            "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
+            "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
+            "gap": None if self.gap is None else {**vars(self.gap), "closed": self.gap.closed},
+            "minimum_detectable": {
+                name: {"value": size.value, "unit": size.unit} for name, size in self.minimum_detectable.items()
+            },
+            "log_faults": list(self.log_faults),
+        }
+
+    def to_json(self) -> str:
+        """The verdict as one line of JSON."""
+        return json.dumps(self.to_dict())
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> "Verdict":
+        """The verdict that `to_dict` was called on."""
+        experiment, gap = data.get("next_experiment"), data.get("gap")
+        return cls(
+            verdict=data["verdict"],
+            effects=tuple(_effect_from_dict(effect) for effect in data["effects"]),
+            sets=tuple(tuple(names) for names in data["sets"]),
+            next_experiment=None if experiment is None else NextExperiment(**experiment),
+            untestable={entry["name"]: entry["why"] for entry in data["untestable"]},
+            gap=None if gap is None else Gap(before=gap["before"], after=gap["after"], floor=gap["floor"]),
+            minimum_detectable={name: Estimate(**size) for name, size in data["minimum_detectable"].items()},
+            log_faults=tuple(data["log_faults"]),
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> "Verdict":
+        """The verdict that `to_json` was called on."""
+        return cls.from_dict(json.loads(text))
+
+
+def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdict:
+    """One verdict for a log from what was found for each kind of sensor.
+
+    A damaged log is judged by nothing else. A set outweighs an unexplained gap elsewhere, which outweighs names: the
+    verdict never sounds surer than its least sure part that concerns effects. The gap pools squared residuals.
+    """
+    if log_faults:
+        return Verdict(verdict="bad_log", log_faults=tuple(log_faults))
+    rulings = {each.verdict for each in findings}
+    order: tuple[Ruling, ...] = ("unexplained", "set", "named")
+    ruling: Ruling = next((name for name in order if name in rulings), "no_gap")
+    sets = dict.fromkeys(names for each in findings for names in each.sets)
+    return Verdict(
+        verdict=ruling,
+        effects=tuple(effect for each in findings for effect in each.effects),
+        sets=tuple(sets),
+        untestable={name: why for each in findings for name, why in each.untestable.items()},
+        gap=_pool(findings),
+        minimum_detectable={name: size for each in findings for name, size in each.minimum_detectable.items()},
+    )
+
+
+def _pool(findings: Sequence[Findings]) -> Gap | None:
+    """The gap of the sensors that show one, or of all where none does; each counts by its number of residuals."""
+    counted = [each for each in findings if each.verdict != "no_gap"] or list(findings)
+    rows = sum(gap.residuals for each in counted for gap in each.gaps)
+    if rows == 0:
+        return None
+
+    def mean(name: str) -> float:
+        return float(sum(getattr(gap, name) * gap.residuals for each in counted for gap in each.gaps) / rows)
+
+    return Gap(before=mean("before"), after=mean("after"), floor=mean("floor"))
+
+
+def _effect_to_dict(effect: FoundEffect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "where": effect.where if isinstance(effect.where, str) else list(effect.where),
+        "params": {
+            name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
+            for name, found in effect.params.items()
+        },
+    }
+
+
+def _effect_from_dict(data: dict[str, Any]) -> FoundEffect:
+    where = data["where"]
+    return FoundEffect(
+        name=data["name"],
+        where=where if isinstance(where, str) else tuple(where),
+        params={
+            name: Interval(value=found["value"], ci90=tuple(found["ci90"]), unit=found["unit"])
+            for name, found in data["params"].items()
+        },
+    )
