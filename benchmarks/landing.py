@@ -48,7 +48,7 @@ class Landing:
 
 def land(terrain: Terrain, trial: Trial, fault_s: float, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
-    robot = MujocoRobot(terrain, trial, trial.applied_to(GO1).actuator_chain)
+    robot = MujocoRobot(terrain, trial, trial.applied_to(GO1))
     robot.reset()
     loop, planner = ControlLoop(), PlannerProcess(ScriptedPlanner())
     plan: MotionPlan | None = None

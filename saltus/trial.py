@@ -80,7 +80,7 @@ class Trial:
         ]
         heights = [e for e in profile.heightmap if not isinstance(e, HeightmapShift)]
         shift = HeightmapShift(x=self.height_shift_x, z=self.height_shift_z)
-        return Profile(actuator=(*drives, gain), camera=tuple(camera), heightmap=(*heights, shift))
+        return replace(profile, actuator=(*drives, gain), camera=tuple(camera), heightmap=(*heights, shift))
 
 
 def _delay(effect: Effect[Any], delay_s: float) -> Effect[Any]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from controller.estimator import Measurement
 from controller.robot.backend import Reading, RobotBackend
-from saltus.effects.chain import ActuatorChain
+from saltus.effects.profile import Profile
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import GroundTruth, JointCommand
 from saltus.sim.plant import Plant
@@ -19,13 +19,21 @@ class MujocoRobot(RobotBackend):
     Args:
         terrain: What it stands on.
         trial: Start pose, friction, payload and seed.
-        chain: What its drives do to a command.
+        profile: Its effects, with what the trial says already in them.
     """
 
-    def __init__(self, terrain: Terrain, trial: Trial, chain: ActuatorChain) -> None:
+    def __init__(self, terrain: Terrain, trial: Trial, profile: Profile) -> None:
         self.terrain = terrain
         self._trial = trial
-        self._plant = Plant(terrain, friction=trial.friction, payload_kg=trial.payload_kg, chain=chain, seed=trial.seed)
+        self._plant = Plant(
+            terrain,
+            friction=trial.friction,
+            payload_kg=trial.payload_kg,
+            chain=profile.actuator_chain,
+            body=profile.body_chain,
+            imu=profile.imu_chain,
+            seed=trial.seed,
+        )
         self._trunk_contact = False
 
     @property
@@ -40,12 +48,12 @@ class MujocoRobot(RobotBackend):
 
     def read(self) -> Reading:
         """The sensors, without noise: their errors are effects."""
-        state = self._plant.state
+        state, imu = self._plant.state, self._plant.imu
         return Reading(
             measurement=Measurement(
-                quaternion_base_in_world=state.quaternion_base_in_world,
-                angular_velocity_base=state.angular_velocity_base,
-                acceleration_base=state.acceleration_base,
+                quaternion_base_in_world=imu.quaternion,
+                angular_velocity_base=imu.angular_velocity,
+                acceleration_base=imu.acceleration,
                 joint_position=state.joint_position,
                 joint_velocity=state.joint_velocity,
             ),

@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from saltus.effects.body import BodyChain
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.imu import ImuChain
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
@@ -74,6 +76,16 @@ class Profile:
     def camera_chain(self) -> CameraChain:
         """The camera's effects in their order."""
         return CameraChain(self.camera)
+
+    @property
+    def body_chain(self) -> BodyChain:
+        """The effects on the robot's model."""
+        return BodyChain(self.body)
+
+    @property
+    def imu_chain(self) -> ImuChain:
+        """The IMU's effects in their order."""
+        return ImuChain(self.imu)
 
 
 IDEAL = Profile()

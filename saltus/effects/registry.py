@@ -3,12 +3,19 @@
 from typing import Any
 
 from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.base_inertia import BaseInertia
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
+from saltus.effects.contact_compliance import ContactCompliance
 from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.imu_bias import ImuBias
+from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.payload_mass import PayloadMass
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -25,5 +32,12 @@ _CLASSES: tuple[type[Effect[Any]], ...] = (
     FrameDrop,
     CameraLatency,
     HeightmapShift,
+    PayloadMass,
+    ComOffset,
+    BaseInertia,
+    FootFriction,
+    ContactCompliance,
+    ImuBias,
+    ImuLatency,
 )
 EFFECTS: dict[str, type[Effect[Any]]] = {kind.name: kind for kind in _CLASSES}

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain
+from saltus.effects.imu import ImuChain, ImuReading
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.messages import JointCommand
@@ -74,6 +76,8 @@ class Plant:
         payload_kg: Mass on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
         chain: What the drives do to a command; by default the ideal PD law.
+        body: What is otherwise than claimed about the robot's body and the ground.
+        imu: What the IMU makes of the motion of the base.
         seed: Of the randomness in the drives.
         held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the joints are then
             integrated to a higher order, so that the time step shows in no log.
@@ -87,6 +91,8 @@ class Plant:
         payload_kg: float = 0.0,
         com_shift: Sequence[float] = (0.0, 0.0, 0.0),
         chain: ActuatorChain | None = None,
+        body: BodyChain | None = None,
+        imu: ImuChain | None = None,
         seed: int = 0,
         held: bool = False,
     ) -> None:
@@ -96,13 +102,19 @@ class Plant:
         if held:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
             self.model.dof_armature[:6] = HELD_INERTIA
+        if body is not None and body.effects:
+            claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
+            scene.set_body(self.model, body.apply(claimed))
         self.data = mujoco.MjData(self.model)
+        self._imu = imu or ImuChain()
         self._chain = chain or ActuatorChain()
         self._seed = seed
         self._thighs = [self.model.body(f"{leg}_thigh").id for leg in go1.LEGS]
         self._calves = [self.model.body(f"{leg}_calf").id for leg in go1.LEGS]
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in go1.LEGS]
         self._actuators: Any = None
+        self._imu_state: tuple[Any, ...] = ()
+        self._reading: ImuReading
         self._state: PlantState
         self.reset()
 
@@ -117,14 +129,21 @@ class Plant:
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
         self._actuators = self._chain.init((), np.random.default_rng(self._seed))
+        self._imu_state = self._imu.init((), np.random.default_rng(self._seed))
         mujoco.mj_forward(self.model, self.data)
         self._state = self._observe(np.zeros(12))
+        self._measure()
         return self._state
 
     @property
     def state(self) -> PlantState:
         """The present state."""
         return self._state
+
+    @property
+    def imu(self) -> ImuReading:
+        """What the IMU reports now."""
+        return self._reading
 
     def step(self, command: JointCommand) -> PlantState:
         """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it.
@@ -144,12 +163,22 @@ class Plant:
             raise SaltusError(f"the simulation diverged at {now.time_s:.3f} s: torque {torque.applied}")
         mujoco.mj_kinematics(self.model, self.data)
         self._state = self._observe(torque.believed)
+        self._measure()
         return self._state
 
     def leg_points_in_world(self) -> Floats:
         """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""
         data = self.data
         return np.stack([data.xpos[self._thighs], data.xpos[self._calves], data.geom_xpos[self._feet]], axis=1)
+
+    def _measure(self) -> None:
+        now = self._state
+        true = ImuReading(
+            quaternion=now.quaternion_base_in_world,
+            angular_velocity=now.angular_velocity_base,
+            acceleration=now.acceleration_base,
+        )
+        self._reading, self._imu_state = self._imu.step(true, float(now.time_s), self._imu_state)
 
     def _observe(self, believed: NDArray[np.floating]) -> PlantState:
         data = self.data

@@ -10,15 +10,16 @@ import mujoco
 import numpy as np
 
 from saltus import go1
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
 from saltus.sim import links
 from saltus.sim.links import Inertia
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
-FRICTION = 0.8  # rubber on concrete, middle of what trials draw
+FRICTION = NOMINAL_FRICTION
 # Contacts nearly as stiff as the time step allows (the engine wants at least two steps): measured, a foot sinks 0.1 mm
 # when the robot stands, and 2.6 mm when it lands at 2 m/s.
-CONTACT_SOLREF = (0.005, 1.0)
+CONTACT_SOLREF = (NOMINAL_CONTACT_TIME_CONSTANT_S, 1.0)
 CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 # Ratio of frictional to normal constraint stiffness: at 1 a foot that stands creeps sideways by millimetres.
 CONTACT_IMPRATIO = 10.0
@@ -85,6 +86,19 @@ def payload_inertia(payload_kg: float) -> np.ndarray:
     """Principal moments of the payload's uniform box [kg m^2], shape (3,)."""
     square = PAYLOAD_SIZE**2
     return payload_kg / 12.0 * (square.sum() - square)
+
+
+def set_body(model: mujoco.MjModel, body: BodyModel) -> None:
+    """Puts what effects say of one robot's body and ground into a compiled model of `build_spec`."""
+    geoms = model.geom_group == ROBOT_GROUP
+    model.geom_friction[geoms, 0] = float(body.friction)
+    model.geom_solref[geoms, 0] = float(body.contact_time_constant)
+    payload, trunk = model.body(PAYLOAD).id, model.body(TRUNK).id
+    model.body_mass[payload] = float(body.payload_kg)
+    model.body_inertia[payload] = payload_inertia(float(body.payload_kg))
+    model.body_ipos[trunk] = links.trunk().com + np.asarray(body.com_shift)
+    model.body_inertia[trunk] *= float(body.inertia_scale)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _options(spec: mujoco.MjSpec) -> None:

@@ -8,12 +8,21 @@ import pytest
 import torch
 
 from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.base_inertia import BaseInertia
+from saltus.effects.body import BodyModel
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
+from saltus.effects.contact_compliance import ContactCompliance
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.imu import ImuReading
+from saltus.effects.imu_bias import ImuBias
+from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.payload_mass import PayloadMass
 from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.registry import EFFECTS
 from saltus.effects.sample_and_hold import SampleAndHold
@@ -26,7 +35,7 @@ from saltus.messages import JointCommand
 
 ROBOTS = 5
 STEPS = 12
-PERIOD_S = {"command": 0.002, "torque": 0.002, "depth": 0.01, "heightmap": 0.01}
+PERIOD_S = {"command": 0.002, "torque": 0.002, "depth": 0.01, "heightmap": 0.01, "model": 1.0, "imu": 0.002}
 PER_JOINT = tuple(0.5 + 0.1 * j for j in range(12))
 
 EXAMPLES: tuple[Effect[Any], ...] = (
@@ -48,6 +57,15 @@ EXAMPLES: tuple[Effect[Any], ...] = (
     CameraLatency(latency=0.045, jitter=0.02),
     HeightmapShift(x=0.03, z=-0.02),
     HeightmapShift(x_range=0.08, z_range=0.05),
+    PayloadMass(mass=-0.7),
+    ComOffset(x=0.02, z=-0.01),
+    BaseInertia(scale=1.2),
+    FootFriction(coefficient=0.5),
+    ContactCompliance(time_constant=0.012),
+    ImuBias(gyro_x=0.02, gyro_z=-0.03),
+    ImuBias(roll=0.02, pitch=-0.01),
+    ImuLatency(delay=0.006),
+    ImuLatency(delay=0.0053),
 )
 NULLS = tuple(kind() for kind in EFFECTS.values())
 
@@ -72,6 +90,18 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
             return Drive(torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0))
         if site == "depth":
             return DepthImage(depth=abs(array(6, 4)), time_s=np.full(batch, PERIOD_S[site] * k))
+        if site == "model":
+            return BodyModel(
+                payload_kg=array(),
+                com_shift=array(3),
+                inertia_scale=array(),
+                friction=array(),
+                contact_time_constant=array(),
+            )
+        if site == "imu":
+            quaternion = array(4)
+            quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
+            return ImuReading(quaternion=quaternion, angular_velocity=array(3), acceleration=array(3))
         return HeightQuery(x=array(30), offset=array(1))
 
     if site == "depth":  # a camera at half the rate of those who look
@@ -198,13 +228,22 @@ class Batched:
         Batched(TorqueGain(), "gain", (0.9, 0.95, 1.0, 1.05, 1.1)),
         Batched(CameraLatency(), "latency", (0.0, 0.03, 0.04, 0.052, 0.06)),
         Batched(FrameDrop(), "fraction", (0.0, 0.2, 0.4, 0.6, 1.0)),
+        Batched(PayloadMass(), "mass", (0.0, -1.0, 0.5, 1.0, 3.0)),
+        Batched(ComOffset(), "y", (0.0, -0.02, 0.01, 0.02, 0.03)),
+        Batched(BaseInertia(), "scale", (1.0, 0.8, 0.9, 1.1, 1.2)),
+        Batched(FootFriction(), "coefficient", (0.8, 0.3, 0.4, 0.6, 1.0)),
+        Batched(ContactCompliance(), "time_constant", (0.005, 0.008, 0.01, 0.015, 0.02)),
+        Batched(ImuBias(), "gyro_y", (0.0, -0.02, 0.01, 0.02, 0.05)),
+        Batched(ImuBias(), "pitch", (0.0, -0.02, 0.01, 0.02, 0.05)),
+        Batched(ImuLatency(), "delay", (0.0, 0.002, 0.0031, 0.006, 0.01)),
     ],
     ids=lambda case: case.effect.name,
 )
 def test_robots_of_a_batch_may_differ(case: Batched) -> None:
     """One effect with a value for each robot is that many effects."""
     site = case.effect.site
-    column = np.array(case.values) if site == "depth" else np.array(case.values)[:, None]
+    joints = site in ("command", "torque")
+    column = np.array(case.values)[:, None] if joints else np.array(case.values)
     effect = replace(case.effect, **{case.parameter: column})
     inputs, state = signals(site, (ROBOTS,)), started(effect, (ROBOTS,))
     together = run(effect, inputs, state)

@@ -1,0 +1,87 @@
+"""What a profile says of the robot's body and of the ground under it: the effects on the model, in their order."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, like
+from saltus.effects.order import ordered
+from saltus.messages import Floats
+
+NOMINAL_FRICTION = 0.8
+"""Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
+NOMINAL_CONTACT_TIME_CONSTANT_S = 0.005
+"""Of the contacts that the model claims: nearly as stiff as a time step of 2 ms allows (the engine wants two)."""
+
+BODY_ORDER = ("payload_mass", "com_offset", "base_inertia", "foot_friction", "contact_compliance")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyModel:
+    """What of the robot's model effects may change; one robot, or with leading dimensions a batch. Site "model"."""
+
+    payload_kg: Floats
+    """Mass on top of the trunk [kg], shape (...); negative where the trunk is lighter than claimed."""
+    com_shift: Floats
+    """Added to the trunk's centre of mass [m], base frame, shape (..., 3)."""
+    inertia_scale: Floats
+    """Of the trunk about its centre of mass, true over claimed, shape (...)."""
+    friction: Floats
+    """Coefficient of sliding friction between robot and terrain, shape (...)."""
+    contact_time_constant: Floats
+    """Of the contacts, which are critically damped [s], shape (...)."""
+
+
+@dataclass(frozen=True)
+class BodyChain:
+    """The effects on the model, whatever the order in which they are given; null ones are left out.
+
+    Raises:
+        ConfigError: an effect that is given twice, or that is not one of the body.
+    """
+
+    effects: tuple[Effect[Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", ordered(self.effects, BODY_ORDER, "a body"))
+
+    def apply(self, model: BodyModel) -> BodyModel:
+        """The model with all effects in it."""
+        for effect in self.effects:
+            model, _ = effect.apply(model, 0.0, None)
+        return model
+
+
+def claimed_body(
+    batch: tuple[int, ...] = (),
+    *,
+    friction: Any = NOMINAL_FRICTION,
+    payload_kg: Any = 0.0,
+    com_shift: Any = (0.0, 0.0, 0.0),
+) -> BodyModel:
+    """The model without effects.
+
+    Args:
+        batch: Leading dimensions.
+        friction: Coefficient, of a shape that broadcasts to `batch`.
+        payload_kg: Mass on top of the trunk [kg], likewise.
+        com_shift: Added to the trunk's centre of mass [m], base frame, of a shape that broadcasts to (*batch, 3).
+    """
+    return BodyModel(
+        payload_kg=_filled(payload_kg, batch),
+        com_shift=_filled(com_shift, (*batch, 3)),
+        inertia_scale=np.ones(batch),
+        friction=_filled(friction, batch),
+        contact_time_constant=np.full(batch, NOMINAL_CONTACT_TIME_CONSTANT_S),
+    )
+
+
+def changed(values: PerRobot, array: Floats) -> Any:
+    """A parameter of the body in the form in which it combines with `array`."""
+    return like(values, array, namespace(array))
+
+
+def _filled(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), shape).copy()

@@ -1,0 +1,57 @@
+"""The IMU is mounted askew and its gyroscope drifts."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.imu import ImuReading
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuBias(Effect[ImuReading]):
+    """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
+
+    name: ClassVar[str] = "imu_bias"
+    site: ClassVar[Site] = "imu"
+
+    # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
+    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
+    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
+    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
+    roll: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
+    pitch: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
+
+    def apply(self, signal: ImuReading, time_s: float, state: None) -> tuple[ImuReading, None]:
+        """Adds the drift, and turns the reported orientation about the base's own axes."""
+        del time_s, state
+        xp, rate = namespace(signal.angular_velocity), signal.angular_velocity
+        drift = (self.gyro_x, self.gyro_y, self.gyro_z)
+        axes = tuple(rate[..., i] + like(v, rate, xp) for i, v in enumerate(drift))
+        turned = signal.quaternion
+        if np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)):
+            turned = _product(turned, self._mount(turned, xp))
+        return replace(signal, quaternion=turned, angular_velocity=xp.stack(axes, -1)), None
+
+    def _mount(self, quaternion: Any, xp: Any) -> Any:
+        zero = xp.zeros_like(quaternion[..., 0])
+        roll, pitch = (zero + like(v, quaternion, xp) for v in (self.roll, self.pitch))
+        return quaternion_from_roll_pitch_yaw(roll, pitch, zero)
+
+
+def _product(a: Any, b: Any) -> Any:
+    """Hamilton product of quaternions (w, x, y, z), shape (..., 4)."""
+    aw, ax, ay, az = (a[..., i] for i in range(4))
+    bw, bx, by, bz = (b[..., i] for i in range(4))
+    return namespace(a).stack(
+        (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ),
+        -1,
+    )

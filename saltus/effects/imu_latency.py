@@ -1,0 +1,44 @@
+"""The IMU reports late."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.delay_line import History, delayed
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, period
+from saltus.effects.imu import ImuReading
+from saltus.go1 import PHYSICS_DT
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuLatency(Effect[ImuReading]):
+    """Orientation, rates and acceleration are all `delay` old."""
+
+    name: ClassVar[str] = "imu_latency"
+    site: ClassVar[Site] = "imu"
+
+    # filters and buses of this class: 2 to 15 ms
+    delay: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.1)
+    dt_s: float = period(PHYSICS_DT)
+    """Period of the samples."""
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> History:
+        """An empty line."""
+        del batch, rng
+        return ()
+
+    def apply(self, signal: ImuReading, time_s: float, state: History) -> tuple[ImuReading, History]:
+        """Reports the sample of `delay` ago, in between two samples their mean."""
+        del time_s
+        now = (signal.quaternion, signal.angular_velocity, signal.acceleration)
+        delay = self.delay if isinstance(self.delay, float | int) else np.asarray(self.delay)[..., None]
+        (quaternion, rate, acceleration), line = delayed(now, state, delay, self.dt_s)
+        if np.any(np.not_equal(self.delay, 0.0)):
+            quaternion = quaternion / _norm(quaternion)
+        return ImuReading(quaternion=quaternion, angular_velocity=rate, acceleration=acceleration), line
+
+
+def _norm(quaternion: Any) -> Any:
+    return namespace(quaternion).linalg.vector_norm(quaternion, axis=-1, keepdims=True)
