@@ -22,6 +22,7 @@ from policy.states import RobotStates
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.imu import ImuReading
 from saltus.effects.profile import GO1, Profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.messages import ControllerMode, Floats
@@ -90,6 +91,8 @@ class Rollout:
             friction=np.array([trial.friction for trial in trials]),
             payload_kg=np.array([trial.payload_kg for trial in trials]),
             chain=drives(profile, trials),
+            body=profile.body_chain,
+            imu=profile.imu_chain,
             seed=self.trials[0].seed,
             threads=threads,
         )
@@ -146,7 +149,7 @@ class Rollout:
         command, self._law_state, diagnostics = self._law.step(plan, self._sensed(), self._law_state, mode)
         self._gait = diagnostics.gait
         now = self._plant.step(command)
-        self._estimate = self._estimator.step(_measurement(now), self._gait.trusted, self._estimate)
+        self._estimate = self._estimator.step(_measurement(now, self._plant.imu), self._gait.trusted, self._estimate)
         return np.asarray(now.trunk_contact, dtype=np.bool_)
 
     def _judge(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -189,13 +192,13 @@ class Rollout:
         )
 
     def _states(self) -> RobotStates:
-        now, gait = self._plant.state, self._gait
+        now, imu, gait = self._plant.state, self._plant.imu, self._gait
         return RobotStates(
             time_s=self._index * _POLICY_DT,
             step=self._index,
-            quaternion_base_in_world=now.quaternion_base_in_world,
-            angular_velocity_base=now.angular_velocity_base,
-            acceleration_base=now.acceleration_base,
+            quaternion_base_in_world=imu.quaternion,
+            angular_velocity_base=imu.angular_velocity,
+            acceleration_base=imu.acceleration,
             joint_position=now.joint_position,
             joint_velocity=now.joint_velocity,
             velocity_base_in_world=self._estimate.velocity_base_in_world,
@@ -258,11 +261,11 @@ def _as_plan(action: Action, heading: Floats) -> Plan:
     )
 
 
-def _measurement(state: PlantState) -> Measurement:
+def _measurement(state: PlantState, imu: ImuReading) -> Measurement:
     return Measurement(
-        quaternion_base_in_world=state.quaternion_base_in_world,
-        angular_velocity_base=state.angular_velocity_base,
-        acceleration_base=state.acceleration_base,
+        quaternion_base_in_world=imu.quaternion,
+        angular_velocity_base=imu.angular_velocity,
+        acceleration_base=imu.acceleration,
         joint_position=state.joint_position,
         joint_velocity=state.joint_velocity,
     )

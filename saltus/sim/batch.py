@@ -9,7 +9,9 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from saltus import go1
+from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.imu import ImuChain, ImuReading
 from saltus.kinematics import foot_position, rotation_matrix
 from saltus.messages import JointCommand
 from saltus.sim import scene
@@ -31,6 +33,8 @@ class BatchPlant:
         friction: Coefficient of friction, one for all or shape (count,).
         payload_kg: Mass on top of the trunk [kg], one for all or shape (count,).
         chain: What the drives do; its effects may hold one value per robot, shape (count, 1).
+        body: What is otherwise than claimed about bodies and ground; one value per robot has shape (count,).
+        imu: What the IMUs make of the motion of the bases, likewise.
         seed: Of the randomness in the drives.
         columns: Number of terrain boxes, where later terrains may have more than the first.
         threads: Number of threads; 0 is one for each core.
@@ -44,6 +48,8 @@ class BatchPlant:
         friction: ArrayLike = scene.FRICTION,
         payload_kg: ArrayLike = 0.0,
         chain: ActuatorChain | None = None,
+        body: BodyChain | None = None,
+        imu: ImuChain | None = None,
         seed: int = 0,
         columns: int | None = None,
         threads: int = 0,
@@ -57,9 +63,13 @@ class BatchPlant:
         self.model = scene.build_spec(longest, payload_kg=1.0, columns=self._columns).compile()
         self._chain = chain or ActuatorChain()
         self._rng = np.random.default_rng(seed)
+        self._body, self._imu = body or BodyChain(), imu or ImuChain()
+        self._claimed_friction, self._claimed_payload_kg = np.zeros(count), np.zeros(count)
         self._batch = Batch(self.model, nsim=count, nthread=threads)
         self._bind()
         self._actuators: Any = None
+        self._imu_state: Any = None
+        self._reading: ImuReading
         self._fresh = np.ones(count, dtype=np.bool_)
         self._time = np.zeros(count)
         self._state: PlantState
@@ -84,12 +94,18 @@ class BatchPlant:
 
     def set_bodies(self, indices: Indices, friction: ArrayLike, payload_kg: ArrayLike) -> None:
         """Gives some robots other soles and payloads; shapes () or (len(indices),)."""
-        mass = np.broadcast_to(np.asarray(payload_kg, dtype=np.float64), indices.shape)
-        self._geom_friction[np.ix_(indices, self._robot_geoms, np.zeros(1, dtype=np.int64))] = np.broadcast_to(
-            np.asarray(friction, dtype=np.float64), indices.shape
-        )[:, None, None]
+        self._claimed_friction[indices], self._claimed_payload_kg[indices] = friction, payload_kg
+        body = self._body.apply(
+            claimed_body((self.count,), friction=self._claimed_friction, payload_kg=self._claimed_payload_kg)
+        )
+        geoms, mass = np.ix_(indices, self._robot_geoms), body.payload_kg[indices]
+        self._geom_friction[(*geoms, 0)] = body.friction[indices, None]
+        self._geom_solref[(*geoms, 0)] = body.contact_time_constant[indices, None]
         self._body_mass[indices, self._payload] = mass
         self._body_inertia[indices, self._payload] = mass[:, None] * scene.payload_inertia(1.0)
+        self._body_ipos[indices, self._trunk] = self.model.body_ipos[self._trunk] + body.com_shift[indices]
+        scale = body.inertia_scale[indices, None]
+        self._body_inertia[indices, self._trunk] = scale * self.model.body_inertia[self._trunk]
         self._batch.set_const(indices)
 
     def reset(
@@ -114,12 +130,18 @@ class BatchPlant:
         self._time[ids] = 0.0
         self._believed[ids] = 0.0
         self._state = self._observe()
+        self._measure()
         return self._state
 
     @property
     def state(self) -> PlantState:
         """The present state."""
         return self._state
+
+    @property
+    def imu(self) -> ImuReading:
+        """What the IMUs report now."""
+        return self._reading
 
     def step(self, command: JointCommand) -> PlantState:
         """Advances all robots by `PHYSICS_DT`; the command's arrays have shape (count, 12).
@@ -132,6 +154,7 @@ class BatchPlant:
         self._time += go1.PHYSICS_DT
         self._believed = np.array(torque.believed, dtype=np.float64)
         self._state = self._observe()
+        self._measure()
         return self._state
 
     def _drive(self, command: JointCommand) -> Torques:
@@ -160,12 +183,37 @@ class BatchPlant:
         self._believed = np.zeros((self.count, 12))
         self._boxes = np.array([model.geom(scene.TERRAIN_GEOM.format(i)).id for i in range(self._columns)])
         self._robot_geoms = np.flatnonzero(model.geom_group == scene.ROBOT_GROUP)
-        self._payload = model.body(scene.PAYLOAD).id
+        self._payload, self._trunk = model.body(scene.PAYLOAD).id, model.body(scene.TRUNK).id
         self._geom_pos, self._geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
         self._geom_rbound, self._geom_friction = batch.expand("geom_rbound"), batch.expand("geom_friction")
         self._geom_aabb = batch.expand("geom_aabb").reshape(self.count, model.ngeom, 6)
         self._bvh = batch.expand("bvh_aabb")
+        self._geom_solref, self._body_ipos = batch.expand("geom_solref"), batch.expand("body_ipos")
         self._body_mass, self._body_inertia = batch.expand("body_mass"), batch.expand("body_inertia")
+
+    def _measure(self) -> None:
+        """The IMUs; those of robots that were reset have an empty memory, the others keep theirs."""
+        now, time_s = self._state, float(self._time.max())
+        true = ImuReading(
+            quaternion=now.quaternion_base_in_world,
+            angular_velocity=now.angular_velocity_base,
+            acceleration=now.acceleration_base,
+        )
+        fresh = self._time == 0.0
+        if self._imu_state is None or fresh.any():
+            start = self._imu.step(true, time_s, self._imu.init((self.count,), self._rng))
+            if self._imu_state is None or fresh.all():
+                self._reading, self._imu_state = start
+                return
+        reading, state = self._imu.step(true, time_s, self._imu_state)
+        if fresh.any():
+            reading = ImuReading(
+                quaternion=_merged(fresh, start[0].quaternion, reading.quaternion),
+                angular_velocity=_merged(fresh, start[0].angular_velocity, reading.angular_velocity),
+                acceleration=_merged(fresh, start[0].acceleration, reading.acceleration),
+            )
+            state = _merged(fresh, start[1], state)
+        self._reading, self._imu_state = reading, state
 
     def _observe(self) -> PlantState:
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
