@@ -1,0 +1,273 @@
+"""Runs an experiment on a robot through joint commands, and writes down what a robot would log.
+
+The robot is the simulated one with the effects of a profile; its sensors have the noise that those of a Go1 have.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.footage import Camera, film
+from real2sim.menu import Experiment
+from real2sim.motions import Floats, Section
+from saltus import go1
+from saltus.effects.profile import Profile
+from saltus.messages import JointCommand
+from saltus.run_log import SCHEMA, DepthTable, JointTable, RunLog, Table
+from saltus.sim.plant import CLEARANCE, Plant
+from saltus.sim.state import PlantState
+from saltus.terrain.terrain import Terrain
+
+SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three times constants of its slowest mode
+CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
+BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
+AHEAD_M = 0.6
+"""Where the first edge lies at the start: the Go1's camera sees the ground from 0.5 to 2 m before the base."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """Standard deviations of white noise, of the class of a Go1 with motion capture."""
+
+    q_rad: float = 1e-3
+    dq_rad_s: float = 0.05
+    tau_nm: float = 0.2
+    gyro_rad_s: float = 0.01
+    acc_m_s2: float = 0.1
+    orientation_rad: float = 0.002
+    position_m: float = 0.001
+    velocity_m_s: float = 0.02
+    foot_n: float = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Row:
+    """The robot at one tick and what it was told then."""
+
+    time_s: float
+    state: PlantState
+    believed: Floats
+    section: int
+    tick: int
+
+
+@dataclass(kw_only=True, eq=False)
+class _Tape:
+    """What was recorded."""
+
+    rows: list[_Row] = field(default_factory=list)
+    segments: list[dict[str, Any]] = field(default_factory=list)
+
+
+def run(
+    experiment: Experiment,
+    profile: Profile,
+    *,
+    seed: int = 0,
+    noise: SensorNoise | None = None,
+    camera: Camera | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RunLog:
+    """Runs an experiment on a simulated robot.
+
+    Args:
+        experiment: What is done.
+        profile: The effects of the robot's hardware; the log claims none of them but the camera's latency.
+        seed: Of the noise and of what effects draw.
+        noise: Of the sensors.
+        camera: What is claimed of the camera, where the experiment needs one.
+        progress: Told the share of the motion that is done.
+
+    Returns:
+        What the robot logged.
+
+    Raises:
+        UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.
+    """
+    sections = experiment.sections()
+    for section in sections:
+        experiment.limits.check_commands(section.commands, experiment.kp)
+    terrain = experiment.terrain()
+    plant = _plant(experiment, profile, terrain, seed)
+    tape = _move(plant, experiment, sections, terrain, progress)
+    rng = np.random.default_rng([seed, 1])
+    log = _log(tape, experiment, sections, terrain, noise or SensorNoise(), rng)
+    if not experiment.camera:
+        return log
+    camera = camera or Camera()
+    log.meta["camera"] = camera.claim()
+    return RunLog(
+        meta=log.meta, joints=log.joints, imu=log.imu, base=log.base, feet=log.feet,
+        depth=_depth(tape, terrain, camera, profile, rng),
+    )  # fmt: skip
+
+
+def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int) -> Plant:
+    return Plant(
+        terrain,
+        payload_kg=experiment.payload_kg,
+        chain=profile.actuator_chain,
+        seed=seed,
+        held=experiment.base == "fixed",
+    )
+
+
+def _move(
+    plant: Plant,
+    experiment: Experiment,
+    sections: tuple[Section, ...],
+    terrain: Terrain,
+    progress: Callable[[float], None] | None,
+) -> _Tape:
+    """Plays all sections; those that put the robot elsewhere begin with a rest, unless it is let fall."""
+    tape = _Tape()
+    now = 0.0
+    rest = round(SETTLE_S / go1.PHYSICS_DT)
+    for index, section in enumerate(sections):
+        length = len(section.commands.q_des)
+        ticks = np.arange(length)
+        if index == 0 or section.ahead_m is not None:
+            now += CARRIED_S if index else 0.0
+            _put(plant, section, terrain)
+            if section.drop_m == 0.0:
+                ticks = np.concatenate([np.zeros(rest, dtype=np.int64), ticks])
+        begin = now + (len(ticks) - length) * go1.PHYSICS_DT
+        now = _play(plant, experiment, section, index, ticks, now, tape)
+        tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
+        if progress is not None:
+            progress((index + 1) / len(sections))
+    return tape
+
+
+def _put(plant: Plant, section: Section, terrain: Terrain) -> None:
+    ahead = AHEAD_M if section.ahead_m is None else section.ahead_m
+    x = terrain.first_edge_x - ahead if terrain.edges_x.size else 0.0
+    plant.reset(position_x=x, clearance=section.drop_m or CLEARANCE)
+
+
+def _play(
+    plant: Plant,
+    experiment: Experiment,
+    section: Section,
+    index: int,
+    ticks: NDArray[np.int64],
+    now: float,
+    tape: _Tape,
+) -> float:
+    """Sends the commands of `ticks`, one every 2 ms; returns the time afterwards."""
+    kp, kd = np.full(12, experiment.kp), np.full(12, experiment.kd)
+    commands = section.commands
+    for tick in ticks:
+        state = plant.state
+        experiment.limits.check_state(now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity)
+        command = JointCommand(
+            position=commands.q_des[tick], velocity=commands.dq_des[tick], kp=kp, kd=kd, torque=commands.tau_ff[tick]
+        )
+        believed = plant.step(command).joint_torque
+        tape.rows.append(_Row(time_s=now, state=state, believed=believed, section=index, tick=int(tick)))
+        now += go1.PHYSICS_DT
+    return now
+
+
+def _log(
+    tape: _Tape,
+    experiment: Experiment,
+    sections: tuple[Section, ...],
+    terrain: Terrain,
+    noise: SensorNoise,
+    rng: np.random.Generator,
+) -> RunLog:
+    rows = tape.rows
+    time_s = np.array([row.time_s for row in rows])
+
+    def column(name: str) -> Floats:
+        return np.array([getattr(row.state, name) for row in rows], dtype=np.float64)
+
+    def noisy(values: Floats, sigma: float) -> Floats:
+        return values + sigma * rng.standard_normal(values.shape)
+
+    def told(name: str) -> Floats:
+        return np.array([getattr(sections[row.section].commands, name)[row.tick] for row in rows])
+
+    joints = JointTable(
+        time_s=time_s,
+        q=noisy(column("joint_position"), noise.q_rad),
+        dq=noisy(column("joint_velocity"), noise.dq_rad_s),
+        q_des=told("q_des"),
+        dq_des=told("dq_des"),
+        tau_ff=told("tau_ff"),
+        tau_est=noisy(np.array([row.believed for row in rows]), noise.tau_nm),
+    )
+    meta = _meta(tape, experiment, terrain)
+    if experiment.base == "fixed":
+        return RunLog(meta=meta, joints=joints)
+    orientation = _tilted(column("quaternion_base_in_world"), noise.orientation_rad, rng)
+    imu = np.concatenate(
+        [
+            orientation,
+            noisy(column("angular_velocity_base"), noise.gyro_rad_s),
+            noisy(column("acceleration_base"), noise.acc_m_s2),
+        ],
+        axis=1,
+    )
+    base = np.concatenate(
+        [
+            noisy(column("position_base_in_world"), noise.position_m),
+            _tilted(column("quaternion_base_in_world"), noise.orientation_rad, rng),
+            noisy(column("velocity_base_in_world"), noise.velocity_m_s),
+        ],
+        axis=1,
+    )
+    return RunLog(
+        meta=meta,
+        joints=joints,
+        imu=Table(time_s=time_s, values=imu),
+        base=Table(time_s=time_s[::BASE_EVERY], values=base[::BASE_EVERY]),
+        feet=Table(time_s=time_s, values=noisy(column("foot_force"), noise.foot_n)),
+    )
+
+
+def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, Any]:
+    meta: dict[str, Any] = {
+        "schema": SCHEMA,
+        "robot": "go1",
+        "base": experiment.base,
+        "joints": list(go1.JOINTS),
+        "kp": experiment.kp,
+        "kd": experiment.kd,
+        "control_dt": go1.PHYSICS_DT,
+        "excitation": {"text": f"{experiment.name}: {experiment.how}", "segments": tape.segments},
+        "terrain": "flat",
+        "payload_kg": experiment.payload_kg,
+    }
+    if terrain.edges_x.size:
+        boxes = zip(terrain.box_center.tolist(), terrain.box_size.tolist(), strict=True)
+        meta["terrain"] = [{"center": center, "size": size} for center, size in boxes]
+    return meta
+
+
+def _tilted(quaternion: Floats, sigma_rad: float, rng: np.random.Generator) -> Floats:
+    """Quaternions (n, 4) turned by small random rotations."""
+    half = 0.5 * sigma_rad * rng.standard_normal((len(quaternion), 3))
+    w, v = quaternion[:, :1], quaternion[:, 1:]
+    turned = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def _depth(tape: _Tape, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator) -> DepthTable:
+    """Images from the true poses at the camera's rate."""
+    every = round(1.0 / (camera.rate_hz * go1.PHYSICS_DT))
+    rows = tape.rows[::every]
+    return film(
+        camera,
+        profile,
+        terrain,
+        capture_s=np.array([row.time_s for row in rows]),
+        position=np.array([row.state.position_base_in_world for row in rows]),
+        quaternion=np.array([row.state.quaternion_base_in_world for row in rows]),
+        joints=np.array([row.state.joint_position for row in rows]),
+        rng=rng,
+    )

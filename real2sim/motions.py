@@ -1,0 +1,183 @@
+"""Motions that make effects visible: commands for the joints of a held robot, and for the body of one that stands.
+
+A motion is a value: everything about it is known before the robot moves, so that it can be checked against limits.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1
+from saltus.kinematics import (
+    foot_kinematics,
+    foot_position,
+    inverse_kinematics,
+    quaternion_from_roll_pitch_yaw,
+    rotation_matrix,
+)
+from saltus.sim.plant import GRAVITY
+
+Floats = NDArray[np.float64]
+
+CENTRE = go1.STAND_POSE
+"""About what joints of a held robot move [rad]: a stand, near the middle of the range of the calf."""
+RAMP_S = 0.5
+"""Motions begin and end at rest, over this time."""
+JOINT_PHASE = np.tile([0.0, 2.0, 4.0], 4) + np.repeat([0.0, 0.5, 1.0, 1.5], 3)
+"""Phase of each joint [rad]: joints of a leg do not move in step, so that what one does to another can be told."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commands:
+    """What a drive is told at each tick, shapes (n, 12)."""
+
+    q_des: Floats
+    dq_des: Floats
+    tau_ff: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section:
+    """A stretch of an experiment: it becomes a segment of the run log."""
+
+    name: str
+    condition: str
+    """Sections of one condition are repeats."""
+    commands: Commands
+    ahead_m: float | None = None
+    """The robot is put anew before it, at rest, where the first edge of the terrain lies this far ahead of its base."""
+    drop_m: float = 0.0
+    """The height from which it is let fall then."""
+
+
+def sweep(duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float) -> Commands:
+    """Chirp about `CENTRE`, logarithmic in frequency; the amplitude of the velocity does not rise beyond 1 Hz."""
+    t = _times(duration_s)
+    rate = np.log(end_hz / start_hz) / duration_s
+    phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
+    amplitude = amplitude_rad * _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
+    return _about_centre(amplitude[:, None] * np.sin(phase[:, None] + JOINT_PHASE))
+
+
+def sine(duration_s: float, frequency_hz: float, amplitude_rad: float) -> Commands:
+    """One frequency, all joints."""
+    t = _times(duration_s)
+    wave = np.sin(2.0 * np.pi * frequency_hz * t[:, None] + JOINT_PHASE)
+    return _about_centre(amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
+
+
+def triangle(duration_s: float, speed_rad_s: float, amplitude_rad: float) -> Commands:
+    """Back and forth at one speed: each direction of motion, reversals, no acceleration in between."""
+    t = _times(duration_s)
+    quarter = amplitude_rad / speed_rad_s
+    u = (t[:, None] + quarter * JOINT_PHASE * 2.0 / np.pi) / quarter
+    wave = 1.0 - np.abs((u + 1.0) % 4.0 - 2.0)
+    return _about_centre(amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
+
+
+def steps(duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]) -> Commands:
+    """Jumps of the desired angle from one side of `CENTRE` to the other, a joint of each leg at a time."""
+    t = _times(duration_s)
+    turn = np.tile([0.0, 1.0 / 3.0, 2.0 / 3.0], 4) * period_s
+    sign = np.where(((t[:, None] + turn) // period_s) % 2 < 1, 1.0, -1.0)
+    inside = ((t > RAMP_S) & (t < duration_s - RAMP_S))[:, None]
+    offset = np.where(inside, np.tile(np.broadcast_to(amplitude_rad, 3), 4) * sign, 0.0)
+    return Commands(q_des=CENTRE + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset))
+
+
+def hold_ladder(duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
+    """Rest at evenly spaced angles, up and down again: gravity, bias and breakaway without motion."""
+    t = _times(duration_s)
+    up = np.linspace(-1.0, 1.0, rungs)
+    levels = np.concatenate([[0.0], up, up[-2::-1], [0.0]])
+    edges = np.linspace(0.0, duration_s, len(levels) + 1)
+    move_s = min(0.3, 0.3 * duration_s / len(levels))  # a third of a rung moves, the rest holds
+    knots_t = np.concatenate([[0.0], np.repeat(edges[1:-1], 2) + np.tile([0.0, move_s], len(levels) - 1), [duration_s]])
+    knots_y = np.repeat(levels, 2)
+    wave = np.interp(t, knots_t, knots_y)
+    direction = np.tile([1.0, -1.0, 1.0], 4)
+    return _about_centre(amplitude_rad * wave[:, None] * direction)
+
+
+def torque_ladder(duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float) -> Commands:
+    """Short feed-forward pulses of rising size, pushing and pulling in turn, one joint of each leg at a time.
+
+    The desired angle stays at `CENTRE`: the PD law brings the joint back.
+    """
+    t = _times(duration_s)
+    torque = np.zeros((len(t), go1.TORQUE_LIMIT.size))
+    pulses = rungs * 2 * 3
+    period = (duration_s - 2.0 * RAMP_S) / pulses
+    for pulse in range(pulses):
+        rung, side, joint = pulse // 6, 1.0 - 2.0 * ((pulse // 3) % 2), pulse % 3
+        begin = RAMP_S + pulse * period
+        on = (t >= begin) & (t < begin + pulse_s)
+        torque[np.ix_(on, np.arange(joint, 12, 3))] = side * highest_nm[joint] * (rung + 1) / rungs
+    return Commands(q_des=np.tile(CENTRE, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque)
+
+
+def body_chirp(
+    duration_s: float, start_hz: float, end_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
+) -> Commands:
+    """Heave and pitch of a robot that stands, a quarter of a period apart; speeds do not rise beyond 1 Hz."""
+    t = _times(duration_s)
+    rate = np.log(end_hz / start_hz) / duration_s
+    phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
+    amplitude = _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
+    return stance(height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.cos(phase))
+
+
+def body_sine(duration_s: float, frequency_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0) -> Commands:
+    """Heave and pitch of a robot that stands, at one frequency."""
+    t = _times(duration_s)
+    phase, amplitude = 2.0 * np.pi * frequency_hz * t, _envelope(t, duration_s)
+    return stance(height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.sin(phase))
+
+
+def rest(duration_s: float) -> Commands:
+    """A robot that stands still."""
+    nothing = np.zeros(len(_times(duration_s)))
+    return stance(nothing, nothing)
+
+
+def stance(height_m: Floats, pitch_rad: Floats) -> Commands:
+    """Joint commands that move the body over feet which stay where they stand.
+
+    Args:
+        height_m: Of the base, above that in `STAND_POSE`, shape (n,).
+        pitch_rad: Of the base, nose down positive, shape (n,).
+
+    Returns:
+        Angles by inverse kinematics and the feed-forward torque that carries a quarter of the weight on each leg.
+    """
+    zero = np.zeros_like(height_m)
+    rotation = np.asarray(rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero)))  # (n, 3, 3)
+    raised = foot_position(go1.STAND_POSE) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]  # (n, 4, 3), world
+    q_des = inverse_kinematics(raised @ rotation)
+    _, jacobian = foot_kinematics(q_des)
+    down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * go1.MASS * GRAVITY])  # what a foot exerts, (n, 3)
+    tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
+    return Commands(q_des=q_des, dq_des=np.gradient(q_des, go1.PHYSICS_DT, axis=0), tau_ff=tau_ff)
+
+
+def repeated(name: str, count: int, make: Callable[[], Commands]) -> tuple[Section, ...]:
+    """The same motion several times: repeats tell noise from what the simulator lacks."""
+    commands = make()
+    return tuple(Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count))
+
+
+def _times(duration_s: float) -> Floats:
+    return go1.PHYSICS_DT * np.arange(round(duration_s / go1.PHYSICS_DT), dtype=np.float64)
+
+
+def _envelope(t: Floats, duration_s: float) -> Floats:
+    """From 0 to 1 and back, smooth, shape of `t`."""
+    edge = np.clip(np.minimum(t, duration_s - t) / RAMP_S, 0.0, 1.0)
+    return edge**2 * (3.0 - 2.0 * edge)
+
+
+def _about_centre(offset: Floats) -> Commands:
+    q_des = CENTRE + offset
+    return Commands(q_des=q_des, dq_des=np.gradient(q_des, go1.PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))
