@@ -1,12 +1,13 @@
 """The current loop of a drive has a finite bandwidth."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter, period
+from saltus.arrays import Constant
+from saltus.effects.effect import Effect, Site, Values, parameter, period
 from saltus.effects.signals import Drive
 from saltus.go1 import PHYSICS_DT
 
@@ -23,6 +24,14 @@ class ActuatorLag(Effect[Drive]):
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 
+    @cached_property
+    def _weights(self) -> tuple[Constant, Constant]:
+        """Weights of the target and of the last torque."""
+        time_constant = np.asarray(self.time_constant, dtype=float)
+        # below a thousandth of a step the lag is none; it also keeps the division finite
+        rest = np.exp(-self.dt_s / np.maximum(time_constant, 1e-3 * self.dt_s))  # exp(-1000) is 0
+        return Constant(1.0 - rest), Constant(rest)
+
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
         """Empty: the first torque is taken to have been there for long."""
         del batch, rng
@@ -33,11 +42,7 @@ class ActuatorLag(Effect[Drive]):
         del time_s
         if not state:
             return signal, (signal.torque,)
-        xp = namespace(signal.torque)
-        time_constant = np.asarray(self.time_constant, dtype=float)
-        # below a thousandth of a step the lag is none; it also keeps the division finite
-        rest = np.exp(-self.dt_s / np.maximum(time_constant, 1e-3 * self.dt_s))  # exp(-1000) is 0
-        rest_like = like(float(rest) if rest.ndim == 0 else rest, signal.torque, xp)
+        new, rest = (weight.like(signal.torque) for weight in self._weights)
         # (1 - r) x + r y, not x + r (y - x), is x to the bit where r is 0
-        torque = (1.0 - rest_like) * signal.torque + rest_like * state[0]
+        torque = new * signal.torque + rest * state[0]
         return replace(signal, torque=torque), (torque,)

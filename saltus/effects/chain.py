@@ -5,15 +5,28 @@ from typing import Any
 
 import numpy as np
 
-from saltus.effects.effect import Effect
+from saltus.arrays import namespace
+from saltus.effects.backlash import Backlash
+from saltus.effects.effect import Effect, Signal
 from saltus.effects.order import ordered
-from saltus.effects.signals import Drive
+from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.messages import Floats, JointCommand
 
 COMMAND_ORDER = ("command_delay", "feedforward_delay")
 """What happens to a packet until the drive uses it."""
-TORQUE_ORDER = ("actuator_lag", "torque_speed_limit", "torque_saturation", "torque_gain")
-"""What happens to the torque that the drive asks for; friction at the joint comes after these."""
+SENSOR_ORDER = ("encoder_bias", "encoder_quantisation", "velocity_filter")
+"""What happens to the motion of a joint until the drive knows it."""
+TORQUE_ORDER = (
+    "actuator_lag",
+    "torque_speed_limit",
+    "torque_saturation",
+    "torque_gain",
+    "battery_sag",
+    "backlash",
+)
+"""What happens to the torque that the drive asks for."""
+JOINT_ORDER = ("viscous_friction", "coulomb_friction", "stiction", "armature")
+"""What resists the motion at the joint."""
 
 ActuatorState = tuple[Any, ...]
 """States of the effects, in the order of the chain."""
@@ -27,14 +40,17 @@ class Torques:
     """At the joint."""
     believed: Floats
     """What the drive reports (`tau_est`): the PD law and feed-forward before lag, limits and gain."""
+    resistance: Resistance | None = None
+    """For the physics to integrate over the coming step; None where nothing resists the joint."""
 
 
 @dataclass(frozen=True)
 class ActuatorChain:
     """The effects of an actuator, applied in one fixed order, whatever the order in which they are given.
 
-    command_delay, feedforward_delay, PD on the drive's own encoder, actuator_lag, torque_speed_limit,
-    torque_saturation, torque_gain. Effects that are null are left out.
+    command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter; PD on the drive's own
+    encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash; friction and
+    armature. Effects that are null are left out.
 
     Raises:
         ConfigError: an effect that is given twice, or that is not one of an actuator.
@@ -43,11 +59,20 @@ class ActuatorChain:
     effects: tuple[Effect[Any], ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", ordered(self.effects, COMMAND_ORDER + TORQUE_ORDER, "an actuator"))
+        order = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
+        object.__setattr__(self, "effects", ordered(self.effects, order, "an actuator"))
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> ActuatorState:
         """State before the first command, for `batch` robots."""
         return tuple(effect.init(batch, rng) for effect in self.effects)
+
+    def measured(self, position: Floats, velocity: Floats, time_s: float, state: ActuatorState) -> JointState:
+        """What the drives will measure in the next `step`; arguments and `state` are those that it will get."""
+        motion = JointState(position=position, velocity=velocity)
+        for effect, memory in zip(self.effects, state, strict=True):
+            if effect.site == "joint_state":
+                motion, _ = effect.apply(motion, time_s, memory)
+        return motion
 
     def step(
         self, command: JointCommand, position: Floats, velocity: Floats, time_s: float, state: ActuatorState
@@ -56,22 +81,48 @@ class ActuatorChain:
 
         Args:
             command: sent now; shape (..., 12).
-            position: of the joints as the drives measure it [rad], shape (..., 12).
-            velocity: the same for velocity [rad/s].
+            position: of the joints [rad], shape (..., 12).
+            velocity: of the joints [rad/s], shape (..., 12).
             time_s: now, in the run's clock.
             state: what `init` or the last `step` returned.
         """
-        states = []
-        pending = list(zip(self.effects, state, strict=True))
-        for effect, memory in [pair for pair in pending if pair[0].site == "command"]:
-            command, memory = effect.apply(command, time_s, memory)
-            states.append(memory)
-        believed = proportional_derivative(command, position, velocity)
+        memories = list(state)
+        # 1. the packet that the drive has by now
+        command = self._pass("command", command, time_s, memories)
+        # 2. its encoder
+        motion = self._pass("joint_state", JointState(position=position, velocity=velocity), time_s, memories)
+        motion = self._before_the_play(motion, state)
+        # 3. its law
+        believed = proportional_derivative(command, motion.position, motion.velocity)
+        # 4. what becomes of the torque on its way to the joint
         drive = Drive(torque=believed, position=position, velocity=velocity)
-        for effect, memory in [pair for pair in pending if pair[0].site == "torque"]:
-            drive, memory = effect.apply(drive, time_s, memory)
-            states.append(memory)
-        return Torques(applied=drive.torque, believed=believed), tuple(states)
+        drive = self._pass("torque", drive, time_s, memories)
+        # 5. what resists there
+        resistance = self._resistance(velocity, time_s)
+        return Torques(applied=drive.torque, believed=believed, resistance=resistance), tuple(memories)
+
+    def _pass(self, site: str, signal: Signal, time_s: float, memories: list[Any]) -> Signal:
+        for i, effect in enumerate(self.effects):
+            if effect.site == site:
+                signal, memories[i] = effect.apply(signal, time_s, memories[i])
+        return signal
+
+    def _before_the_play(self, motion: JointState, state: ActuatorState) -> JointState:
+        """The encoder of the PD law sits on the motor's side of the play, that of the log on the joint's."""
+        for effect, memory in zip(self.effects, state, strict=True):
+            if effect.name == Backlash.name and memory:
+                return JointState(position=motion.position + memory[0], velocity=motion.velocity + memory[1])
+        return motion
+
+    def _resistance(self, velocity: Floats, time_s: float) -> Resistance | None:
+        resisting = [effect for effect in self.effects if effect.site == "joint"]
+        if not resisting:
+            return None
+        none = namespace(velocity).zeros_like(velocity)
+        resistance = Resistance(velocity=velocity, friction=none, damping=none, armature=none)
+        for effect in resisting:
+            resistance, _ = effect.apply(resistance, time_s, None)
+        return resistance
 
 
 def proportional_derivative(command: JointCommand, position: Floats, velocity: Floats) -> Floats:

@@ -12,7 +12,7 @@ from saltus.errors import ConfigError
 from saltus.go1 import JOINTS
 from saltus.messages import Floats
 
-Site = Literal["command", "torque", "joint_state", "imu", "depth", "heightmap", "model"]
+Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model"]
 
 Signal = TypeVar("Signal")
 

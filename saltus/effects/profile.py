@@ -35,6 +35,7 @@ from saltus.topics import CAMERA_LATENCY_S
 PARTS = {
     "command": "actuator",
     "torque": "actuator",
+    "joint": "actuator",
     "joint_state": "actuator",
     "depth": "camera",
     "heightmap": "heightmap",

@@ -3,12 +3,18 @@
 from typing import Any
 
 from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.armature import Armature
+from saltus.effects.backlash import Backlash
 from saltus.effects.base_inertia import BaseInertia
+from saltus.effects.battery_sag import BatterySag
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.contact_compliance import ContactCompliance
+from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.effect import Effect
+from saltus.effects.encoder_bias import EncoderBias
+from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
@@ -17,9 +23,12 @@ from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
 from saltus.effects.payload_mass import PayloadMass
 from saltus.effects.sample_and_hold import SampleAndHold
+from saltus.effects.stiction import Stiction
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.effects.velocity_filter import VelocityFilter
+from saltus.effects.viscous_friction import ViscousFriction
 
 _CLASSES: tuple[type[Effect[Any]], ...] = (
     CommandDelay,
@@ -28,6 +37,15 @@ _CLASSES: tuple[type[Effect[Any]], ...] = (
     TorqueSpeedLimit,
     TorqueSaturation,
     TorqueGain,
+    BatterySag,
+    Backlash,
+    ViscousFriction,
+    CoulombFriction,
+    Stiction,
+    Armature,
+    EncoderBias,
+    EncoderQuantisation,
+    VelocityFilter,
     SampleAndHold,
     FrameDrop,
     CameraLatency,

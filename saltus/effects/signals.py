@@ -21,6 +21,30 @@ class Drive:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class JointState:
+    """What the encoders of the drives say. Site "joint_state"."""
+
+    position: Floats
+    """[rad], shape (..., 12)."""
+    velocity: Floats
+    """[rad/s], shape (..., 12)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resistance:
+    """What resists the motion of a joint beside its links; the physics integrates it implicitly. Site "joint"."""
+
+    velocity: Floats
+    """Of the joint [rad/s], shape (..., 12)."""
+    friction: Floats
+    """Dry friction: largest torque against the motion [Nm], shape (..., 12)."""
+    damping: Floats
+    """Torque against the motion by velocity [Nm s/rad], shape (..., 12)."""
+    armature: Floats
+    """Inertia on top of that of the model [kg m^2], shape (..., 12)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DepthImage:
     """The newest depth image that there is at some point between exposure and arrival. Site "depth"."""
 

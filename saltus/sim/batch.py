@@ -12,6 +12,7 @@ from saltus import go1
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.imu import ImuChain, ImuReading
+from saltus.effects.signals import JointState, Resistance
 from saltus.kinematics import foot_position, rotation_matrix
 from saltus.messages import JointCommand
 from saltus.sim import scene
@@ -150,6 +151,8 @@ class BatchPlant:
         """
         torque = self._drive(command)
         self._ctrl[:] = torque.applied
+        if torque.resistance is not None:
+            self._resist(torque.resistance)
         self._batch.step()
         self._time += go1.PHYSICS_DT
         self._believed = np.array(torque.believed, dtype=np.float64)
@@ -159,8 +162,8 @@ class BatchPlant:
 
     def _drive(self, command: JointCommand) -> Torques:
         """The actuator chain; robots that were reset start with an empty memory, the others keep theirs."""
-        now, time_s = self._state, float(self._time.max())
-        inputs = (command, now.joint_position, now.joint_velocity, time_s)
+        time_s = float(self._time.max())
+        inputs = (command, self._qpos[:, 7:].copy(), self._qvel[:, 6:].copy(), time_s)
         if not self._fresh.any():
             torque, self._actuators = self._chain.step(*inputs, self._actuators)
             return torque
@@ -171,10 +174,31 @@ class BatchPlant:
             torque = Torques(
                 applied=_merged(fresh, torque.applied, kept.applied),
                 believed=_merged(fresh, torque.believed, kept.believed),
+                resistance=torque.resistance,  # has no memory
             )
             state = _merged(fresh, state, old)
         self._actuators = state
         return torque
+
+    def _resist(self, resistance: Resistance) -> None:
+        """Hands friction to the engine, which integrates it implicitly."""
+        self._batch.expand("dof_frictionloss")[:, 6:] = resistance.friction
+        self._batch.expand("dof_damping")[:, 6:] = resistance.damping
+        self._batch.expand("dof_armature")[:, 6:] = go1.ARMATURE + resistance.armature
+
+    def _measured(self, position: Floats, velocity: Floats) -> JointState:
+        """What the drives measure; robots that were reset have encoders without memory."""
+        motion = (position, velocity, float(self._time.max()))
+        if not self._fresh.any():
+            return self._chain.measured(*motion, self._actuators)
+        start = self._chain.measured(*motion, self._chain.init((self.count,), np.random.default_rng(0)))
+        if self._fresh.all():
+            return start
+        kept = self._chain.measured(*motion, self._actuators)
+        return JointState(
+            position=_merged(self._fresh, start.position, kept.position),
+            velocity=_merged(self._fresh, start.velocity, kept.velocity),
+        )
 
     def _bind(self) -> None:
         batch, model = self._batch, self.model
@@ -218,6 +242,7 @@ class BatchPlant:
     def _observe(self) -> PlantState:
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
         rotation = rotation_matrix(qpos[:, 3:7])
+        joints = self._measured(qpos[:, 7:], qvel[:, 6:])
         feet: Floats = foot_position(qpos[:, 7:]) @ rotation.mT + qpos[:, None, :3]
         return PlantState(
             time_s=self._time.copy(),
@@ -226,8 +251,8 @@ class BatchPlant:
             velocity_base_in_world=qvel[:, :3],
             angular_velocity_base=qvel[:, 3:6],
             acceleration_base=specific_force(self._qacc, rotation),
-            joint_position=qpos[:, 7:],
-            joint_velocity=qvel[:, 6:],
+            joint_position=np.asarray(joints.position, dtype=np.float64),
+            joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
             joint_torque=self._believed,
             foot_force=-self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)[..., 2],
             foot_position_in_world=feet,

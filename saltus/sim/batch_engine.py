@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from saltus import go1
 from saltus.arrays import Array
 from saltus.sim import scene
 from saltus.sim.engine import TOUCHING, Engine, ModelIndices, build_spec
@@ -59,6 +60,13 @@ class BatchEngine(Engine):
         self._body_mass[:, self._where.payload] = mass
         self._body_inertia[:, self._where.payload] = mass[:, None] * scene.payload_inertia(1.0)
         self._body_ipos[:, self._where.trunk] = self._where.trunk_com + np.asarray(com_shift)
+
+    def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
+        """Gives all joints their friction and inertia."""
+        expand = self._batch.expand
+        expand("dof_frictionloss")[:, 6:] = np.asarray(friction)
+        expand("dof_damping")[:, 6:] = np.asarray(damping)
+        expand("dof_armature")[:, 6:] = go1.ARMATURE + np.asarray(armature)
 
 
 def _with_contact_sensors(boxes: int) -> mujoco.MjModel:

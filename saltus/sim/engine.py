@@ -61,6 +61,10 @@ class Engine(ABC):
     def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
         """Friction of everything that touches (count,), payload (count,), shift of the trunk's centre (count, 3)."""
 
+    @abstractmethod
+    def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
+        """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2], (count or 1, 12)."""
+
 
 def build_spec(boxes: int) -> mujoco.MjSpec:
     """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""

@@ -11,6 +11,7 @@ from saltus import go1
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.imu import ImuChain, ImuReading
+from saltus.effects.signals import Resistance
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.messages import JointCommand
@@ -153,11 +154,13 @@ class Plant:
         """
         now = self._state
         torque, self._actuators = self._chain.step(
-            command, now.joint_position, now.joint_velocity, float(now.time_s), self._actuators
+            command, self.data.qpos[7:].copy(), self.data.qvel[6:].copy(), float(now.time_s), self._actuators
         )
         if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
             raise SaltusError(f"the joint command at {now.time_s:.3f} s is not finite: torque {torque.believed}")
         self.data.ctrl[:] = torque.applied
+        if torque.resistance is not None:
+            self._resist(torque.resistance)
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
             raise SaltusError(f"the simulation diverged at {now.time_s:.3f} s: torque {torque.applied}")
@@ -165,6 +168,12 @@ class Plant:
         self._state = self._observe(torque.believed)
         self._measure()
         return self._state
+
+    def _resist(self, resistance: Resistance) -> None:
+        """Hands friction to the engine, which integrates it implicitly."""
+        self.model.dof_frictionloss[6:] = resistance.friction
+        self.model.dof_damping[6:] = resistance.damping
+        self.model.dof_armature[6:] = go1.ARMATURE + resistance.armature
 
     def leg_points_in_world(self) -> Floats:
         """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""
@@ -184,15 +193,17 @@ class Plant:
         data = self.data
         qpos, qvel = data.qpos.copy(), data.qvel.copy()
         rotation = data.xmat[1].reshape(3, 3)
+        time_s = float(data.time)
+        joints = self._chain.measured(qpos[7:], qvel[6:], time_s, self._actuators)
         return PlantState(
-            time_s=float(data.time),
+            time_s=time_s,
             position_base_in_world=qpos[:3],
             quaternion_base_in_world=qpos[3:7],
             velocity_base_in_world=qvel[:3],
             angular_velocity_base=qvel[3:6],
             acceleration_base=specific_force(data.qacc, rotation),
-            joint_position=qpos[7:],
-            joint_velocity=qvel[6:],
+            joint_position=np.asarray(joints.position, dtype=np.float64),
+            joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
             joint_torque=np.asarray(believed, dtype=np.float64),
             # The sensor gives the force that the foot exerts.
             foot_force=-data.sensordata[scene.FOOT_FORCE].reshape(4, 3)[:, 2],

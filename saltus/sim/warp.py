@@ -6,14 +6,15 @@ import mujoco
 import mujoco_warp
 import warp
 
+from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.sim import scene
 from saltus.sim.engine import Engine, ModelIndices, build_spec
 
 CONTACTS = 16
 """Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
-CONSTRAINTS = 72
-"""Room for constraint rows of one robot: three for a contact, one for a joint at its limit."""
+CONSTRAINTS = 84
+"""Room for constraint rows of one robot: three for a contact, one for a joint at its limit, one for its friction."""
 SOLVER_ITERATIONS = 10
 """Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
 within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
@@ -26,6 +27,9 @@ _DIFFERING = (
     "body_mass",
     "body_inertia",
     "body_ipos",
+    "dof_frictionloss",
+    "dof_damping",
+    "dof_armature",
 )
 
 
@@ -91,6 +95,13 @@ class WarpEngine(Engine):
         self._body_inertia[:, self._where.payload] = payload_kg[:, None] * self._payload_inertia.like(payload_kg)
         self._body_ipos[:, self._where.trunk] = com_shift + self._trunk_com.like(com_shift)
 
+    def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
+        """Gives all joints their friction and inertia."""
+        view, model = warp.to_torch, self._model
+        view(model.dof_frictionloss)[:, 6:] = friction
+        view(model.dof_damping)[:, 6:] = damping
+        view(model.dof_armature)[:, 6:] = self._armature.like(armature) + armature
+
     def _bind(self) -> None:
         view, model, data = warp.to_torch, self._model, self._data
         self.qpos, self.qvel, self.qacc = view(data.qpos), view(data.qvel), view(data.qacc)
@@ -107,6 +118,7 @@ class WarpEngine(Engine):
         for shape, geom in enumerate(self._where.touching):
             shape_of_geom[int(geom)] = shape
         self._payload_inertia = Constant(scene.payload_inertia(1.0))
+        self._armature = Constant(go1.ARMATURE)
         self._trunk_com = Constant(self._where.trunk_com)
         xp = namespace(self.qpos)
         self._shape_of_geom = xp.asarray(shape_of_geom, dtype=xp.int64, device=self.qpos.device)

@@ -8,13 +8,19 @@ import pytest
 import torch
 
 from saltus.effects.actuator_lag import ActuatorLag
+from saltus.effects.armature import Armature
+from saltus.effects.backlash import Backlash
 from saltus.effects.base_inertia import BaseInertia
+from saltus.effects.battery_sag import BatterySag
 from saltus.effects.body import BodyModel
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.contact_compliance import ContactCompliance
+from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.effect import Effect, map_arrays
+from saltus.effects.encoder_bias import EncoderBias
+from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
@@ -26,16 +32,29 @@ from saltus.effects.payload_mass import PayloadMass
 from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.registry import EFFECTS
 from saltus.effects.sample_and_hold import SampleAndHold
-from saltus.effects.signals import DepthImage, Drive, HeightQuery
+from saltus.effects.signals import DepthImage, Drive, HeightQuery, JointState, Resistance
+from saltus.effects.stiction import Stiction
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.effects.velocity_filter import VelocityFilter
+from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import ConfigError
 from saltus.messages import JointCommand
 
 ROBOTS = 5
 STEPS = 12
-PERIOD_S = {"command": 0.002, "torque": 0.002, "depth": 0.01, "heightmap": 0.01, "model": 1.0, "imu": 0.002}
+PERIOD_S = {
+    "command": 0.002,
+    "torque": 0.002,
+    "joint": 0.002,
+    "joint_state": 0.002,
+    "depth": 0.01,
+    "heightmap": 0.01,
+    "model": 1.0,
+    "imu": 0.002,
+}
+PER_JOINT_SMALL = tuple(0.01 * j for j in range(12))
 PER_JOINT = tuple(0.5 + 0.1 * j for j in range(12))
 
 EXAMPLES: tuple[Effect[Any], ...] = (
@@ -51,6 +70,20 @@ EXAMPLES: tuple[Effect[Any], ...] = (
     TorqueSaturation(knee=14.2, plateau=(17.2, 17.2, 25.9) * 4),
     TorqueGain(gain=0.9),
     TorqueGain(gain=PER_JOINT),
+    BatterySag(loss_at_end=0.2, duration_s=5.0),
+    Backlash(width=0.01),
+    Backlash(width=PER_JOINT_SMALL),
+    ViscousFriction(coefficient=0.2),
+    ViscousFriction(coefficient=PER_JOINT),
+    CoulombFriction(torque=0.3),
+    Stiction(breakaway=0.3, stribeck_velocity=5.0),
+    Stiction(breakaway=PER_JOINT, stribeck_velocity=PER_JOINT),
+    Armature(added=0.002),
+    EncoderBias(bias=-0.02),
+    EncoderQuantisation(step=1e-3),
+    EncoderQuantisation(step=(0.0, 1e-3, 2e-3) * 4),
+    VelocityFilter(time_constant=0.004),
+    VelocityFilter(time_constant=(0.0, 0.002, 0.004) * 4),
     SampleAndHold(period=0.03),
     FrameDrop(fraction=0.4),
     CameraLatency(latency=0.034),
@@ -88,6 +121,10 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
             )
         if site == "torque":
             return Drive(torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0))
+        if site == "joint_state":
+            return JointState(position=array(12), velocity=array(12))
+        if site == "joint":
+            return Resistance(velocity=array(12), friction=array(12), damping=array(12), armature=array(12))
         if site == "depth":
             return DepthImage(depth=abs(array(6, 4)), time_s=np.full(batch, PERIOD_S[site] * k))
         if site == "model":

@@ -1,0 +1,28 @@
+"""A battery that empties and a motor that warms lose torque as a run goes on."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.signals import Drive
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatterySag(Effect[Drive]):
+    """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`, and stays there."""
+
+    name: ClassVar[str] = "battery_sag"
+    site: ClassVar[Site] = "torque"
+
+    # 5 to 20 % over a run
+    loss_at_end: Values = parameter(unit="", null=0.0, low=-1.0, high=1.0, per_joint=True)
+    duration_s: float = field(default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False})
+    """Length of the run; not an effect in itself, so without null value."""
+
+    def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
+        """Scales the torque."""
+        del state
+        gone = min(max(time_s / self.duration_s, 0.0), 1.0)
+        loss = like(self.loss_at_end, signal.torque, namespace(signal.torque))
+        return replace(signal, torque=signal.torque * (1.0 - gone * loss)), None

@@ -1,0 +1,25 @@
+"""Dry friction resists motion with a torque that does not depend on speed."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.signals import Resistance
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombFriction(Effect[Resistance]):
+    """A torque of at most `torque` against the motion; at standstill, whatever holds the joint still."""
+
+    name: ClassVar[str] = "coulomb_friction"
+    site: ClassVar[Site] = "joint"
+
+    # 0.05 to 0.8 Nm at the joints of robots of this class
+    torque: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True)
+
+    def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
+        """Adds to the friction."""
+        del time_s, state
+        torque = like(self.torque, signal.friction, namespace(signal.friction))
+        return replace(signal, friction=signal.friction + torque), None

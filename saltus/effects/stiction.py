@@ -1,0 +1,34 @@
+"""Dry friction is larger at standstill than in motion."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.signals import Resistance
+
+FADED = 30.0
+"""Exponent beyond which the Stribeck curve counts as zero: exp(-30) is 1e-13, and float32 underflows later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stiction(Effect[Resistance]):
+    """Friction above the Coulomb level: `breakaway` at standstill, times exp(-(v / stribeck_velocity)^2) in motion."""
+
+    name: ClassVar[str] = "stiction"
+    site: ClassVar[Site] = "joint"
+
+    # breakaway torque is 1.1 to 2 times the Coulomb level on drives of this class
+    breakaway: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True)
+    # stick and slip are seen below 0.1 rad/s; without a breakaway torque it means nothing
+    stribeck_velocity: Values = field(
+        default=0.1, metadata={"unit": "rad/s", "low": 1e-3, "high": 10.0, "per_joint": True}
+    )
+
+    def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
+        """Adds to the friction."""
+        del time_s, state
+        xp = namespace(signal.friction)
+        width = like(self.stribeck_velocity, signal.friction, xp)
+        share = xp.exp(-xp.clip((signal.velocity / width) ** 2, 0.0, FADED))
+        return replace(signal, friction=signal.friction + like(self.breakaway, signal.friction, xp) * share), None

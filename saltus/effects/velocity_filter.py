@@ -1,0 +1,57 @@
+"""A drive smooths its measured velocity, and so learns of it late."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from saltus.arrays import Constant
+from saltus.effects.effect import Effect, Site, Values, parameter, period
+from saltus.effects.signals import JointState
+from saltus.go1 import PHYSICS_DT
+
+SHORTEST = 1e-3
+"""Of a period: a shorter filter is none, and the weights stay finite."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityFilter(Effect[JointState]):
+    """First-order low-pass of the velocity with `time_constant`, exact where the velocity is linear between samples."""
+
+    name: ClassVar[str] = "velocity_filter"
+    site: ClassVar[Site] = "joint_state"
+
+    # drives of this class average over a few milliseconds
+    time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
+    dt_s: float = period(PHYSICS_DT)
+    """Period of the velocity."""
+
+    @cached_property
+    def _weights(self) -> tuple[Constant, Constant, Constant]:
+        """Weights of the newest velocity, of the one before, and of the last filtered one."""
+        return tuple(Constant(w) for w in low_pass_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
+        """Empty: the first velocity is taken to have been there for long."""
+        del batch, rng
+        return ()
+
+    def apply(self, signal: JointState, time_s: float, state: tuple[Any, ...]) -> tuple[JointState, tuple[Any, ...]]:
+        """Filters the velocity; the state is the last velocity and the last filtered one."""
+        del time_s
+        newest = signal.velocity
+        if not state:
+            return signal, (newest, newest)
+        before, filtered = state
+        new, old, kept = (weight.like(newest) for weight in self._weights)
+        velocity = new * newest + old * before + kept * filtered
+        return replace(signal, velocity=velocity), (newest, velocity)
+
+
+def low_pass_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the newest input, of the one before, and of the last output, for an input linear in between; sum 1."""
+    steps = np.asarray(time_constant, dtype=float) / dt_s
+    kept = np.exp(-1.0 / np.maximum(steps, SHORTEST))
+    new = 1.0 - steps * (1.0 - kept)
+    return new, 1.0 - new - kept, kept
