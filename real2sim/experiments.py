@@ -14,6 +14,7 @@ from real2sim.footage import Camera, film
 from real2sim.menu import Experiment
 from real2sim.motions import Floats, Section
 from saltus import go1
+from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.messages import JointCommand
 from saltus.run_log import SCHEMA, DepthTable, JointTable, RunLog, Table
@@ -21,7 +22,7 @@ from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 
-SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three times constants of its slowest mode
+SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
 AHEAD_M = 0.6
@@ -49,6 +50,7 @@ class _Row:
 
     time_s: float
     state: PlantState
+    imu: ImuReading
     believed: Floats
     section: int
     tick: int
@@ -110,6 +112,8 @@ def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int
         terrain,
         payload_kg=experiment.payload_kg,
         chain=profile.actuator_chain,
+        body=profile.body_chain,
+        imu=profile.imu_chain,
         seed=seed,
         held=experiment.base == "fixed",
     )
@@ -161,13 +165,13 @@ def _play(
     kp, kd = np.full(12, experiment.kp), np.full(12, experiment.kd)
     commands = section.commands
     for tick in ticks:
-        state = plant.state
+        state, imu = plant.state, plant.imu
         experiment.limits.check_state(now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity)
         command = JointCommand(
             position=commands.q_des[tick], velocity=commands.dq_des[tick], kp=kp, kd=kd, torque=commands.tau_ff[tick]
         )
         believed = plant.step(command).joint_torque
-        tape.rows.append(_Row(time_s=now, state=state, believed=believed, section=index, tick=int(tick)))
+        tape.rows.append(_Row(time_s=now, state=state, imu=imu, believed=believed, section=index, tick=int(tick)))
         now += go1.PHYSICS_DT
     return now
 
@@ -204,12 +208,11 @@ def _log(
     meta = _meta(tape, experiment, terrain)
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
-    orientation = _tilted(column("quaternion_base_in_world"), noise.orientation_rad, rng)
     imu = np.concatenate(
         [
-            orientation,
-            noisy(column("angular_velocity_base"), noise.gyro_rad_s),
-            noisy(column("acceleration_base"), noise.acc_m_s2),
+            _tilted(np.array([row.imu.quaternion for row in rows]), noise.orientation_rad, rng),
+            noisy(np.array([row.imu.angular_velocity for row in rows]), noise.gyro_rad_s),
+            noisy(np.array([row.imu.acceleration for row in rows]), noise.acc_m_s2),
         ],
         axis=1,
     )

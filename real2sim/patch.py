@@ -1,0 +1,232 @@
+"""`patch.toml`: what a verdict adds to a robot's profile, on what evidence, and how far it holds.
+
+schema = "saltus-patch/1"
+
+[[evidence]]
+log = "chirp"
+sha256 = "..."
+
+[range]
+torque_nm = 33.1
+
+[[effects]]
+name = "coulomb_friction"
+where = ["FR_calf", "FL_calf"]
+[effects.params.torque]
+value = 0.31
+ci90 = [0.28, 0.34]
+unit = "Nm"
+"""
+
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from real2sim.findings import FoundEffect, Interval
+from saltus import go1
+from saltus.effects.battery_sag import BatterySag
+from saltus.effects.effect import Effect
+from saltus.effects.profile import PARTS, Profile
+from saltus.effects.registry import EFFECTS
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.errors import ConfigError, nearest_hint
+from saltus.run_log import RunLog
+
+SCHEMA = "saltus-patch/1"
+LOSS_AT_KNEE = 0.05
+"""Definition of the knee of a saturation: the command at which this share is lost."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """A run log by its contents."""
+
+    log: str
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Applicability:
+    """What the evidence reaches to; beyond it, the patch is an extrapolation. None where the log does not say."""
+
+    torque_nm: float | None = None
+    """Largest torque that a drive was asked for."""
+    speed_rad_s: float | None = None
+    """Largest speed of a joint."""
+    depth_m: float | None = None
+    """Farthest depth."""
+    duration_s: float | None = None
+    """Length of the log."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """Effects to add to a profile."""
+
+    effects: tuple[FoundEffect, ...]
+    evidence: tuple[Evidence, ...]
+    range: Applicability
+
+    def to_toml(self) -> str:
+        """The text of `patch.toml`."""
+        table = {
+            "schema": SCHEMA,
+            "evidence": [vars(evidence) for evidence in self.evidence],
+            "range": {name: value for name, value in vars(self.range).items() if value is not None},
+            "effects": [_effect_table(effect) for effect in self.effects],
+        }
+        return tomli_w.dumps(table)
+
+    def applied_to(self, profile: Profile) -> Profile:
+        """A profile with these effects: they replace what it says of the same effect at the same joints.
+
+        Raises:
+            ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
+        """
+        for found in self.effects:
+            profile = _with(profile, found, self.range)
+        return profile
+
+
+def patch_from_toml(text: str) -> Patch:
+    """Reads a patch.
+
+    Raises:
+        ConfigError: not TOML, another schema, or an entry that is missing or of the wrong kind.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not valid TOML: {error}") from error
+    if table.get("schema") != SCHEMA:
+        raise ConfigError(f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'")
+    try:
+        return Patch(
+            effects=tuple(_effect(entry) for entry in table.get("effects", [])),
+            evidence=tuple(Evidence(**entry) for entry in table.get("evidence", [])),
+            range=Applicability(**{name: float(value) for name, value in table.get("range", {}).items()}),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"no patch: {type(error).__name__} {error}") from error
+
+
+def load_patch(path: Path) -> Patch:
+    """Reads a patch from a file; errors name it."""
+    try:
+        return patch_from_toml(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the patch {path}: {error}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def evidence_of(directory: Path) -> Evidence:
+    """The digest of a run log: of the names and contents of its files, in alphabetical order."""
+    digest = hashlib.sha256()
+    for path in sorted(p for p in directory.iterdir() if p.is_file()):
+        digest.update(path.name.encode() + b"\0")
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return Evidence(log=directory.name, sha256=digest.hexdigest())
+
+
+def applicability(log: RunLog) -> Applicability:
+    """What a log reaches to."""
+    joints = log.joints
+    torque = joints.tau_est if joints.tau_est is not None else joints.tau_ff
+    return Applicability(
+        torque_nm=None if torque is None else _largest(torque),
+        speed_rad_s=None if joints.dq is None else _largest(joints.dq),
+        depth_m=None if log.depth is None or not log.depth.depth_mm.size else 1e-3 * float(log.depth.depth_mm.max()),
+        duration_s=float(joints.time_s[-1] - joints.time_s[0]),
+    )
+
+
+def _largest(values: Any) -> float:
+    return round(float(np.nanmax(np.abs(values))), 3)
+
+
+def _effect_table(effect: FoundEffect) -> dict[str, Any]:
+    params = {
+        name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
+        for name, found in effect.params.items()
+    }
+    where = effect.where if isinstance(effect.where, str) else list(effect.where)
+    return {"name": effect.name, "where": where, "params": params}
+
+
+def _effect(entry: dict[str, Any]) -> FoundEffect:
+    where = entry["where"]
+    return FoundEffect(
+        name=str(entry["name"]),
+        where=where if isinstance(where, str) else tuple(map(str, where)),
+        params={
+            name: Interval(
+                value=float(found["value"]),
+                ci90=(float(found["ci90"][0]), float(found["ci90"][1])),
+                unit=str(found["unit"]),
+            )
+            for name, found in entry["params"].items()
+        },
+    )
+
+
+def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile:
+    """The profile with one more effect, or with other values of one that it has."""
+    if found.name not in EFFECTS:
+        raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
+    kind = EFFECTS[found.name]
+    part = PARTS[kind.site]
+    effects: tuple[Effect[Any], ...] = getattr(profile, part)
+    before = next((effect for effect in effects if effect.name == found.name), kind())
+    if isinstance(before, TorqueSaturation):
+        before = _as_knee(before)
+    after = replace(before, **_values(before, found))
+    if isinstance(after, BatterySag) and reach.duration_s is not None:
+        after = replace(after, duration_s=reach.duration_s)
+    others = tuple(effect for effect in effects if effect.name != found.name)
+    return replace(profile, **{part: (*others, after)})
+
+
+def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:
+    """Values of an effect's parameters after a finding: of all joints, or of those that the finding names."""
+    known = {f.name: f.metadata for f in fields(effect) if "null" in f.metadata}
+    values: dict[str, Any] = {}
+    for name, interval in found.params.items():
+        if name not in known:
+            raise ConfigError(f"unknown parameter '{effect.name}.{name}': {nearest_hint(name, known)}")
+        if not known[name]["per_joint"] or found.where == "all":
+            values[name] = interval.value
+            continue
+        joints = _joints(found)
+        per_joint = np.broadcast_to(np.asarray(getattr(effect, name), dtype=np.float64), len(go1.JOINTS)).copy()
+        per_joint[joints] = interval.value
+        values[name] = tuple(per_joint.tolist())
+    return values
+
+
+def _joints(found: FoundEffect) -> list[int]:
+    """Indices of the joints that a finding names."""
+    names: Sequence[str] = (found.where,) if isinstance(found.where, str) else found.where
+    for name in names:
+        if name not in go1.JOINTS:
+            raise ConfigError(f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, go1.JOINTS)}")
+    return [go1.JOINTS.index(name) for name in names]
+
+
+def _as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
+    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint."""
+    if not saturation.curve:
+        return saturation
+    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * go1.TORQUE_LIMIT  # (n, 12): each joint up to its limit
+    delivered = np.asarray(saturation.delivered(grid))
+    lost = 1.0 - delivered / grid >= LOSS_AT_KNEE
+    knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)
+    plateau = np.where(np.isfinite(knee), delivered[-1], np.inf)
+    return TorqueSaturation(knee=tuple(knee.tolist()), plateau=tuple(plateau.tolist()))
