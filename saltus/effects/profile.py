@@ -10,6 +10,8 @@ In TOML an effect is a table under its site's part, with its parameters as keys,
 """
 
 import math
+import os
+import re
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -108,8 +110,32 @@ TRAINING_SHIFT = HeightmapShift(x_range=0.08, z_range=0.05)
 _NAMED = {"ideal": IDEAL, "go1": GO1}
 
 
+def profiles_folder() -> Path:
+    """Where profiles of one's own lie: what SALTUS_PROFILES names, else `profiles` in the working directory."""
+    return Path(os.environ.get("SALTUS_PROFILES", "profiles"))
+
+
+def save_profile(name: str, profile: Profile) -> Path:
+    """Writes a profile where `load_profile` finds it by name; returns the file.
+
+    Raises:
+        ConfigError: a name that is none or that is taken by a profile that Saltus ships, or a folder that cannot be
+            written.
+    """
+    if name in _NAMED or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        taken = ", ".join(_NAMED)
+        raise ConfigError(f"'{name}' cannot name a profile: use letters, digits, _ and -; taken are {taken}")
+    path = profiles_folder() / f"{name}.toml"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(profile_to_toml(profile))
+    except OSError as error:
+        raise ConfigError(f"cannot write the profile {path}: {error.strerror}") from error
+    return path
+
+
 def load_profile(name_or_path: str) -> Profile:
-    """A profile by name ("ideal", "go1"), or from a TOML file.
+    """A profile by name ("ideal", "go1", or a file of `profiles_folder`), or from a TOML file.
 
     Raises:
         ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the nearest is named); a value
@@ -118,8 +144,12 @@ def load_profile(name_or_path: str) -> Profile:
     if name_or_path in _NAMED:
         return _NAMED[name_or_path]
     path = Path(name_or_path)
+    own = profiles_folder()
     if path.suffix != ".toml" and not path.is_file():
-        raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, _NAMED)}; or give a TOML file")
+        path = own / f"{name_or_path}.toml"
+        if not path.is_file():
+            known = [*_NAMED, *(file.stem for file in own.glob("*.toml"))]
+            raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, known)}; or give a TOML file")
     try:
         return profile_from_toml(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
