@@ -8,10 +8,11 @@ pixel by less than (1 - alpha) delta, which is below half a unit at alpha = 0.75
 smoothing. Only holes are filled.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
+from render.devices import on_host
+from render.holes import filled_along_rows, filled_from_around
 from saltus.arrays import namespace
 from saltus.depth import MILLIMETRE
 from saltus.effects.effect import Effect, Site, parameter
@@ -48,56 +49,7 @@ class HoleFilling(Effect[DepthImage]):
         del time_s, state
         if self.is_null() or min(signal.depth.shape[-2:]) < 3:
             return signal, None
-        return replace(signal, depth=_filled_from_around(signal.depth)), None
-
-
-def _filled_from_around(depth: Any) -> Any:
-    """Works on the list of holes, which are few, with jumps of 1, 2, 4, ... of them, since values walk far."""
-    xp = namespace(depth)
-    width = depth.shape[-1]
-    empty = depth == 0.0
-    inner = xp.zeros_like(empty)
-    inner[..., 1:-1, 1:] = empty[..., 1:-1, 1:]
-    (hole,) = xp.nonzero(xp.reshape(inner, (-1,)))
-    if not hole.shape[0]:
-        return depth
-    # a pixel below another that is valid, however far above, finds its upper neighbour filled when its turn comes
-    supported = xp.concat([~xp.reshape(empty, (-1,))[hole - width], hole[:1] < 0])
-    for jump in _jumps(hole, width):
-        supported = supported | supported[jump]
-    hole = hole[supported[:-1]]
-    far = xp.reshape(xp.where(empty, xp.full_like(depth, math.inf), depth), (-1,))
-    # the row below has not been visited yet: of it counts only what it had by itself
-    nearest = far[hole - width]
-    for step in (-width - 1, -1, width - 1, width):
-        nearest = xp.minimum(nearest, far[hole + step])
-    nearest = xp.concat([nearest, xp.full_like(far[:1], math.inf)])
-    jumps = [jump for step in (1, width, width + 1) for jump in _jumps(hole, step)]
-    before = None
-    while before is None or bool(xp.any(nearest < before)):
-        before = nearest
-        for jump in jumps:
-            nearest = xp.minimum(nearest, nearest[jump])
-    result = xp.reshape(xp.asarray(depth, copy=True), (-1,))
-    result[hole] = nearest[:-1]
-    return xp.reshape(result, depth.shape)
-
-
-def _jumps(place: Any, step: int) -> list[Any]:
-    """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... places before it.
-
-    Only where all between are entries, too. An entry more, at the end, stands for none; each array has it as well.
-    """
-    xp = namespace(place)
-    none = place.shape[0]
-    found = xp.searchsorted(place, place - step)
-    jump = xp.where(place[found] == place - step, found, none) if none else found
-    jump = xp.concat([jump, xp.full((1,), none, dtype=jump.dtype, device=place.device)])
-    jumps = []
-    while bool(xp.any(jump < none)):
-        jumps.append(jump)
-        jump = jump[jump]
-    return jumps
+        return replace(signal, depth=filled_from_around(signal.depth)), None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,12 +79,12 @@ class SpatialFilter(Effect[DepthImage]):
         del time_s, state
         if self.magnitude == 0.0 or signal.depth.shape[-1] < 3:
             return signal, None
-        steps, passes = HOLE_RADIUS[round(self.holes_fill)].bit_length() - 1, round(self.magnitude)
+        reach, passes = HOLE_RADIUS[round(self.holes_fill)] - 1, round(self.magnitude)
         if (1.0 - self.alpha) * self.delta < ROUNDED_AWAY:
-            return replace(signal, depth=_filled_along_rows(signal.depth, steps, passes)), None
+            return replace(signal, depth=filled_along_rows(signal.depth, reach, passes)), None
         depth = signal.depth
         for _ in range(passes):
-            depth = self._smoothed(_filled_along_rows(depth, steps))
+            depth = self._smoothed(filled_along_rows(depth, reach))
         return replace(signal, depth=depth), None
 
     def _smoothed(self, depth: Any) -> Any:
@@ -154,33 +106,6 @@ class SpatialFilter(Effect[DepthImage]):
         blend = xp.floor(self.alpha * pixel + (1.0 - self.alpha) * before + ROUNDED_AWAY)
         close = (pixel > 0.0) & (before > 0.0) & (xp.abs(pixel - before) <= limit)
         return xp.where(close, blend, pixel)
-
-
-def _filled_along_rows(depth: Any, steps: int, passes: int = 1) -> Any:
-    """Holes take what is to the left of them, then what is to the right, up to 2^steps - 1 pixels away, `passes` times.
-
-    The last column stays as it is. Returns `depth` itself where nothing can change.
-    """
-    xp = namespace(depth)
-    if steps <= 0:
-        return depth
-    hole = depth[..., :-1] == 0.0
-    broken = xp.any(hole, axis=-1) & ~xp.all(hole, axis=-1)
-    if not bool(xp.any(broken)):
-        return depth
-    rows = depth[broken]  # few: most are whole, and rows that see nothing stay empty
-    shifts = [1 << k for k in range(steps) if 1 << k < rows.shape[-1] - 1]
-    for _ in range(passes):
-        left = rows[..., :-1]
-        for shift in shifts:
-            left[..., shift:] = xp.where(left[..., shift:] == 0.0, left[..., :-shift], left[..., shift:])
-        for shift in shifts:
-            rows[..., :-shift] = xp.where(rows[..., :-shift] == 0.0, rows[..., shift:], rows[..., :-shift])
-        if bool(xp.all(left > 0.0)):
-            break
-    result = xp.asarray(depth, copy=True)
-    result[broken] = rows
-    return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +154,7 @@ class TemporalFilter(Effect[DepthImage]):
         known = xp.astype(valid, xp.uint8)
         following = (history << 1) & (LAST_FOUR * (xp.astype(agrees, xp.uint8) | (1 - known))) | known
         following_kept = xp.where(valid, result, kept)
-        if bool(xp.any(repeated)):
+        if not on_host(repeated) or bool(xp.any(repeated)):
             output = xp.where(repeated, given, output)
             following, following_kept = xp.where(repeated, history, following), xp.where(repeated, kept, following_kept)
         return replace(signal, depth=output), (following_kept, following, signal.time_s, output)

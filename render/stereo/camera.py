@@ -17,6 +17,7 @@ from render.stereo.image import depth_of, stereo_image
 from render.stereo.optics import Optics
 from render.stereo.search_range import SearchRange
 from render.stereo.weak_signal import WeakSignal
+from render.stereo.windows import ARRAY_WINDOWS, Windows
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
 
@@ -66,11 +67,13 @@ class StereoCamera:
     Args:
         config: the effects.
         optics: of the images that it is given.
+        windows: who looks around pixels.
     """
 
-    def __init__(self, config: StereoConfig, optics: Optics) -> None:
+    def __init__(self, config: StereoConfig, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> None:
         self.config = config
         self.optics = optics
+        self._windows = windows
         active = [effect for effect in config.effects if not effect.is_null()]
         depth_site = (DepthUnit, HoleFilling, SpatialFilter, TemporalFilter)
         self._matching = [effect for effect in active if not isinstance(effect, depth_site)]
@@ -96,7 +99,7 @@ class StereoCamera:
         states = []
         now = 0.0  # effects of the exposure go by its own time, which may differ from camera to camera
         memories = iter(state)
-        signal = stereo_image(depth, hidden, time_s, self.optics)
+        signal = stereo_image(depth, hidden, time_s, self.optics, self._windows)
         for effect in self._matching:
             signal, memory = effect.apply(signal, now, next(memories))
             states.append(memory)

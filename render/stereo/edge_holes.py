@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from render.stereo.discontinuity import discontinuity
-from render.stereo.fields import around, gaussian, mean_around, samples
+from render.stereo.fields import gaussian, mean_around, samples
 from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
@@ -47,7 +47,7 @@ class EdgeHoles(Effect[StereoImage]):
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
         rows, columns = math.ceil(self.reach / optics.pitch_y), math.ceil(self.reach / optics.pitch_x)
-        near_edge = around(discontinuity(disparity, self.jump), rows, columns, xp.logical_or)
+        near_edge = signal.windows.any_around(discontinuity(disparity, self.jump), rows, columns)
         mean = mean_around(disparity, rows, columns)
         # samples that reach farther than `reach` make up for it by losing fewer
         excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach

@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from render.devices import on_host
 from render.stereo.discontinuity import discontinuity
-from render.stereo.fields import unit_uniform_at
+from render.stereo.fields import unit_uniform, unit_uniform_at
 from render.stereo.image import StereoImage
 from render.stereo.per_image import per_image
 from saltus.arrays import namespace
@@ -37,21 +38,40 @@ class FlyingPixels(Effect[StereoImage]):
         if self.is_null():
             return signal, state
         disparity, optics = signal.disparity, signal.optics
-        xp, shape = namespace(disparity), disparity.shape[-2:]
-        (edge,) = xp.nonzero(xp.reshape(discontinuity(signal.truth, self.jump), (-1,)))
-        draw = unit_uniform_at(edge, state, signal.time_s, shape, disparity.dtype)
         # one sample in `pitch` lies within a pixel of the edge
-        share = per_image(self.fraction, disparity, xp) * (1.0 / max(optics.pitch_x, optics.pitch_y))
-        if not isinstance(share, float):
-            share = xp.reshape(xp.broadcast_to(share, (*disparity.shape[:-2], 1, 1)), (-1,))[edge // math.prod(shape)]
-        flies = draw < share
-        place, draw = edge[flies], draw[flies]
-        low, high = _limits(disparity, place)
-        # among those that fly, draw / share is uniform again
-        between = low + (high - low) * (draw / (share if isinstance(share, float) else share[flies]))
-        result = xp.reshape(xp.asarray(disparity, copy=True), (-1,))
-        result[place] = between
-        return replace(signal, disparity=xp.reshape(result, disparity.shape)), state
+        scale = 1.0 / max(optics.pitch_x, optics.pitch_y)
+        share = per_image(self.fraction, disparity, namespace(disparity)) * scale
+        edge = discontinuity(signal.truth, self.jump)
+        moved = (
+            _at_places(signal, edge, share, state) if on_host(disparity) else _everywhere(signal, edge, share, state)
+        )
+        return replace(signal, disparity=moved), state
+
+
+def _everywhere(signal: StereoImage, edge: Any, share: Any, keys: Any) -> Any:
+    """The disparity with what flies, from operations on whole images: none waits for a device."""
+    disparity = signal.disparity
+    draw = unit_uniform(keys, signal.time_s, disparity.shape[-2:], disparity.dtype)
+    low, high = signal.windows.range_around(disparity)
+    # among those that fly, draw / share is uniform again
+    return namespace(disparity).where(edge & (draw < share), low + (high - low) * (draw / share), disparity)
+
+
+def _at_places(signal: StereoImage, edge: Any, share: Any, keys: Any) -> Any:
+    """The same, to the bit, from a list of the places at edges, which are few."""
+    disparity = signal.disparity
+    xp, shape = namespace(disparity), disparity.shape[-2:]
+    (place,) = xp.nonzero(xp.reshape(edge, (-1,)))
+    draw = unit_uniform_at(place, keys, signal.time_s, shape, disparity.dtype)
+    if not isinstance(share, float):
+        share = xp.reshape(xp.broadcast_to(share, (*disparity.shape[:-2], 1, 1)), (-1,))[place // math.prod(shape)]
+    flies = draw < share
+    place, draw = place[flies], draw[flies]
+    low, high = _limits(disparity, place)
+    between = low + (high - low) * (draw / (share if isinstance(share, float) else share[flies]))
+    result = xp.reshape(xp.asarray(disparity, copy=True), (-1,))
+    result[place] = between
+    return xp.reshape(result, disparity.shape)
 
 
 def _limits(disparity: Any, place: Any) -> tuple[Any, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from render.stereo.optics import Optics
+from render.stereo.windows import ARRAY_WINDOWS, Windows
 from saltus.arrays import namespace
 from saltus.messages import Floats
 
@@ -26,9 +27,11 @@ class StereoImage:
     time_s: Floats
     """Capture time in the run's clock [s], float64, shape (...)."""
     optics: Optics
+    windows: Windows = ARRAY_WINDOWS
+    """For looking around pixels."""
 
 
-def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics) -> StereoImage:
+def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> StereoImage:
     """A perfect match of a rendered scene.
 
     Args:
@@ -36,6 +39,7 @@ def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics) -> Stereo
         hidden: see `StereoImage`.
         time_s: see `StereoImage`.
         optics: of the camera.
+        windows: see `StereoImage`.
     """
     disparity = optics.disparity_at_1m / depth
     xp = namespace(depth)
@@ -46,6 +50,7 @@ def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics) -> Stereo
         hidden=hidden,
         time_s=time_s,
         optics=optics,
+        windows=windows,
     )
 
 

@@ -132,6 +132,15 @@ def test_spatial_filter_at_the_originals_settings_only_fills(seed: int, level: i
     np.testing.assert_array_equal(result[seen], image[seen])
 
 
+def test_rows_that_see_nothing_but_at_their_end_are_filled_from_there() -> None:
+    image = holed(3, 0.9, shape=(40, 6))
+    spatial = SpatialFilter(magnitude=5.0, alpha=0.75, delta=1.0, holes_fill=2.0)
+    assert np.any(np.all(image[:, :-1] == 0, axis=1) & (image[:, -1] > 0))
+    np.testing.assert_array_equal(
+        units(spatial.apply(signal(image), 0.0, None)[0]), scan_spatial(image, 5, 0.75, 1, HOLE_RADIUS[2])
+    )
+
+
 @pytest.mark.parametrize(("magnitude", "alpha", "delta"), [(1, 0.5, 20), (2, 0.5, 20), (5, 0.25, 8), (2, 0.75, 3)])
 def test_spatial_smoothing_is_the_scan(magnitude: int, alpha: float, delta: int) -> None:
     image = holed(magnitude, 0.05, spread=40)

@@ -1,0 +1,36 @@
+"""What effects ask about the neighbourhood of every pixel, and who answers."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from render.stereo.fields import around
+from saltus.arrays import namespace
+
+
+class Windows(Protocol):
+    """Morphology of images; what lies beyond a border counts as the border does. A frozen value without fields."""
+
+    def any_around(self, mask: Any, rows: int, columns: int) -> Any:
+        """Whether anything is set within `rows` and `columns` of each sample, bool, shape (..., height, width)."""
+        ...
+
+    def range_around(self, values: Any) -> tuple[Any, Any]:
+        """The least and the largest of the nine values around each sample, both of shape (..., height, width)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ArrayWindows:
+    """For any library of arrays: extremes of windows of 1, 2, 4, ... samples, so few operations."""
+
+    def any_around(self, mask: Any, rows: int, columns: int) -> Any:
+        """See `Windows`."""
+        return around(mask, rows, columns, namespace(mask).logical_or)
+
+    def range_around(self, values: Any) -> tuple[Any, Any]:
+        """See `Windows`."""
+        xp = namespace(values)
+        return around(values, 1, 1, xp.minimum), around(values, 1, 1, xp.maximum)
+
+
+ARRAY_WINDOWS = ArrayWindows()

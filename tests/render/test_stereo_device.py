@@ -1,0 +1,122 @@
+"""On a GPU the stereo camera waits for no value, and its images are those of the processor."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from render.holes import filled_along_rows, filled_from_around
+from render.stereo.camera import StereoConfig
+from render.stereo.edge_holes import EdgeHoles
+from render.stereo.flying_pixels import FlyingPixels
+from render.stereo.model_view import sampled_model_camera
+from render.stereo.optics import Optics
+from render.stereo.windows import ArrayWindows
+from render.stereo_embree import StereoEmbree
+from render.stereo_torch import KorniaWindows, TorchStereo
+from saltus import go1
+from saltus.config import TerrainConfig
+from saltus.effects.effect import map_arrays
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.terrain.curriculum import make_terrain
+
+ASKED_BY = ("render.holes", "render.postfilter", "render.stereo.flying_pixels")
+COUNT, FRAMES = 24, 4
+SAMPLES = [(3, 1), (5, 5)]
+EACH_ITS_OWN = replace(
+    StereoConfig(),
+    edge_holes=EdgeHoles(fraction=np.linspace(0.0, 0.5, COUNT)),
+    flying_pixels=FlyingPixels(fraction=np.linspace(0.0, 0.6, COUNT)),
+)
+
+
+@pytest.fixture
+def nothing_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All is done as on a GPU."""
+    for module in ASKED_BY:
+        monkeypatch.setattr(f"{module}.on_host", lambda _: False)
+
+
+def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
+    """Robots before and on stairs, legs in view of some."""
+    rng = np.random.default_rng(2)
+    terrain, camera = make_terrain(TerrainConfig(terrain="stairs")), sampled_model_camera(rows, columns)
+    position = rng.uniform([0.5, -0.1, 0.25], [4.0, 0.1, 0.5], (COUNT, 3))
+    position[:, 2] += terrain.height_at(position[:, 0])
+    quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
+    pair = StereoEmbree(terrain, Optics.of(camera), camera)
+    depth, hidden = pair.render_pair_batch(position, quaternion, go1.STAND_POSE + rng.normal(0.0, 0.4, (COUNT, 12)))
+    return pair.optics, torch.from_numpy(depth), torch.from_numpy(hidden)
+
+
+def images(config: StereoConfig, optics: Optics, depth: Any, hidden: Any, device: str = "cpu") -> list[torch.Tensor]:
+    """What the cameras report, one exposure after the other; the third comes twice."""
+    stereo = TorchStereo(config, optics, device)
+    state = stereo.init(COUNT, np.random.default_rng(5))
+    shown = []
+    for k in (0, 1, 2, 2, 3):
+        time_s = torch.full((COUNT,), 0.02 * k, dtype=torch.float64, device=device)
+        image, state = stereo.step(depth, hidden, time_s, state)
+        shown.append(image)
+    return shown
+
+
+@pytest.mark.parametrize("config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"])
+@pytest.mark.parametrize("samples", SAMPLES)
+def test_no_shape_and_no_step_depends_on_values(config: StereoConfig, samples: tuple[int, int]) -> None:
+    """Tensors that have a shape but no values go through: to ask for a value, or for how many there are, raises."""
+    camera = sampled_model_camera(*samples)
+    shape = COUNT, camera.height, camera.width
+    depth = torch.empty(shape, device="meta")
+    hidden = torch.empty(shape, dtype=torch.bool, device="meta")
+    for image in images(config, Optics.of(camera), depth, hidden, "meta"):
+        assert (tuple(image.shape), image.device.type, image.dtype) == (shape, "meta", torch.float32)
+    with pytest.raises(NotImplementedError):
+        torch.nonzero(hidden)
+    with pytest.raises(RuntimeError):
+        bool(hidden.any())
+
+
+@pytest.mark.parametrize("config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"])
+@pytest.mark.parametrize("samples", SAMPLES)
+def test_images_are_those_of_the_processor(
+    config: StereoConfig, samples: tuple[int, int], request: pytest.FixtureRequest
+) -> None:
+    """To the bit."""
+    seen = scene(*samples)
+    on_host = images(config, *seen)
+    request.getfixturevalue("nothing_on_host")
+    for one, other in zip(on_host, images(config, *seen), strict=True):
+        torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+    assert any(bool(torch.any(image == 0.0)) for image in on_host)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.8, 0.97])
+def test_holes_of_any_image_are_filled_alike(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wide, tall, and narrow images; whole-image operations against lists, which are tested against plain scans."""
+    rng = np.random.default_rng(4)
+    cases = []
+    for height, width in ((3, 3), (4, 17), (30, 9), (12, 12), (5, 40), (33, 32)):
+        depth = rng.integers(500, 600, (6, height, width)).astype(np.float32)
+        depth[rng.random(depth.shape) < share] = 0.0
+        cases.append(torch.from_numpy(depth))
+    fills = [filled_from_around, *(lambda d, r=r, p=p: filled_along_rows(d, r, p) for r in (1, 7, 255) for p in (1, 5))]
+    by_list = [fill(depth) for depth in cases for fill in fills]
+    monkeypatch.setattr("render.holes.on_host", lambda _: False)
+    by_image = [fill(depth) for depth in cases for fill in fills]
+    for one, other in zip(by_list, by_image, strict=True):
+        torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
+
+
+@pytest.mark.parametrize("reach", [(1, 1), (3, 1), (5, 5), (2, 0), (0, 3)])
+def test_kornia_looks_around_as_arrays_do(reach: tuple[int, int]) -> None:
+    rng = np.random.default_rng(3)
+    for shape in ((4, 48, 16), (2, 9, 30), (1, 5, 5)):
+        values = torch.from_numpy(rng.normal(size=shape).astype(np.float32))
+        mask = values > 1.5
+        assert torch.equal(KorniaWindows().any_around(mask, *reach), ArrayWindows().any_around(mask, *reach))
+        for one, other in zip(KorniaWindows().range_around(values), ArrayWindows().range_around(values), strict=True):
+            assert torch.equal(one, other)
+    assert map_arrays(torch.from_numpy, ArrayWindows()) == ArrayWindows()  # a signal that moves keeps it
