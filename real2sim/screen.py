@@ -1,0 +1,21 @@
+"""Says what is wrong with a run log before anything is fitted to it.
+
+A false model fits a damaged log as well as a true one: columns in degrees, a joint under another's name or a gain that
+was not the drive's look like effects. Every check compares the log with itself or with the plainest geometry, so that
+no strong effect of the library (delays to 25 ms, gains 20 % off, friction, 0.1 rad of bias) can set it off.
+"""
+
+from real2sim.fault import Fault
+from real2sim.screen_clock import clock_faults
+from real2sim.screen_depth import depth_faults
+from real2sim.screen_joints import joint_faults
+from real2sim.screen_rig import rig_faults
+from saltus.run_log import RunLog
+
+
+def screen(log: RunLog) -> list[Fault]:
+    """Faults of a log, those first that make fitting senseless."""
+    faults = clock_faults(log)
+    if not any(fault.is_fatal for fault in faults):
+        faults += [*joint_faults(log), *rig_faults(log), *depth_faults(log)]
+    return sorted(faults, key=lambda fault: not fault.is_fatal)
