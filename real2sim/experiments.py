@@ -24,6 +24,7 @@ from saltus.terrain.terrain import Terrain
 
 SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
+TIME_DIGITS = 6  # of a clock that counts microseconds
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
 AHEAD_M = 0.6
 """Where the first edge lies at the start: the Go1's camera sees the ground from 0.5 to 2 m before the base."""
@@ -172,7 +173,7 @@ def _play(
         )
         believed = plant.step(command).joint_torque
         tape.rows.append(_Row(time_s=now, state=state, imu=imu, believed=believed, section=index, tick=int(tick)))
-        now += go1.PHYSICS_DT
+        now = round(now + go1.PHYSICS_DT, TIME_DIGITS)
     return now
 
 

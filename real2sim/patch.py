@@ -186,7 +186,7 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
     effects: tuple[Effect[Any], ...] = getattr(profile, part)
     before = next((effect for effect in effects if effect.name == found.name), kind())
     if isinstance(before, TorqueSaturation):
-        before = _as_knee(before)
+        before = as_knee(before)
     after = replace(before, **_values(before, found))
     if isinstance(after, BatterySag) and reach.duration_s is not None:
         after = replace(after, duration_s=reach.duration_s)
@@ -220,8 +220,8 @@ def _joints(found: FoundEffect) -> list[int]:
     return [go1.JOINTS.index(name) for name in names]
 
 
-def _as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
-    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint."""
+def as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
+    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
     if not saturation.curve:
         return saturation
     grid = np.linspace(0.0, 1.0, 2001)[1:, None] * go1.TORQUE_LIMIT  # (n, 12): each joint up to its limit

@@ -31,6 +31,13 @@ class Limits:
     tilt_rad: float = 0.5
     """Roll and pitch of the base: half way to where a robot on four straight legs falls."""
 
+    def in_words(self) -> str:
+        """The limits in a line."""
+        return (
+            f"keeps {self.margin_rad:g} rad from the ends of joints, asks for at most {self.speed_share:.0%} of their "
+            f"speed and {self.torque_share:.0%} of their torque, stops beyond {self.tilt_rad:g} rad of tilt"
+        )
+
     def check_commands(self, commands: Commands, kp: float) -> None:
         """Refuses commands that ask for angles, speeds or torques beyond the limits.
 

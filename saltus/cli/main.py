@@ -16,6 +16,7 @@ from saltus.cli.demo import Demo
 from saltus.cli.doctor import Doctor
 from saltus.cli.heightmap import Heightmap
 from saltus.cli.policy import Policy
+from saltus.cli.real2sim import Real2sim
 from saltus.cli.record import Record
 from saltus.cli.render import Render
 from saltus.cli.replay import Replay
@@ -32,6 +33,7 @@ Command = (
     | Annotated[Heightmap, subcommand("heightmap")]
     | Annotated[Policy, subcommand("policy")]
     | Annotated[Controller, subcommand("controller")]
+    | Annotated[Real2sim, subcommand("real2sim")]
     | Annotated[Bench, subcommand("bench")]
 )
 

@@ -1,0 +1,135 @@
+"""A problem whose simulator has the effects of a profile from the start: only what is still missing is to be found."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from real2sim.patch import as_knee
+from real2sim.problem import Candidate, Estimate, Floats, Problem, Unknown
+from saltus import go1
+from saltus.effects.effect import Effect
+from saltus.effects.profile import Profile
+from saltus.effects.torque_saturation import TorqueSaturation
+
+FITS = 0.02
+"""Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
+
+
+class Rebased(Problem):
+    """`inner` with unknowns counted from where they have the values of a profile.
+
+    Args:
+        inner: A problem on the simulator without effects.
+        profile: Effects that it has none the less.
+    """
+
+    def __init__(self, inner: Problem, profile: Profile) -> None:
+        self._inner = inner
+        self.name, self.blocks, self.places = inner.name, inner.blocks, inner.places
+        self.segments, self.segment = inner.segments, inner.segment
+        self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
+        self.untestable = inner.untestable
+        offsets = [_offset(inner, candidate, profile) for candidate in inner.candidates]
+        self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
+        """Shape (blocks, unknowns)."""
+        self.candidates = tuple(
+            _moved(candidate, offset) for candidate, offset in zip(inner.candidates, offsets, strict=True)
+        )
+        # A value of the verdict has no block: it counts from the mean of those blocks that have the effect.
+        self._means = {
+            (candidate.effect, candidate.where): _mean(offset)
+            for candidate, offset in zip(inner.candidates, offsets, strict=True)
+        }
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """See `Problem`."""
+        return self._inner.residuals(unknowns + self._offset)
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """See `Problem`: the whole of the effect, with what the profile has of it."""
+        key = (candidate.effect, candidate.where)
+        original = next(c for c in self._inner.candidates if (c.effect, c.where) == key)
+        return self._inner.physical(original, values + self._means[key])
+
+
+def _mean(offset: Floats) -> Floats:
+    present = offset[np.any(offset != 0.0, axis=1)]
+    return present.mean(axis=0) if len(present) else np.zeros(offset.shape[1])
+
+
+def _moved(candidate: Candidate, offset: Floats) -> Candidate:
+    """The candidate with coordinates that are 0 at `offset`, shape (blocks, its unknowns)."""
+    if not np.any(offset):
+        return candidate
+    # Where there is some of the effect already, its shape matters from the start: it is an unknown like the others.
+    unknowns = tuple(
+        Unknown(
+            name=unknown.name,
+            low=unknown.low - float(offset[:, i].min()),
+            high=unknown.high - float(offset[:, i].max()),
+            scale=unknown.scale,
+        )
+        for i, unknown in enumerate(candidate.unknowns)
+    )
+    nowhere = tuple(0.0 for _ in unknowns)
+    return replace(candidate, unknowns=unknowns, starts=(nowhere,))
+
+
+def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
+    """The candidate's unknowns at which it is what the profile says, per block; 0 where the profile has none of it."""
+    offset = np.zeros((len(problem.blocks), len(candidate.unknowns)))
+    effect = _effect(profile, candidate.effect)
+    if effect is None or candidate.is_nuisance:
+        return offset
+    solved: dict[tuple[float, ...], Floats] = {}
+    for block, places in enumerate(problem.places):
+        wanted = _values(effect, places.get(candidate.where, candidate.where), problem, candidate)
+        if wanted is None:
+            continue
+        key = tuple(wanted.values())
+        if key not in solved:
+            solved[key] = _solve(problem, candidate, wanted)
+        offset[block] = solved[key]
+    return offset
+
+
+def _effect(profile: Profile, name: str) -> Effect[Any] | None:
+    for part in (profile.actuator, profile.camera, profile.imu, profile.body):
+        for effect in part:
+            if effect.name == name:
+                return as_knee(effect) if isinstance(effect, TorqueSaturation) else effect
+    return None
+
+
+def _values(effect: Effect[Any], place: str, problem: Problem, candidate: Candidate) -> dict[str, float] | None:
+    """The effect's parameters at a joint, camera or trunk, as far as the candidate has them; None if it has none."""
+    names = problem.physical(candidate, np.asarray(candidate.starts[0], dtype=np.float64)).keys()
+    values: dict[str, float] = {}
+    for name in names:
+        value = np.asarray(getattr(effect, name, np.nan), dtype=np.float64)
+        if value.ndim:
+            value = value[go1.JOINTS.index(place)] if place in go1.JOINTS else value[0]
+        values[name] = float(value)
+    return values if np.isfinite(list(values.values())).all() else None
+
+
+def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> Floats:
+    """Unknowns at which the candidate has the wanted parameters; zeros where it cannot have them."""
+    low = np.array([u.low for u in candidate.unknowns])
+    high = np.array([u.high for u in candidate.unknowns])
+    target = np.array(list(wanted.values()))
+
+    def error(x: Floats) -> Floats:
+        found = problem.physical(candidate, np.asarray(x, dtype=np.float64))
+        values = np.array([found[name].value for name in wanted])
+        return np.nan_to_num((values - target) / (np.abs(target) + 1e-9), nan=1e3, posinf=1e3, neginf=-1e3)
+
+    best, least = np.zeros(len(low)), FITS
+    for start in candidate.starts:
+        inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
+        x = least_squares(error, inside, bounds=(low, high), x_scale=[u.scale for u in candidate.unknowns]).x
+        if (worst := float(np.abs(error(x)).max())) < least:
+            best, least = x, worst
+    return best
