@@ -11,7 +11,7 @@ import numpy as np
 
 from real2sim.layout import Layout
 from real2sim.problem import Floats, Indices
-from real2sim.split import TEST, Split
+from real2sim.split import TEST, Mask, Split
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,11 +73,11 @@ class Quadratic:
             split=split,
         )
 
-    def where(self, columns: Indices) -> Indices:
+    def where(self, columns: Indices) -> Mask:
         """Which of its columns are among these, as a mask of shape (k,)."""
         return np.isin(self.columns, columns)
 
-    def solve(self, block: int, free: Indices, held_out: int | None = None) -> Floats:
+    def solve(self, block: int, free: Mask, held_out: int | None = None) -> Floats:
         """Change of its unknowns that fits best within the bounds when those that are not free go to 0.
 
         Args:
@@ -102,7 +102,7 @@ class Quadratic:
         linear = 2.0 * self.gradient[block] @ change
         return self.cost[block] + linear + np.einsum("i,cij,j->c", change, self.hessian[block], change)
 
-    def held_out_cost(self, free: Indices) -> Floats:
+    def held_out_cost(self, free: Mask) -> Floats:
         """Cost of every chunk when the fit has not seen its fold, shape (blocks, chunks); test chunks unseen."""
         cost = np.zeros_like(self.cost)
         for block in range(len(self.cost)):
@@ -113,7 +113,7 @@ class Quadratic:
                 cost[block, rows] = self.cost_after(block, self.solve(block, free, fold))[rows]
         return cost
 
-    def fit_cost(self, free: Indices) -> float:
+    def fit_cost(self, free: Mask) -> float:
         """Cost of what fits see, after fitting the free unknowns, all blocks together."""
         seen = self.split.fold != TEST
         blocks = range(len(self.cost))
@@ -132,8 +132,8 @@ RIDGE = 1e-9
 def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
     """Minimum of g.d + d.H d / 2 with low <= d <= high, by holding at their bounds what would leave them.
 
-    One unknown at a time joins the bounds, the worst first; those whose gradient points inwards are let go once. This
-    finds the minimum unless unknowns are nearly collinear, where any minimum serves as well.
+    One unknown at a time joins its bound, the worst first. This finds the minimum unless unknowns are nearly collinear,
+    where any point near it serves as well.
     """
     k = len(gradient)
     size = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
@@ -141,7 +141,7 @@ def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats
     scaled = hessian / np.outer(size, size) + RIDGE * np.eye(k)
     slope, lower, upper = gradient / size, low * size, high * size
     fixed = dead.copy()
-    value = np.where(dead, 0.0, 0.0)
+    value = np.zeros(k)
     for _ in range(2 * k + 1):
         free = ~fixed
         if not free.any():
@@ -154,4 +154,4 @@ def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats
             break
         value[worst] = np.clip(value[worst], lower[worst], upper[worst])
         fixed[worst] = True
-    return np.where(dead, 0.0, value / size)
+    return value / size

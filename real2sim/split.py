@@ -16,7 +16,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from numpy.typing import NDArray
+
 from real2sim.problem import Floats, Indices, Problem
+
+Mask = NDArray[np.bool_]
 
 PIECE_S = 2.0
 """Longer than what a joint under PD control remembers, so that pieces are independent."""
@@ -46,7 +50,7 @@ class Split:
         return [int(fold) for fold in np.unique(self.fold) if fold != TEST]
 
     @property
-    def is_fit(self) -> Indices:
+    def is_fit(self) -> Mask:
         """Shape (m,): whether fits see a residual."""
         return self.fold[self.chunk] != TEST
 

@@ -1,0 +1,149 @@
+"""Which of the fitted models the data support: thresholds and the rules that use them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from real2sim import bootstrap
+from real2sim.cells import Cells
+from real2sim.findings import Confusion
+from real2sim.fit import Fit
+from real2sim.layout import Layout
+from real2sim.problem import Floats
+from real2sim.split import TEST, Split
+
+GAIN_NATS = 10.0
+"""Least held-out gain of an effect [nats], after division by the dispersion. Under no effect twice the gain of k
+unknowns is about chi-squared with k degrees of freedom, less what is lost by fitting on other data; with 40 effects of
+12 unknowns tried, 10 nats keep the false-alarm rate of the whole search below 1 %."""
+SPREAD = 3.0
+"""A gain, or the lead of a model over its rival, counts from this many bootstrap standard deviations."""
+SIZE_RMS = 0.3
+"""Least RMS of an effect in the segment and signal that show it best [sigma]. Two correct simulations of one robot
+differ by this much through their integrators and time steps; statistics alone would call that a finding."""
+REMAINDER_SHARE = 0.4
+"""A further effect must close at least this share of what the model without it leaves. A false one picks up a part of
+a misfit, a true one leaves noise."""
+COLLINEAR = 0.95
+"""Cosine from which two effects count as inseparable, by the schema of run logs."""
+CLOSED_SHARE = 0.6
+"""A model that closes less of the gap than this explains it not."""
+REMAINDER_RMS = 0.5
+"""RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
+SET_SIZE = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scored:
+    """A fit and what it is worth.
+
+    Attributes:
+        fit: The fit.
+        held_out: Cost of each chunk by a fit that has not seen its fold, shape (blocks, chunks).
+        structure: Mean square of what is left above noise, shape (blocks, cells).
+    """
+
+    fit: Fit
+    held_out: Floats
+    structure: Floats
+
+    @property
+    def total(self) -> float:
+        """Held-out cost of all that is not test."""
+        return float(self.held_out.sum())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Court:
+    """What every comparison needs."""
+
+    layout: Layout
+    split: Split
+    cells: Cells
+    rng: np.random.Generator
+
+    def score(self, fit: Fit) -> Scored:
+        """Held-out cost and remainder of a fit."""
+        quadratic = fit.quadratic(self.layout, self.split)
+        held_out = quadratic.held_out_cost(np.ones(len(fit.columns), dtype=bool))
+        held_out[:, self.split.fold == TEST] = 0.0
+        return Scored(fit=fit, held_out=held_out, structure=self.cells.structure(fit.residuals))
+
+    def gain(self, before: Scored, after: Scored) -> float:
+        """Held-out gain of one model over another [nats]."""
+        return 0.5 * (before.total - after.total)
+
+    def lead(self, before: Scored, after: Scored, dispersion: float) -> bool:
+        """Whether a gain is more than chance."""
+        gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
+        deviation, _ = bootstrap.spread(gains, self.rng)
+        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * deviation)
+
+    def closed(self, null: Scored, before: Scored, after: Scored) -> float:
+        """Share of the structure left by `before` that `after` removes, in the cells where the null shows any."""
+        shows = self.cells.shows(np.maximum(null.structure, before.structure), SIZE_RMS)
+        counts = np.broadcast_to(self.cells.counts, shows.shape)
+        left = float((before.structure * counts)[shows].sum())
+        return 1.0 - float((after.structure * counts)[shows].sum()) / left if left > 0.0 else 0.0
+
+
+def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
+    """The model that the data support: the smallest that no larger one beats by more than chance and misfit.
+
+    Starts from the model without effects; a larger model replaces the one held when it leads it, closes enough of what
+    that one leaves, and no effect in it is idle. Among those of one size the best held-out cost counts.
+    """
+    null = next(each for each in scored if not each.fit.model)
+    held = null
+    for size in range(1, max(len(each.fit.model) for each in scored) + 1):
+        rivals = sorted((each for each in scored if len(each.fit.model) == size), key=lambda each: each.total)
+        for rival in rivals[:SET_SIZE]:
+            if _replaces(court, null, held, rival, dispersion):
+                held = rival
+                break
+    return held
+
+
+def _replaces(court: Court, null: Scored, held: Scored, rival: Scored, dispersion: float) -> bool:
+    if not court.lead(held, rival, dispersion):
+        return False
+    if held.fit.model and court.closed(null, held, rival) < REMAINDER_SHARE:
+        return False
+    sizes = [largest_rms(court, rival.fit, effect) for effect in rival.fit.model]
+    return min(sizes) >= SIZE_RMS
+
+
+def largest_rms(court: Court, fit: Fit, effect: str) -> float:
+    """RMS of an effect in the cell that shows it best [sigma], linearised at the fit."""
+    columns = court.layout.of_effects([effect])
+    columns = columns[~court.layout.is_shape[columns]]
+    own = np.flatnonzero(np.isin(fit.columns, columns))
+    trace = np.einsum("bk,bkm->bm", fit.unknowns[:, fit.columns[own]], fit.jacobian[:, own])
+    return float(np.sqrt(court.cells.power(trace).max()))
+
+
+def ambiguities(
+    court: Court, chosen: Scored, scored: Sequence[Scored], confusion: Confusion, dispersion: float
+) -> dict[str, list[str]]:
+    """For each effect of the chosen model, the others that these data do not tell from it, likeliest first.
+
+    Others are those of models of the same size that the chosen one does not lead beyond chance, and those collinear
+    with it, if a model with them instead closes a share of the gap that would count as an explanation.
+    """
+    null = next(each for each in scored if not each.fit.model)
+    found: dict[str, list[str]] = {effect: [] for effect in chosen.fit.model}
+    for rival in sorted(scored, key=lambda each: each.total):
+        gone = set(chosen.fit.model) - set(rival.fit.model)
+        new = set(rival.fit.model) - set(chosen.fit.model)
+        if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE:
+            continue
+        effect, other = gone.pop(), new.pop()
+        is_tied = not court.lead(rival, chosen, dispersion)
+        if is_tied or confusion.between(effect, other) >= COLLINEAR:
+            found[effect].append(other)
+    for effect in chosen.fit.model:
+        for other in chosen.fit.model:
+            if other != effect and confusion.between(effect, other) >= COLLINEAR:
+                found[effect].append(other)
+    return {effect: others[: SET_SIZE - 1] for effect, others in found.items()}

@@ -1,0 +1,201 @@
+"""Where an effect acts, how large it is there, and how sure that is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from real2sim import bootstrap
+from real2sim.decide import SIZE_RMS, Court
+from real2sim.findings import FoundEffect, Interval
+from real2sim.fit import Fit
+from real2sim.problem import Candidate, Floats, Indices, Problem
+
+SAME = 0.1
+"""Values at several places count as one when they differ by less than this share beyond their errors: what friction
+or gain of equal drives scatters by."""
+CONSISTENT = 1e-3
+"""Significance at which a pattern of places is rejected."""
+MODEL_ERROR = 0.02
+"""Standard error, as a share of a value, by which two correct models of one effect disagree on its parameter, e.g. a
+smooth and a sharp friction law."""
+PRESENT = 3.0
+"""An effect is present at a place from this many standard errors."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """An effect's estimate at one place.
+
+    Attributes:
+        block: Index of the block.
+        candidate: Index of the candidate.
+        name: As the verdict states it.
+        value: Of the candidate's unknowns.
+        covariance: Of the value, shape (k, k).
+        rms: Of the effect there, in the segment and signal that show it best [sigma].
+    """
+
+    block: int
+    candidate: int
+    name: str
+    value: Floats
+    covariance: Floats
+    rms: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Group:
+    """Places at which an effect has one value."""
+
+    places: tuple[Place, ...]
+    value: Floats
+    covariance: Floats
+
+
+def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Place]:
+    """The estimates of a fitted effect at all its places."""
+    quadratic = fit.quadratic(court.layout, court.split)
+    free = np.ones(len(fit.columns), dtype=bool)
+    found = []
+    for block in range(len(problem.blocks)):
+        covariance = bootstrap.covariance(quadratic, block, free)
+        for index, candidate in enumerate(problem.candidates):
+            if candidate.effect != effect:
+                continue
+            columns = court.layout.of_candidate(index)
+            own = np.flatnonzero(np.isin(fit.columns, columns))
+            sized = own[~court.layout.is_shape[fit.columns[own]]]
+            trace = fit.unknowns[block, fit.columns[sized]] @ fit.jacobian[block, sized]
+            found.append(
+                Place(
+                    block=block,
+                    candidate=index,
+                    name=problem.places[block][candidate.where],
+                    value=fit.unknowns[block, columns],
+                    covariance=_with_unseen(covariance[np.ix_(own, own)], candidate),
+                    rms=float(np.sqrt(court.cells.power(trace).max())),
+                )
+            )
+    return found
+
+
+def group(problem: Problem, places: list[Place]) -> list[Group]:
+    """The simplest pattern of places and values that agrees with the estimates.
+
+    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. Where none
+    agrees, all places at which the effect is present, with one value if they agree on it, else each with its own.
+    """
+    everywhere = list(range(len(places)))
+    kinds = {problem.candidates[place.candidate].where for place in places}
+    tiers: list[list[list[int]]] = [
+        [everywhere],
+        [[i for i in everywhere if problem.candidates[places[i].candidate].where == kind] for kind in sorted(kinds)],
+        [[i for i in everywhere if places[i].block == block] for block in range(len(problem.blocks))],
+        [[i] for i in everywhere],
+    ]
+    for tier in tiers:
+        misfits = [_misfit(problem, places, members) for members in tier]
+        best = int(np.argmax(misfits))
+        if misfits[best] > CONSISTENT:
+            return [_pool([places[i] for i in tier[best]])]
+    present = [i for i in everywhere if is_present(problem, places[i])] or [int(np.argmax([p.rms for p in places]))]
+    members = [places[i] for i in present]
+    if len(members) > 1 and _agreement(members) > CONSISTENT:
+        return [_pool(members)]
+    return [_pool([place]) for place in members]
+
+
+def is_present(problem: Problem, place: Place) -> bool:
+    """Whether an effect at a place is larger than chance and than what simulations differ by."""
+    sized = _sized(problem.candidates[place.candidate])
+    error = np.sqrt(np.diag(place.covariance))[sized]
+    return place.rms >= SIZE_RMS and bool(np.any(np.abs(place.value[sized]) > PRESENT * error))
+
+
+def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
+    """A group as the verdict states it.
+
+    Args:
+        problem: The problem.
+        effect: Name.
+        one: Places and value.
+        total: Number of places at which the effect could be.
+    """
+    names = tuple(place.name for place in one.places)
+    where: str | tuple[str, ...] = names
+    if total == 1:
+        where = names[0]
+    elif len(names) == total:
+        where = "all"
+    candidate = problem.candidates[one.places[0].candidate]
+    values = problem.physical(candidate, one.value)
+    errors = dict.fromkeys(values, 0.0)
+    low = np.array([unknown.low for unknown in candidate.unknowns])
+    high = np.array([unknown.high for unknown in candidate.unknowns])
+    powers, axes = np.linalg.eigh(one.covariance)
+    for power, axis in zip(powers, axes.T, strict=True):
+        reach = np.sqrt(max(0.0, power)) * axis
+        above = problem.physical(candidate, np.clip(one.value + reach, low, high))
+        below = problem.physical(candidate, np.clip(one.value - reach, low, high))
+        for name in errors:
+            errors[name] += (0.5 * (above[name].value - below[name].value)) ** 2
+    width = stats.norm.ppf(0.95)
+    return FoundEffect(
+        name=effect,
+        where=where,
+        params={
+            name: Interval(
+                value=float(at.value),
+                ci90=(float(at.value - width * errors[name] ** 0.5), float(at.value + width * errors[name] ** 0.5)),
+                unit=at.unit,
+            )
+            for name, at in values.items()
+        },
+    )
+
+
+def _sized(candidate: Candidate) -> Indices:
+    return np.flatnonzero([not unknown.is_shape for unknown in candidate.unknowns])
+
+
+def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
+    """Unknowns that no residual depends on may be anywhere within their bounds."""
+    widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])  # sigma of a uniform
+    unseen = np.diag(covariance) <= 0.0
+    return covariance + np.diag(np.where(unseen, widths**2, 0.0))
+
+
+def _weights(places: list[Place], share: float) -> list[Floats]:
+    """Inverse covariances of estimates, with errors of the model that are a share of the largest value added."""
+    largest = np.max([np.abs(place.value) for place in places], axis=0)
+    return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
+
+
+def _agreement(places: list[Place]) -> float:
+    """Probability of a scatter as large as that of the estimates if there is one value."""
+    weights = _weights(places, SAME)
+    mean = np.linalg.solve(sum(weights), sum(w @ p.value for w, p in zip(weights, places, strict=True)))
+    square = sum(float((p.value - mean) @ w @ (p.value - mean)) for w, p in zip(weights, places, strict=True))
+    freedom = (len(places) - 1) * len(mean)
+    return float(stats.chi2.sf(square, freedom)) if freedom else 1.0
+
+
+def _misfit(problem: Problem, places: list[Place], members: list[int]) -> float:
+    """Probability of estimates as far from a pattern as these: one value at its members, absent elsewhere."""
+    if not any(is_present(problem, places[i]) for i in members):
+        return 0.0
+    if any(is_present(problem, places[i]) for i in range(len(places)) if i not in members):
+        return 0.0
+    return _agreement([places[i] for i in members])
+
+
+def _pool(places: list[Place]) -> Group:
+    """One value for places, weighted by their errors; its error covers their scatter too."""
+    weights = _weights(places, 0.0)
+    covariance: Floats = np.asarray(np.linalg.inv(sum(weights)))
+    value = covariance @ sum(w @ p.value for w, p in zip(weights, places, strict=True))
+    if len(places) > 1:
+        square = sum(float((p.value - value) @ w @ (p.value - value)) for w, p in zip(weights, places, strict=True))
+        covariance = covariance * max(1.0, square / ((len(places) - 1) * len(value)))
+    return Group(places=tuple(places), value=value, covariance=covariance + np.diag((MODEL_ERROR * value) ** 2))
