@@ -1,0 +1,88 @@
+"""The camera as a problem: images of a run log against depth from the measured pose of the base."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from real2sim.camera_candidates import CameraEffects, camera_candidates, physical
+from real2sim.camera_counts import counted_rows
+from real2sim.camera_data import AS_CLAIMED, camera_data
+from real2sim.camera_pixels import clip_guess
+from real2sim.camera_testable import untestable_effects
+from real2sim.problem import Candidate, Estimate, Floats, Problem
+from saltus.run_log import RunLog
+
+LIMIT = 100.0  # of a residual, in units of noise (contract of a problem)
+LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
+PROBE_S = 0.010  # latency by which it is judged whether the scene moves
+
+
+class CameraProblem(Problem):
+    """See `Problem`; one block, "camera".
+
+    The base's pose is interpolated at the time of each exposure, rays go to the claimed terrain, and pixels are
+    compared on a grid. Pixels near edges of depth are left out there: what happens at edges is counted instead, as are
+    lost images and the spread of the noise, in rows of their own.
+
+    Args:
+        log: with images, and with the claimed camera in its `meta.json`.
+
+    Raises:
+        RecordingError: no images, no claimed camera, or no image within the segments of the log.
+    """
+
+    name = "camera"
+    blocks = ("camera",)
+    places = ({"camera": "camera"},)
+    signals = ("noise", "holes", "copies", "lost images", "depth")
+
+    def __init__(self, log: RunLog) -> None:
+        self._data = data = camera_data(log)
+        self._counts = counts = counted_rows(data)
+        self._at = np.nonzero(data.known)
+        self._measured = data.measured[self._at]
+        self._sigma = data.noise.sigma(data.predicted[self._at])
+        frame = self._at[0]
+        self.segments = data.segments
+        self.segment = np.concatenate([data.owner[frame], counts.segment])
+        self.signal = np.concatenate([np.full(len(frame), len(self.signals) - 1), counts.kind])
+        self.time_s = np.concatenate([data.frames.stamp_s[data.kept][frame], counts.time_s])
+        self._set_candidates()
+
+    def _set_candidates(self) -> None:
+        data = self._data
+        probe = replace(AS_CLAIMED, latency=PROBE_S)
+        shift = self._depth_residuals(probe) - self._depth_residuals(AS_CLAIMED)
+        predicted = data.predicted[self._at]
+        clip_m = clip_guess(predicted, self._measured)
+        self.untestable = untestable_effects(data, self._counts, shift, clip_m)
+        farthest_m = float(np.max(predicted, initial=1.0))
+        without = set(self.untestable)
+        if not np.any(data.frames.jitter_s):
+            without.add("arrival_jitter")
+        every = camera_candidates(data.camera.latency_s, clip_m or farthest_m, farthest_m)
+        self.candidates = tuple(c for c in every if c.effect not in without)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """See `Problem`; shape (n, 1, m)."""
+        rows = []
+        for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
+            effects = CameraEffects.of(self.candidates, values)
+            counted = self._counts.residuals(effects, self._data.camera.fx)
+            rows.append(_bent(np.concatenate([self._depth_residuals(effects), counted])))
+        return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """See `Problem`."""
+        return physical(candidate, values, self._data.camera.latency_s)
+
+    def _depth_residuals(self, effects: CameraEffects) -> Floats:
+        predicted = self._data.model.predict(effects, self._data.kept)[self._at]
+        return (self._measured - predicted) / self._sigma
+
+
+def _bent(residual: Floats) -> Floats:
+    """Large residuals are bent so that none passes the limit; their order stays."""
+    size = np.abs(residual)
+    beyond = np.maximum(size - LINEAR, 0.0) / (LIMIT - LINEAR)
+    return np.asarray(np.sign(residual) * np.where(size > LINEAR, LINEAR + (LIMIT - LINEAR) * np.tanh(beyond), size))

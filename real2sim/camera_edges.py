@@ -1,0 +1,63 @@
+"""Invalid and copied pixels to the left of near objects: what no mean of depth shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.problem import Floats
+
+WINDOW = 12  # px to the left of an edge in which holes and copies are counted: more than a matching window loses
+PAST_EDGE = 2  # px: where an edge is, is known to about a pixel
+JUMP = 0.08  # of the depth behind: a smaller step is bridged by a matching window
+AMBIENT = 3  # px at least, beyond the window, from which the usual share is known
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeCounts:
+    """Counts at left edges of near objects, less what is usual elsewhere in the same rows."""
+
+    frame: NDArray[np.int64]
+    """Place of the image among those looked at, shape (edges,)."""
+    holes: Floats
+    """Invalid pixels [px], shape (edges,)."""
+    copies: Floats
+    """Pixels that are exactly as their left neighbour [px], shape (edges,)."""
+
+
+def edge_counts(predicted_m: Floats, measured_mm: NDArray[np.uint16]) -> EdgeCounts:
+    """Counts in the rows of images, both of shape (images, rows, columns); predicted depth may be infinite."""
+    behind, before = predicted_m[..., :-1], predicted_m[..., 1:]
+    with np.errstate(invalid="ignore"):
+        edge = np.isfinite(behind) & (before < (1.0 - JUMP) * behind)
+    frame, row, column = np.nonzero(edge)
+    column = column + 1  # the first pixel of the near object
+    first, last = column - WINDOW, column + PAST_EDGE
+    alone = np.cumsum(np.pad(edge, ((0, 0), (0, 0), (1, 0))), axis=2)
+    keep = (first >= AMBIENT) & (last <= measured_mm.shape[2])
+    frame, row, column, first, last = (a[keep] for a in (frame, row, column, first, last))
+    keep = alone[frame, row, last - 1] - alone[frame, row, np.maximum(first - 1, 0)] == 1
+    frame, row, first, last = (a[keep] for a in (frame, row, first, last))
+    hole = measured_mm == 0
+    copy = np.zeros_like(hole)
+    copy[..., 1:] = (measured_mm[..., 1:] == measured_mm[..., :-1]) & ~hole[..., 1:]
+    return EdgeCounts(
+        frame=frame,
+        holes=_excess(hole, frame, row, first, last),
+        copies=_excess(copy, frame, row, first, last),
+    )
+
+
+def _excess(
+    marked: NDArray[np.bool_],
+    frame: NDArray[np.int64],
+    row: NDArray[np.int64],
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+) -> Floats:
+    """Marked pixels in [first, last) less the share that is marked to the left of it."""
+    total = np.cumsum(np.pad(marked, ((0, 0), (0, 0), (1, 0))), axis=2)
+    inside: Floats = total[frame, row, last] - total[frame, row, first]
+    start = np.maximum(first - WINDOW, 0)
+    usual = (total[frame, row, first] - total[frame, row, start]) / np.maximum(first - start, 1)
+    return inside - usual * (last - first)

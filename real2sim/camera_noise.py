@@ -1,0 +1,67 @@
+"""Noise of measured depth by range, from second differences along rows, which no smooth error of geometry survives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.stats import median_abs_deviation
+
+from real2sim.problem import Floats
+
+BINS = 10
+FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
+OUTLIER = 5.0  # spreads of a bin; mixed pixels at edges are beyond
+STEP_M = 1e-3  # unit of a run log's depth: rounding has the variance step^2 / 12
+SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over that of white x
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthNoise:
+    """Standard deviation sqrt((quadratic z^2)^2 + constant^2) of one pixel at depth z."""
+
+    quadratic: float
+    """[1/m]."""
+    constant: float
+    """[m]."""
+
+    def sigma(self, depth: Floats) -> Floats:
+        """[m], shape as `depth` [m]."""
+        return np.sqrt((self.quadratic * depth**2) ** 2 + self.constant**2)
+
+
+def second_differences(values: Floats) -> Floats:
+    """Of unit gain for white noise, along the last axis but one, shape (frames, rows, columns - 2)."""
+    bend = values[..., 2:] - 2.0 * values[..., 1:-1] + values[..., :-2]
+    return bend / np.sqrt(SECOND_DIFFERENCE)
+
+
+def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
+    """Fits the noise to second differences; NaN is missing.
+
+    Args:
+        depth: predicted, at the middle of each difference [m].
+        difference: from `second_differences` of measured less predicted depth [m], shape as `depth`.
+    """
+    known = np.isfinite(difference) & np.isfinite(depth)
+    z, d = depth[known], difference[known]
+    least = STEP_M / np.sqrt(12.0)
+    if z.size < FEWEST:
+        return DepthNoise(quadratic=1.3e-3, constant=least)
+    order = np.argsort(z)
+    parts = np.array_split(order, min(BINS, max(1, z.size // FEWEST)))
+    range_m = np.array([np.median(z[part]) for part in parts])
+    variance = np.array([median_abs_deviation(d[part], scale="normal") ** 2 for part in parts])
+    variance = np.maximum(variance, least**2)
+    design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
+    (quadratic, constant), _ = nnls(design, np.ones_like(variance))
+    return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(max(constant, least**2))))
+
+
+def log_variance(difference: Floats, known: NDArray[np.bool_]) -> tuple[float, float]:
+    """Logarithm of the variance of second differences, outliers cut, and its standard deviation."""
+    d = difference[known]
+    spread = median_abs_deviation(d, scale="normal") + 1e-9
+    kept = d[np.abs(d) < OUTLIER * spread]
+    # neighbouring differences share two of three samples: about half of them are worth one independent each
+    return float(np.log(np.mean(kept**2) + 1e-12)), float(np.sqrt(4.0 / max(len(kept), 2)))

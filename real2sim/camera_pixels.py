@@ -1,0 +1,85 @@
+"""Which pixels of depth images are compared, and which lie too near to an edge."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.problem import Floats
+
+ROWS, COLUMNS = 14, 18  # 252 pixels: floor and wall need a handful each; the rest averages noise
+MARGIN = 0.03  # of the image's width: how far an edge may move by what is searched for
+LEAST_MARGIN = 2  # px: a camera mixes the pixels at an edge
+BEND = 0.04  # of the disparity: less is what a crease between two planes makes within the margin
+CLIP_GAIN = 0.7  # of the misfit must remain at most, for an end of the range to be suspected
+BEYOND = 0.01  # share of pixels that must lie beyond it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelGrid:
+    """Evenly spaced pixels of an image, row by row, away from its border."""
+
+    row: NDArray[np.int64]
+    """Shape (pixels,)."""
+    column: NDArray[np.int64]
+    columns: int
+    """Pixels in a row of the grid."""
+    margin: int
+    """Distance [px] within which a pixel feels an edge."""
+
+    @classmethod
+    def of(cls, height: int, width: int) -> "PixelGrid":
+        """A grid in images of that size."""
+        margin = max(LEAST_MARGIN, round(MARGIN * width))
+        row, column = (
+            np.unique(np.linspace(margin, size - 1 - margin, min(count, max(1, size - 2 * margin))).round())
+            for size, count in ((height, ROWS), (width, COLUMNS))
+        )
+        grid = np.meshgrid(row.astype(np.int64), column.astype(np.int64), indexing="ij")
+        return cls(row=grid[0].ravel(), column=grid[1].ravel(), columns=len(column), margin=margin)
+
+    def shifted(self, rows: int, columns: int) -> "PixelGrid":
+        """The grid moved by whole pixels."""
+        return PixelGrid(row=self.row + rows, column=self.column + columns, columns=self.columns, margin=self.margin)
+
+    def around(self) -> tuple[tuple["PixelGrid", "PixelGrid"], ...]:
+        """Pairs of grids on opposite sides of each pixel, near and at the margin, along rows and columns."""
+        steps = [(0, s) for s in range(1, self.margin + 1)] + [(s, 0) for s in range(1, self.margin + 1)]
+        return tuple((self.shifted(-r, -c), self.shifted(r, c)) for r, c in steps)
+
+    def of_images(self, images: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Values at the pixels, shape (images, pixels)."""
+        return images[:, self.row, self.column]
+
+    def as_image(self, values: Floats) -> Floats:
+        """Values of pixels in rows and columns, shape (..., rows, columns)."""
+        return values.reshape(*values.shape[:-1], -1, self.columns)
+
+
+def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> NDArray[np.bool_]:
+    """Whether depth jumps between two opposite neighbours of pixels; disparity is linear over a plane.
+
+    Args:
+        depth: of the pixels [m]; 0 or infinite is no depth.
+        before: of neighbours on one side; no depth there says nothing.
+        after: of neighbours on the opposite side.
+        sigma: noise of `depth` [m].
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bend = np.abs(1.0 / before + 1.0 / after - 2.0 / depth) * depth
+        return np.asarray(np.isfinite(bend) & (bend > np.maximum(BEND, 8.0 * sigma / depth)))
+
+
+def clip_guess(predicted: Floats, measured: Floats) -> float | None:
+    """Where measured depth seems to end although the scene goes on [m]; None where it does not."""
+    if predicted.size < 100:
+        return None
+    order = np.argsort(predicted)[:: max(1, predicted.size // 20_000)]
+    z, m = predicted[order], measured[order]
+    trials = np.unique(np.quantile(z, np.linspace(0.3, 1.0 - BEYOND, 60)))
+    misfit = np.array([np.mean(np.minimum(np.abs(m - np.minimum(z, end)) / z, 0.5)) for end in trials])
+    best = int(np.argmin(misfit))
+    whole = np.mean(np.minimum(np.abs(m - z) / z, 0.5))
+    beyond, really = m[z > trials[best]], z[z > trials[best]]
+    is_flat = np.ptp(np.quantile(beyond, [0.1, 0.9])) < 0.5 * np.ptp(np.quantile(really, [0.1, 0.9]))
+    return float(np.median(beyond)) if misfit[best] < CLIP_GAIN * whole and is_flat else None

@@ -1,0 +1,92 @@
+"""Where the camera of a run log was and where it looked, as the log claims and measures it."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from real2sim.problem import Floats, Indices
+from saltus.errors import RecordingError
+from saltus.go1 import STAND_HEIGHT
+from saltus.kinematics import rotation_matrix
+from saltus.run_log import RunLog
+
+STILL = np.array([0.0, 0.0, STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0])
+"""Pose of a base of which nothing is said: position [m] and quaternion."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClaimedCamera:
+    """What `meta.json` says of the camera."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    position: Floats
+    """Optical centre, trunk frame [m], shape (3,)."""
+    pitch: float
+    """Nose down positive [rad]."""
+    rate_hz: float
+    latency_s: float
+    range_m: float
+    """What is farther reads as this far; infinite where nothing is said."""
+
+    def tangents(self, row: Indices, column: Indices) -> Floats:
+        """Where pixels look, camera frame (right, down, forward), of depth 1. Shapes (n,) -> (3, n)."""
+        x, y = (column + 0.5 - self.cx) / self.fx, (row + 0.5 - self.cy) / self.fy
+        return np.stack([x, y, np.ones_like(x)])
+
+
+def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
+    """Reads the camera out of `meta.json`.
+
+    Raises:
+        RecordingError: a key is missing or no number.
+    """
+    camera = meta.get("camera") or {}
+    try:
+        return ClaimedCamera(
+            **{name: float(camera[name]) for name in ("fx", "fy", "cx", "cy", "pitch")},
+            position=np.asarray(camera["position"], dtype=np.float64).reshape(3),
+            rate_hz=float(camera.get("rate", 0.0)),
+            latency_s=float(camera.get("latency", 0.0)),
+            range_m=float(camera.get("range_max") or math.inf),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"meta.json: camera lacks or misspells {error}") from error
+
+
+class BaseMotion:
+    """The measured pose of the base at any time: cubic splines of position and quaternion.
+
+    Args:
+        log: its `base.csv` is used; where there is none, the base stands still at the height of a standing robot.
+    """
+
+    def __init__(self, log: RunLog) -> None:
+        self.start_s, self.end_s = -math.inf, math.inf
+        self._spline: CubicSpline | None = None
+        self._pose = STILL
+        if log.base is None or not len(log.base.time_s):
+            return
+        time_s, first = np.unique(log.base.time_s, return_index=True)
+        pose = log.base.values[first, :7].copy()
+        # q and -q are one rotation: a spline must not run from one to the other
+        flips = np.cumprod(np.where(np.sum(pose[1:, 3:] * pose[:-1, 3:], axis=1) < 0.0, -1.0, 1.0))
+        pose[1:, 3:] *= flips[:, None]
+        self._pose = np.median(pose, axis=0)
+        if len(time_s) >= 4:
+            self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
+            self._spline = CubicSpline(time_s, pose)
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""
+        if self._spline is None:
+            pose = np.broadcast_to(self._pose, (len(time_s), 7))
+        else:
+            pose = self._spline(np.clip(time_s, self.start_s, self.end_s))
+        quaternion = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+        return pose[:, :3], rotation_matrix(quaternion)
