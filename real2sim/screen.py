@@ -17,5 +17,7 @@ def screen(log: RunLog) -> list[Fault]:
     """Faults of a log, those first that make fitting senseless."""
     faults = clock_faults(log)
     if not any(fault.is_fatal for fault in faults):
-        faults += [*joint_faults(log), *rig_faults(log), *depth_faults(log)]
+        poses = rig_faults(log)
+        # Images are judged from the measured poses
+        faults += [*joint_faults(log), *poses, *([] if poses else depth_faults(log))]
     return sorted(faults, key=lambda fault: not fault.is_fatal)

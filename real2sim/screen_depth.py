@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from real2sim.fault import Fault
+from real2sim.view import expected_depth
 from saltus.run_log import DepthTable, RunLog, Table
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
     if log.base is None:
         return
     rows = np.unique(np.linspace(0, len(depth.arrival_s) - 1, FRAMES).astype(int))
-    expected = np.stack([_expected(log, log.base, camera, float(depth.arrival_s[row])) for row in rows])
+    expected = _expected(log, log.base, camera, rows)
     measured = 1e-3 * depth.depth_mm[rows].astype(np.float64)
     seen = (measured > 0) & np.isfinite(expected) & (expected < float(camera.get("range_max", np.inf)))
     if seen.sum() < PIXELS:
@@ -85,23 +85,12 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
         )
 
 
-def _expected(log: RunLog, base: Table, camera: dict[str, Any], arrival_s: float) -> Floats:
-    """Depth along the optical axis to floor and boxes [m], shape (height, width); infinite above the horizon."""
-    when = arrival_s - float(camera.get("latency", 0.0))
-    row = base.values[int(np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1))]
-    body = Rotation.from_quat(row[3:7], scalar_first=True)
-    eye = row[:3] + body.apply(np.asarray(camera["position"], float))
-    u = (np.arange(camera["width"]) + 0.5 - camera["cx"]) / camera["fx"]
-    v = (np.arange(camera["height"]) + 0.5 - camera["cy"]) / camera["fy"]
-    right, down = np.meshgrid(u, v)
-    # Camera looks along x of the trunk, turned nose down about y; a ray advances one metre along the axis
-    rays = np.stack([np.ones_like(right), -right, -down], axis=-1).reshape(-1, 3)
-    rays = body.apply(Rotation.from_euler("y", float(camera["pitch"])).apply(rays))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        nearest = np.where(rays[:, 2] < 0, -eye[2] / rays[:, 2], np.inf)
-        for box in log.meta["terrain"] if isinstance(log.meta.get("terrain"), list) else []:
-            half = 0.5 * np.asarray(box["size"], float)
-            sides = (np.asarray(box["center"], float) + np.stack([-half, half])[:, None] - eye) / rays
-            enter, leave = np.min(sides, axis=0).max(axis=1), np.max(sides, axis=0).min(axis=1)
-            nearest = np.where((enter > 0) & (enter < leave), np.minimum(nearest, enter), nearest)
-    return np.where(nearest > 0, nearest, np.inf).reshape(right.shape)
+def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: NDArray[np.int64]) -> Floats:
+    """Images that pose and terrain imply at the claimed latency, shape (frames, height, width) [m]."""
+    assert log.depth is not None  # noqa: S101 - the caller looks at its images
+    when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))
+    nearest = np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1)
+    terrain = log.meta.get("terrain")
+    boxes = terrain if isinstance(terrain, list) else []
+    height, width = log.depth.depth_mm.shape[1:]
+    return expected_depth(base.values[nearest, :7], camera, boxes, np.arange(height), np.arange(width))

@@ -53,9 +53,7 @@ def _gravity(imu: Table) -> Iterator[Fault]:
     mean = _rotation(imu.values[:, :4]).apply(acceleration).mean(axis=0)
     size = float(np.linalg.norm(mean))
     if size < FREE_FALL * GRAVITY:
-        text = (
-            f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it 9.81: taken out, or in units of g?"
-        )
+        text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it 9.81: taken out, or in g?"
         # In units of g it is 1; where gravity was taken out the other columns are still of use
         is_g = abs(float(np.linalg.norm(acceleration, axis=1).mean()) - 1) < G_UNIT
         yield Fault(name="acceleration_unit", text=text, is_fatal=is_g)
