@@ -1,5 +1,6 @@
 """Noise of measured depth by range, from second differences along rows, which no smooth error of geometry survives."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from real2sim.problem import Floats
 BINS = 10
 FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
 OUTLIER = 5.0  # spreads of a bin; mixed pixels at edges are beyond
-STEP_M = 1e-3  # unit of a run log's depth: rounding has the variance step^2 / 12
+LEAST_M = 1e-3 / math.sqrt(12.0)  # rounding to a run log's unit of depth
 SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over that of white x
 
 
@@ -45,23 +46,26 @@ def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
     """
     known = np.isfinite(difference) & np.isfinite(depth)
     z, d = depth[known], difference[known]
-    least = STEP_M / np.sqrt(12.0)
     if z.size < FEWEST:
-        return DepthNoise(quadratic=1.3e-3, constant=least)
+        return DepthNoise(quadratic=1.3e-3, constant=LEAST_M)
     order = np.argsort(z)
     parts = np.array_split(order, min(BINS, max(1, z.size // FEWEST)))
     range_m = np.array([np.median(z[part]) for part in parts])
-    variance = np.array([median_abs_deviation(d[part], scale="normal") ** 2 for part in parts])
-    variance = np.maximum(variance, least**2)
+    variance = np.array([_variance(d[part])[0] for part in parts])
     design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
-    (quadratic, constant), _ = nnls(design, np.ones_like(variance))
-    return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(max(constant, least**2))))
+    (quadratic, constant), _ = nnls(design, 1.0 - LEAST_M**2 / variance)
+    return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
 
 
 def log_variance(difference: Floats, known: NDArray[np.bool_]) -> tuple[float, float]:
     """Logarithm of the variance of second differences, outliers cut, and its standard deviation."""
-    d = difference[known]
-    spread = median_abs_deviation(d, scale="normal") + 1e-9
-    kept = d[np.abs(d) < OUTLIER * spread]
+    variance, count = _variance(difference[known])
     # neighbouring differences share two of three samples: about half of them are worth one independent each
-    return float(np.log(np.mean(kept**2) + 1e-12)), float(np.sqrt(4.0 / max(len(kept), 2)))
+    return float(np.log(variance)), float(np.sqrt(4.0 / max(count, 2)))
+
+
+def _variance(difference: Floats) -> tuple[float, int]:
+    """Variance without outliers [m^2], at least that of rounding, and of how many."""
+    spread = max(median_abs_deviation(difference, scale="normal"), LEAST_M)  # rounding may leave mostly zeros
+    kept = difference[np.abs(difference) < OUTLIER * spread]
+    return max(float(np.mean(kept**2)), LEAST_M**2), len(kept)

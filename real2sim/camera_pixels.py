@@ -77,6 +77,9 @@ def clip_guess(predicted: Floats, measured: Floats) -> float | None:
     order = np.argsort(predicted)[:: max(1, predicted.size // 20_000)]
     z, m = predicted[order], measured[order]
     trials = np.unique(np.quantile(z, np.linspace(0.3, 1.0 - BEYOND, 60)))
+    trials = trials[trials < z[-1]]
+    if not trials.size:
+        return None
     misfit = np.array([np.mean(np.minimum(np.abs(m - np.minimum(z, end)) / z, 0.5)) for end in trials])
     best = int(np.argmin(misfit))
     whole = np.mean(np.minimum(np.abs(m - z) / z, 0.5))

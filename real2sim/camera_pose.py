@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import Akima1DInterpolator
 
 from real2sim.problem import Floats, Indices
 from saltus.errors import RecordingError
@@ -60,7 +60,9 @@ def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
 
 
 class BaseMotion:
-    """The measured pose of the base at any time: cubic splines of position and quaternion.
+    """The measured pose of the base at any time: cubic interpolation of position and quaternion.
+
+    Akima's: it does not swing about a base that is moved by hand from one rest to the next.
 
     Args:
         log: its `base.csv` is used; where there is none, the base stands still at the height of a standing robot.
@@ -68,7 +70,7 @@ class BaseMotion:
 
     def __init__(self, log: RunLog) -> None:
         self.start_s, self.end_s = -math.inf, math.inf
-        self._spline: CubicSpline | None = None
+        self._spline: Akima1DInterpolator | None = None
         self._pose = STILL
         if log.base is None or not len(log.base.time_s):
             return
@@ -80,7 +82,7 @@ class BaseMotion:
         self._pose = np.median(pose, axis=0)
         if len(time_s) >= 4:
             self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
-            self._spline = CubicSpline(time_s, pose)
+            self._spline = Akima1DInterpolator(time_s, pose)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
         """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""

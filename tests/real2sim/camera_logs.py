@@ -38,7 +38,8 @@ def rocking(t: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def still(t: Floats) -> tuple[Floats, Floats, Floats]:
-    return np.where(t < 0.5 * t[-1], 0.0, 0.4), 0 * t, 0 * t
+    moved = np.clip((t - 9.5) / 1.0, 0.0, 1.0)
+    return 0.4 * moved**2 * (3.0 - 2.0 * moved), 0 * t, 0 * t
 
 
 @dataclass(frozen=True, kw_only=True)
