@@ -95,7 +95,7 @@ def _rule(
     if not chosen.fit.model:
         largest = court.cells.largest_rms(null.structure)
         return "unexplained" if before.size and largest > decide.REMAINDER_RMS else "no_gap"
-    if _closed(tested, null.fit.residuals, final) < decide.CLOSED_SHARE:
+    if _closed(tested, null.fit.residuals, final) < decide.CLOSED_SHARE[len(chosen.fit.model) - 1]:
         return "unexplained"
     return "set" if any(alike.values()) else "named"
 

@@ -18,7 +18,7 @@ GAIN_NATS = 10.0
 unknowns is about chi-squared with k degrees of freedom, less what is lost by fitting on other data; with 40 effects of
 12 unknowns tried, 10 nats keep the false-alarm rate of the whole search below 1 %."""
 SPREAD = 3.0
-"""A gain, or the lead of a model over its rival, counts from this many bootstrap standard deviations."""
+"""A gain, or the lead of a model over its rival, counts from this many standard deviations."""
 SIZE_RMS = 0.3
 """Least RMS of an effect in the segment and signal that show it best [sigma]. Two correct simulations of one robot
 differ by this much through their integrators and time steps; statistics alone would call that a finding."""
@@ -27,8 +27,9 @@ REMAINDER_SHARE = 0.4
 a misfit, a true one leaves noise."""
 COLLINEAR = 0.95
 """Cosine from which two effects count as inseparable, by the schema of run logs."""
-CLOSED_SHARE = 0.6
-"""A model that closes less of the gap than this explains it not."""
+CLOSED_SHARE = (0.75, 0.9, 0.95)
+"""A model of one, two, three effects that closes less of the gap than this does not explain it: the more effects, the
+easier is it to imitate another."""
 REMAINDER_RMS = 0.5
 """RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
 SET_SIZE = 3
@@ -77,8 +78,7 @@ class Court:
     def lead(self, before: Scored, after: Scored, dispersion: float) -> bool:
         """Whether a gain is more than chance."""
         gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
-        deviation, _ = bootstrap.spread(gains, self.rng)
-        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * deviation)
+        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
 
     def closed(self, null: Scored, before: Scored, after: Scored) -> float:
         """Share of the structure left by `before` that `after` removes, in the cells where the null shows any."""
@@ -136,7 +136,7 @@ def ambiguities(
     for rival in sorted(scored, key=lambda each: each.total):
         gone = set(chosen.fit.model) - set(rival.fit.model)
         new = set(rival.fit.model) - set(chosen.fit.model)
-        if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE:
+        if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE[0]:
             continue
         effect, other = gone.pop(), new.pop()
         is_tied = not court.lead(rival, chosen, dispersion)

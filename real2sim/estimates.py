@@ -147,7 +147,10 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
         params={
             name: Interval(
                 value=float(at.value),
-                ci90=(float(at.value - width * errors[name] ** 0.5), float(at.value + width * errors[name] ** 0.5)),
+                ci90=(
+                    float(at.value - width * errors[name] ** 0.5),
+                    float(at.value + width * errors[name] ** 0.5),
+                ),
                 unit=at.unit,
             )
             for name, at in values.items()

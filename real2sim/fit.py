@@ -35,6 +35,8 @@ class Evaluator:
 
     def __call__(self, stage: str, unknowns: Floats) -> Floats:
         """Residuals, shape (n, blocks, m), of unknowns of shape (n, blocks, unknowns)."""
+        if not len(unknowns):
+            return np.zeros((0, unknowns.shape[1], len(self._problem.time_s)))
         self.evaluations += len(unknowns)
         if self._progress is not None:
             self._progress(stage, len(unknowns))

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from real2sim.problem import Floats, Indices, Problem
