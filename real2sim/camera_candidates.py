@@ -7,7 +7,6 @@ import numpy as np
 
 from real2sim.problem import Candidate, Estimate, Floats, Unknown
 
-BASELINE_M = 0.050  # D435i datasheet: distance of the imagers
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.camera_candidates import BASELINE_M, FLOOR, CameraEffects
+from real2sim.camera_candidates import FLOOR, CameraEffects
 from real2sim.camera_data import AS_CLAIMED, CameraData, owners
 from real2sim.camera_edges import EdgeCounts, edge_counts
 from real2sim.camera_noise import log_variance
 from real2sim.problem import Floats, Indices
+from saltus.depth import BASELINE_M
 
 RANGES = 4  # parts of the range in which noise is told apart: it grows with the square
 FEWEST_DIFFERENCES = 60

@@ -42,6 +42,10 @@ D435I = Intrinsics(width=424, height=240, fx=211.313, fy=211.313, cx=213.523, cy
 """The camera on the authors' robot (original, which counts from pixel centres: there cx, cy are half a pixel less)."""
 
 
+BASELINE_M = 0.050
+"""Distance of the imagers of a D435i (D435i datasheet)."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelImage:
     """What the model sees, for any leading batch dimensions."""

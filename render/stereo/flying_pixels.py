@@ -8,12 +8,11 @@ import numpy as np
 
 from render.devices import on_host
 from render.stereo.discontinuity import discontinuity
-from render.stereo.fields import unit_uniform, unit_uniform_at
 from render.stereo.image import StereoImage
-from render.stereo.per_image import per_image
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.fields import unit_uniform, unit_uniform_at
 
 
 @dataclass(frozen=True, kw_only=True)

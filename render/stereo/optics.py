@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
+from saltus.depth import BASELINE_M as BASELINE_M
 from saltus.depth import D435I, Intrinsics
 from saltus.errors import ConfigError
-
-BASELINE_M = 0.050  # D435i datasheet: distance of the imagers
 
 
 @dataclass(frozen=True, kw_only=True)

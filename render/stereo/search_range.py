@@ -6,9 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from render.stereo.image import StereoImage
-from render.stereo.per_image import per_image
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from render.stereo.fields import around
 from saltus.arrays import namespace
+from saltus.effects.fields import around
 
 
 class Windows(Protocol):

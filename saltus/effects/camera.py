@@ -9,14 +9,50 @@ import numpy as np
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
 from saltus.effects.order import ordered
-from saltus.effects.signals import DepthImage
+from saltus.effects.signals import CameraView, DepthImage
 
-CAMERA_ORDER = ("sample_and_hold", "frame_drop", "camera_latency")
+CAMERA_ORDER = (
+    "sample_and_hold",
+    "depth_scale",
+    "depth_bias",
+    "depth_noise",
+    "edge_holes",
+    "range_clip",
+    "hole_fill",
+    "frame_drop",
+    "temporal_smear",
+    "camera_latency",
+)
+"""What the sensor does, what gets lost on the way, what the driver makes of the rest, and when it arrives."""
+VIEW_ORDER = ("camera_pitch", "camera_height", "camera_fov")
+"""What moves the camera that takes the images."""
+
+
+@dataclass(frozen=True)
+class ViewChain:
+    """The effects on where a camera sits and how wide it looks; null ones are left out.
+
+    Raises:
+        ConfigError: an effect that is given twice, or that does not move a camera.
+    """
+
+    effects: tuple[Effect[Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", ordered(self.effects, VIEW_ORDER, "a camera's view"))
+
+    def moved(self, view: CameraView) -> CameraView:
+        """The camera as it really is, for the camera that is claimed."""
+        for effect in self.effects:
+            view, _ = effect.apply(view, 0.0, None)
+        return view
 
 
 @dataclass(frozen=True)
 class CameraChain:
-    """The effects of a camera in one fixed order, whatever the order in which they are given; null ones are left out.
+    """The effects on a camera's images in one fixed order, whatever the order in which they are given.
+
+    Null ones are left out.
 
     Raises:
         ConfigError: an effect that is given twice, or that is not one of a camera.

@@ -12,7 +12,7 @@ from saltus.errors import ConfigError
 from saltus.go1 import JOINTS
 from saltus.messages import Floats
 
-Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model"]
+Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "view"]
 
 Signal = TypeVar("Signal")
 
@@ -76,6 +76,12 @@ def like(values: Values, array: Any, xp: Any) -> Any:
     if isinstance(values, float | int):
         return values
     return xp.asarray(np.asarray(values), dtype=array.dtype, device=array.device)
+
+
+def per_image(value: PerRobot, array: Any, xp: Any) -> Any:
+    """A parameter in the form in which it combines with images: a float, or shape (..., 1, 1)."""
+    found = like(value, array, xp)
+    return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
 
 
 def map_arrays(function: Callable[[Any], Any], value: Any) -> Any:

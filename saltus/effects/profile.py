@@ -21,7 +21,7 @@ import numpy as np
 import tomli_w
 
 from saltus.effects.body import BodyChain
-from saltus.effects.camera import CameraChain
+from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
@@ -40,6 +40,7 @@ PARTS = {
     "joint": "actuator",
     "joint_state": "actuator",
     "depth": "camera",
+    "view": "camera",
     "heightmap": "heightmap",
     "imu": "imu",
     "model": "body",
@@ -77,8 +78,13 @@ class Profile:
 
     @property
     def camera_chain(self) -> CameraChain:
-        """The camera's effects in their order."""
-        return CameraChain(self.camera)
+        """The effects on the camera's images in their order."""
+        return CameraChain(tuple(effect for effect in self.camera if effect.site == "depth"))
+
+    @property
+    def view_chain(self) -> ViewChain:
+        """The effects on where the camera sits and how wide it looks."""
+        return ViewChain(tuple(effect for effect in self.camera if effect.site == "view"))
 
     @property
     def body_chain(self) -> BodyChain:

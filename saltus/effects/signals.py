@@ -55,6 +55,18 @@ class DepthImage:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class CameraView:
+    """Where a camera sits on the trunk and how wide it looks. Site "view"."""
+
+    position: Floats
+    """Optical centre, trunk frame [m], shape (..., 3)."""
+    pitch: Floats
+    """Nose down positive [rad], shape (...)."""
+    tangent_scale: Floats
+    """True over claimed tangent of a pixel's angle to the optical axis, shape (...)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class HeightQuery:
     """Where a heightmap is read, and what is added to what is read. Site "heightmap"."""
 

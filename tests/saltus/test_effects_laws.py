@@ -13,11 +13,18 @@ from saltus.effects.backlash import Backlash
 from saltus.effects.base_inertia import BaseInertia
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.body import BodyModel
+from saltus.effects.camera_fov import CameraFov
+from saltus.effects.camera_height import CameraHeight
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.camera_pitch import CameraPitch
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.contact_compliance import ContactCompliance
 from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.depth_bias import DepthBias
+from saltus.effects.depth_noise import DepthNoise
+from saltus.effects.depth_scale import DepthScale
+from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.encoder_bias import EncoderBias
 from saltus.effects.encoder_quantisation import EncoderQuantisation
@@ -25,15 +32,18 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.hole_fill import HoleFill
 from saltus.effects.imu import ImuReading
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
 from saltus.effects.payload_mass import PayloadMass
 from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
 from saltus.effects.sample_and_hold import SampleAndHold
-from saltus.effects.signals import DepthImage, Drive, HeightQuery, JointState, Resistance
+from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, JointState, Resistance
 from saltus.effects.stiction import Stiction
+from saltus.effects.temporal_smear import TemporalSmear
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
@@ -50,6 +60,7 @@ PERIOD_S = {
     "joint": 0.002,
     "joint_state": 0.002,
     "depth": 0.01,
+    "view": 1.0,
     "heightmap": 0.01,
     "model": 1.0,
     "imu": 0.002,
@@ -85,9 +96,19 @@ EXAMPLES: tuple[Effect[Any], ...] = (
     VelocityFilter(time_constant=0.004),
     VelocityFilter(time_constant=(0.0, 0.002, 0.004) * 4),
     SampleAndHold(period=0.03),
+    DepthScale(scale=1.02),
+    DepthBias(bias=-0.3),
+    DepthNoise(subpixel_sigma=0.1),
+    EdgeHoles(width=2.0),
+    RangeClip(max=0.8),
+    HoleFill(reach=1.0),
     FrameDrop(fraction=0.4),
+    TemporalSmear(alpha=0.4),
     CameraLatency(latency=0.034),
     CameraLatency(latency=0.045, jitter=0.02),
+    CameraPitch(offset=0.02),
+    CameraHeight(offset=-0.01),
+    CameraFov(scale=1.03),
     HeightmapShift(x=0.03, z=-0.02),
     HeightmapShift(x_range=0.08, z_range=0.05),
     PayloadMass(mass=-0.7),
@@ -126,7 +147,10 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
         if site == "joint":
             return Resistance(velocity=array(12), friction=array(12), damping=array(12), armature=array(12))
         if site == "depth":
-            return DepthImage(depth=abs(array(6, 4)), time_s=np.full(batch, PERIOD_S[site] * k))
+            depth, hit = abs(array(6, 4)), array(6, 4) > -1.0
+            return DepthImage(depth=depth * hit, time_s=np.full(batch, PERIOD_S[site] * k))
+        if site == "view":
+            return CameraView(position=array(3), pitch=array(), tangent_scale=array())
         if site == "model":
             return BodyModel(
                 payload_kg=array(),
@@ -265,6 +289,13 @@ class Batched:
         Batched(TorqueGain(), "gain", (0.9, 0.95, 1.0, 1.05, 1.1)),
         Batched(CameraLatency(), "latency", (0.0, 0.03, 0.04, 0.052, 0.06)),
         Batched(FrameDrop(), "fraction", (0.0, 0.2, 0.4, 0.6, 1.0)),
+        Batched(DepthScale(), "scale", (1.0, 0.9, 1.1, 1.02, 1.0)),
+        Batched(DepthBias(), "bias", (0.0, -0.3, 0.3, 0.1, 0.0)),
+        Batched(DepthNoise(), "subpixel_sigma", (0.0, 0.1, 0.2, 0.3, 1.0)),
+        Batched(EdgeHoles(), "width", (0.0, 1.0, 2.0, 3.0, 0.0)),
+        Batched(HoleFill(), "reach", (0.0, 1.0, 2.0, 3.0, 0.0)),
+        Batched(RangeClip(), "max", (np.inf, 0.5, 1.0, 1.5, 2.0)),
+        Batched(TemporalSmear(), "alpha", (1.0, 0.4, 0.6, 0.8, 0.9)),
         Batched(PayloadMass(), "mass", (0.0, -1.0, 0.5, 1.0, 3.0)),
         Batched(ComOffset(), "y", (0.0, -0.02, 0.01, 0.02, 0.03)),
         Batched(BaseInertia(), "scale", (1.0, 0.8, 0.9, 1.1, 1.2)),

@@ -1,0 +1,43 @@
+"""What only one of two imagers sees cannot be matched: holes to the left of near objects."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.signals import DepthImage
+
+JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from the other imager
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeHoles(Effect[DepthImage]):
+    """The `width` pixels to the left of every near edge are invalid, to the nearest pixel of the image.
+
+    One number for all edges, as a run log can tell it; `render.stereo` has the physics, in which it grows with the
+    step of disparity.
+    """
+
+    name: ClassVar[str] = "edge_holes"
+    site: ClassVar[Site] = "depth"
+
+    width: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=100.0)
+
+    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+        """Loses pixels."""
+        del time_s, state
+        xp, depth = namespace(signal.depth), signal.depth
+        widest = min(math.floor(float(np.max(self.width)) + 0.5), depth.shape[-1] - 1)
+        if widest < 1:
+            return signal, None
+        width = per_image(self.width, depth, xp)
+        lost = xp.zeros_like(depth, dtype=xp.bool)
+        behind, before = depth[..., :-1], depth[..., 1:]
+        edge = (before > 0.0) & (before < (1.0 - JUMP) * behind)
+        for k in range(1, widest + 1):
+            reached = edge[..., k - 1 :] if k > 1 else edge
+            lost[..., : reached.shape[-1]] |= reached & (width > k - 0.5)
+        return replace(signal, depth=xp.where(lost, xp.zeros_like(depth), depth)), None

@@ -1,0 +1,39 @@
+"""A filter of the camera's driver fills holes with what is to the left of them."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.signals import DepthImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleFill(Effect[DepthImage]):
+    """An invalid pixel takes the nearest valid value to its left within `reach` pixels, to the nearest pixel.
+
+    One number, as a run log can tell it; `render.postfilter` has librealsense's filters themselves.
+    """
+
+    name: ClassVar[str] = "hole_fill"
+    site: ClassVar[Site] = "depth"
+
+    # librealsense's spatial filter offers 2 to 16 px, or no limit
+    reach: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=1000.0)
+
+    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+        """Fills holes."""
+        del time_s, state
+        xp, depth = namespace(signal.depth), signal.depth
+        farthest = min(math.floor(float(np.max(self.reach)) + 0.5), depth.shape[-1] - 1)
+        if farthest < 1:
+            return signal, None
+        reach = per_image(self.reach, depth, xp)
+        filled = xp.asarray(depth, copy=True)
+        for k in range(1, farthest + 1):
+            hole = (filled[..., k:] == 0.0) & (reach > k - 0.5)
+            filled[..., k:] = xp.where(hole, depth[..., :-k], filled[..., k:])
+        return replace(signal, depth=filled), None

@@ -1,0 +1,27 @@
+"""What is far reads as the end of a camera's range."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from saltus.arrays import namespace
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.signals import DepthImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeClip(Effect[DepthImage]):
+    """Depths beyond `max` read as `max`, "nothing within range" included; images in metres."""
+
+    name: ClassVar[str] = "range_clip"
+    site: ClassVar[Site] = "depth"
+
+    # original: 3 m
+    max: PerRobot = parameter(unit="m", null=math.inf, low=0.05, high=100.0)
+
+    def apply(self, signal: DepthImage, time_s: float, state: None) -> tuple[DepthImage, None]:
+        """Clips."""
+        del time_s, state
+        xp, depth = namespace(signal.depth), signal.depth
+        limit = per_image(self.max, depth, xp) + xp.zeros_like(depth)
+        return replace(signal, depth=xp.where(depth > limit, limit, depth)), None
