@@ -32,7 +32,7 @@ AHEAD_M = 0.6
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """Standard deviations of white noise, of the class of a Go1 with motion capture."""
+    """Standard deviations of white noise, of the class of a Go1 whose base is tracked by motion capture."""
 
     q_rad: float = 1e-3
     dq_rad_s: float = 0.05
@@ -40,7 +40,8 @@ class SensorNoise:
     gyro_rad_s: float = 0.01
     acc_m_s2: float = 0.1
     orientation_rad: float = 0.002
-    position_m: float = 0.001
+    base_position_m: float = 0.0003
+    base_orientation_rad: float = 0.0005
     velocity_m_s: float = 0.02
     foot_n: float = 2.0
 
@@ -219,8 +220,8 @@ def _log(
     )
     base = np.concatenate(
         [
-            noisy(column("position_base_in_world"), noise.position_m),
-            _tilted(column("quaternion_base_in_world"), noise.orientation_rad, rng),
+            noisy(column("position_base_in_world"), noise.base_position_m),
+            _tilted(column("quaternion_base_in_world"), noise.base_orientation_rad, rng),
             noisy(column("velocity_base_in_world"), noise.velocity_m_s),
         ],
         axis=1,

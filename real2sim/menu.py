@@ -104,7 +104,10 @@ _IMAGE_EDGES = ("edge_holes", "hole_fill", "range_clip", "depth_noise")
 _ALL = (
     Experiment(
         name="joint_tour", how="chirps, triangles, steps and holds of all joints of a held robot, each twice",
-        shows=(*_TIMING[:4], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias", "battery_sag"),
+        shows=(
+            *_TIMING[:4], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias",
+            "battery_sag",
+        ),
         base="fixed", kp=30.0, kd=1.2, sections=_tour, limits=HELD,
     ),
     Experiment(
