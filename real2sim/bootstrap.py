@@ -26,8 +26,8 @@ def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float,
 def downside(gains: Floats) -> float:
     """Standard deviation of the sum of gains, judged by those that are losses.
 
-    A true effect may show in few chunks only, which makes gains scatter without making their sum doubtful. Doubtful is a
-    sum to which many chunks contribute losses; were all of it chance, losses would be half of the scatter.
+    A true effect may show in few chunks only, which makes gains scatter without making their sum doubtful. Doubtful is
+    a sum to which many chunks contribute losses; were all of it chance, losses would be half of the scatter.
     """
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 

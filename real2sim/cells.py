@@ -9,6 +9,8 @@ from real2sim.split import Mask
 
 CHANCE = 4.0
 """Structure of white noise in a cell of n rows scatters by 1/sqrt(n); four times that is rare among 1000 cells."""
+FEW = 10
+"""Rows of a cell below which neighbours tell nothing, e.g. where a row is a count over a whole segment."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +60,7 @@ class Cells:
         products = np.concatenate([products, np.zeros_like(products[..., :1])], axis=-1)
         products[..., self.starts[1:] - 1] = 0.0  # neighbours of different cells
         alike = np.add.reduceat(products, self.starts, axis=-1) / np.maximum(1, self.counts - 1)
+        alike = np.where(self.counts < FEW, np.inf, alike)
         return np.asarray(np.maximum(0.0, np.minimum(self.power(residuals) - 1.0, alike)))
 
     def shows(self, structure: Floats, least_rms: float) -> Mask:

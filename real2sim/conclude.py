@@ -41,6 +41,7 @@ def findings(
     chosen = decide.choose(court, scored, dispersion)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
+    chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
     confusion = signature.confusion(court.layout, around, chosen.fit.model)
     alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
     reported = {effect: _report(problem, court, chosen.fit, effect) for effect in chosen.fit.model}
@@ -104,9 +105,8 @@ def _closed(tested: Cells, before: Floats, after: Floats) -> float:
     """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
     structure = tested.structure(before)
     shows = tested.shows(structure, decide.SIZE_RMS)
-    counts = np.broadcast_to(tested.counts, shows.shape)
-    total = float((structure * counts)[shows].sum())
-    return 1.0 - float((tested.structure(after) * counts)[shows].sum()) / total if total > 0.0 else 1.0
+    total = float(structure[shows].sum())
+    return 1.0 - float(tested.structure(after)[shows].sum()) / total if total > 0.0 else 1.0
 
 
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:

@@ -17,8 +17,8 @@ or gain of equal drives scatters by."""
 CONSISTENT = 1e-3
 """Significance at which a pattern of places is rejected."""
 MODEL_ERROR = 0.02
-"""Standard error, as a share of a value, by which two correct models of one effect disagree on its parameter, e.g. a
-smooth and a sharp friction law."""
+"""Standard error, as a share of a parameter or of its distance from the null value, by which two correct models of one
+effect disagree on it, e.g. a smooth and a sharp law of friction."""
 PRESENT = 3.0
 """An effect is present at a place from this many standard errors."""
 
@@ -130,7 +130,11 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
         where = "all"
     candidate = problem.candidates[one.places[0].candidate]
     values = problem.physical(candidate, one.value)
-    errors = dict.fromkeys(values, 0.0)
+    absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
+    errors = {}
+    for name, null in problem.physical(candidate, absent).items():
+        size = min(abs(values[name].value), abs(values[name].value - null.value))
+        errors[name] = (MODEL_ERROR * size) ** 2
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
     powers, axes = np.linalg.eigh(one.covariance)
@@ -201,4 +205,4 @@ def _pool(places: list[Place]) -> Group:
     if len(places) > 1:
         square = sum(float((p.value - value) @ w @ (p.value - value)) for w, p in zip(weights, places, strict=True))
         covariance = covariance * max(1.0, square / ((len(places) - 1) * len(value)))
-    return Group(places=tuple(places), value=value, covariance=covariance + np.diag((MODEL_ERROR * value) ** 2))
+    return Group(places=tuple(places), value=value, covariance=covariance)

@@ -214,10 +214,10 @@ class _Search:
             idle = layout.of_effects(set(layout.effects) - set(model))
             unknowns[:, idle] = self._rest[:, idle]
             library = np.zeros((len(unknowns), len(layout.scale), here.residuals.shape[1]))
-            moving = np.setdiff1d(idle, np.flatnonzero(layout.is_shape))
+            moving = np.union1d(np.setdiff1d(idle, np.flatnonzero(layout.is_shape)), here.columns)
             library[:, moving] = fit.slopes(self._evaluate, layout, unknowns, here.residuals, moving, "slopes")
-            library[:, here.columns] = here.jacobian
             self._libraries[model] = library
+            self._fits[model] = replace(here, jacobian=library[:, here.columns])
         return self._libraries[model]
 
     def _library_quadratic(self, model: Model) -> Quadratic:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from real2sim.problem import Candidate, Estimate, Problem, Segment, Unknown
 
 Floats = NDArray[np.float64]
