@@ -8,12 +8,13 @@ from saltus.messages import Floats
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at
-QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.9)  # of depth: near surfaces are left out one after the other
+QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.85, 0.9, 0.95, 0.97, 0.98, 0.99)  # of depth: near surfaces are left out in turn
 ENVELOPE = 0.6  # beyond 0.6 / sigma a Gaussian's spectrum is below 1e-3
 UNIT_MARGIN = 0.85  # the depth unit makes a comb of its own, from 1 / (unit w^2) on
 PROMINENCE = 10.0  # peak over median of the spectrum, added up over all cuts that show the same line
 SAME_LINE = 0.02
 MIN_CUTS = 2
+CLEAR = 5.0  # peak over median in at least one cut: without a comb the strongest of all lines stays below 4
 MIN_LINES = 4.0  # of the comb within the range of inverse depths
 
 
@@ -33,7 +34,7 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> Estimate:
     alike = np.abs(lines[:, None, 1] - lines[None, :, 1]) < SAME_LINE * lines[:, None, 1]
     support = alike @ lines[:, 0]
     chosen = alike[int(np.argmax(support))]
-    if np.max(support) < PROMINENCE or np.sum(chosen) < MIN_CUTS:
+    if np.max(support) < PROMINENCE or np.sum(chosen) < MIN_CUTS or np.max(lines[chosen, 0]) < CLEAR:
         return untestable(
             "no comb in the inverse depths: surfaces are so near that the depth unit hides the step, or the noise is "
             "below the step"
