@@ -1,6 +1,7 @@
 """Compares the gains that a log claims with those that the drive's own torque shows."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,77 +13,92 @@ Floats = NDArray[np.float64]
 
 MAX_DELAY_S = 0.04  # of a command packet: the largest that is looked for, and more
 DELAYS = 21
-ROWS = 6000  # enough for three numbers
+ROWS = 3000  # enough for three numbers
 FF_DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025)  # of the feed-forward torque behind the packet
-SEEN_ERROR = 0.02  # rad RMS: a noise of 2 mrad makes kp 1 % too small
-SEEN_RATE = 0.5  # rad/s RMS: a noise of 0.05 rad/s makes kd 1 % too small
-SEEN_TORQUE = 0.5  # Nm RMS
-KP_OFF, KD_OFF = 0.12, 0.3  # of the claim; the drive computes both exactly, kd suffers from held rows
-EXPLAINS = 0.8  # share of the torque's variance, below which kp and kd mean nothing
-SENSELESS = 0.4  # share below which the torque belongs to other columns
+SEEN_ERROR = 0.01  # rad RMS: a noise of 2 mrad makes kp 4 % too small
+SEEN_RATE = 0.3  # rad/s RMS: a noise of 0.05 rad/s makes kd 3 % too small
+SEEN_TORQUE = 1.0  # Nm RMS, from which on noise (0.5 at most) cannot hide what a torque follows
+KP_OFF, KD_OFF = 0.12, 0.2  # of the claim; healthy logs with strong effects stay within 0.03
+MIN_KD = 0.3  # Nm s/rad: claims of less are judged like this one
+LEFT, LEFT_SHARE = 0.5, 0.1  # Nm, or share of the RMS: more, and the drive follows another encoder than the logged one
+SENSELESS = 0.4  # share of the variance below which the torque belongs to other columns
 
 
 def gain_faults(log: RunLog) -> list[Fault]:
     """Faults of kp, kd and of the signs of torques, from `tau_est`; none without it."""
     if log.joints.tau_est is None:
         return []
-    claims = [np.broadcast_to(np.asarray(log.meta[key], float), (len(log.meta["joints"]),)) for key in ("kp", "kd")]
-    return [
-        fault
-        for joint, name in enumerate(log.meta["joints"])
-        for fault in _faults(name, _Fit(log.joints, joint), float(claims[0][joint]), float(claims[1][joint]))
-    ]
+    names = log.meta["joints"]
+    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), (len(names),)) for key in ("kp", "kd"))
+    fits = _fits(log.joints, log.joints.tau_est)
+    return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Fit:
     """The torque that a drive believes, regressed on the errors it sees, at the delay that explains most."""
 
-    def __init__(self, joints: JointTable, joint: int) -> None:
-        assert joints.tau_est is not None  # noqa: S101 - the caller checked
-        time_s = joints.time_s
-        step = max(1, len(time_s) // ROWS)
-        self._rows = slice(None, None, step)
-        torque = joints.tau_est[self._rows, joint]
-        q = joints.q[:, joint]
-        dq = np.gradient(q, time_s) if joints.dq is None else joints.dq[:, joint]
-        fits = [self._regress(joints, joint, delay, q, dq, torque) for delay in np.linspace(0, MAX_DELAY_S, DELAYS)]
-        self.explained, (self.kp, self.kd, self.feedforward), self.error, self.rate = max(fits, key=lambda fit: fit[0])
-        self.torque = float(np.std(torque))
-        self.feedforward_seen = 0.0 if joints.tau_ff is None else float(np.std(joints.tau_ff[:, joint]))
+    explained: float
+    """Share of the torque's variance."""
+    kp: float
+    kd: float
+    feedforward: float
+    """Weight of the feed-forward torque, 1 in a healthy log."""
+    error: float
+    """RMS [rad], as the others."""
+    rate: float
+    torque: float
+    feedforward_seen: float
 
-    def _regress(
-        self, joints: JointTable, joint: int, delay: float, q: Floats, dq: Floats, torque: Floats
-    ) -> tuple[float, tuple[float, float, float], float, float]:
-        """Explained share, (kp, kd, weight of the feed-forward), RMS of both errors."""
-        now = joints.time_s[self._rows]
-        error = _held(joints.time_s, joints.q_des[:, joint], now - delay) - q[self._rows]
-        rate = -dq[self._rows]
-        if joints.dq_des is not None:
-            rate = rate + _held(joints.time_s, joints.dq_des[:, joint], now - delay)
+
+def _fits(joints: JointTable, torque: Floats) -> list[_Fit]:
+    rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
+    dq = np.gradient(joints.q, joints.time_s, axis=0) if joints.dq is None else joints.dq
+    best: dict[int, _Fit] = {}
+    for delay in np.linspace(0, MAX_DELAY_S, DELAYS):
+        held = _rows_in_force(joints.time_s, joints.time_s[rows] - delay)
+        error = joints.q_des[held] - joints.q[rows]
+        rate = -dq[rows] if joints.dq_des is None else joints.dq_des[held] - dq[rows]
         columns = [error, rate, np.ones_like(error)]
-        if joints.tau_ff is not None and np.std(joints.tau_ff[:, joint]) > 0:
-            columns += [_held(joints.time_s, joints.tau_ff[:, joint], now - delay - d) for d in FF_DELAYS_S]
-        matrix = np.column_stack(columns)
-        solution = np.linalg.lstsq(matrix, torque, rcond=1e-9)[0]
-        left = torque - matrix @ solution
-        explained = 1 - float(np.var(left)) / max(float(np.var(torque)), 1e-12)
-        gains = float(solution[0]), float(solution[1]), float(solution[3:].sum())
-        return explained, gains, float(np.std(error)), float(np.std(rate))
+        if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
+            late = [_rows_in_force(joints.time_s, joints.time_s[rows] - delay - d) for d in FF_DELAYS_S]
+            columns += [joints.tau_ff[index] for index in late]
+        for joint in range(torque.shape[1]):
+            fit = _regress([column[:, joint] for column in columns], torque[rows, joint])
+            if joint not in best or fit.explained > best[joint].explained:
+                best[joint] = fit
+    return [best[joint] for joint in range(torque.shape[1])]
 
 
-def _held(time_s: Floats, values: Floats, when_s: Floats) -> Floats:
-    """The command in force at a time."""
-    return values[np.clip(np.searchsorted(time_s, when_s, side="right") - 1, 0, len(values) - 1)]
+def _rows_in_force(time_s: Floats, when_s: Floats) -> NDArray[np.intp]:
+    """Rows of the commands in force at given times."""
+    return np.clip(np.searchsorted(time_s, when_s, side="right") - 1, 0, len(time_s) - 1)
+
+
+def _regress(columns: list[Floats], torque: Floats) -> _Fit:
+    matrix = np.stack(columns)
+    square = matrix @ matrix.T
+    solution = np.linalg.lstsq(square, matrix @ torque, rcond=1e-10)[0]
+    variance = float(np.var(torque))
+    return _Fit(
+        explained=1 - float(np.var(torque - solution @ matrix)) / max(variance, 1e-12),
+        kp=float(solution[0]),
+        kd=float(solution[1]),
+        feedforward=float(solution[3:].sum()),
+        error=float(np.std(columns[0])),
+        rate=float(np.std(columns[1])),
+        torque=variance**0.5,
+        feedforward_seen=float(np.std(columns[3])) if len(columns) > 3 else 0.0,
+    )
 
 
 def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
-    if fit.torque < SEEN_TORQUE:
-        return
-    if fit.explained < SENSELESS:
+    if fit.torque > SEEN_TORQUE and fit.explained < SENSELESS:
         text = f"q, q_des and gains explain {fit.explained:.0%} of tau_est of {name}: the columns are not of one joint"
         yield Fault(name="torque_unexplained", text=text)
         return
-    if fit.explained < EXPLAINS or fit.error < SEEN_ERROR:
+    left = fit.torque * (1 - fit.explained) ** 0.5
+    if left > max(LEFT, LEFT_SHARE * fit.torque) or fit.error < SEEN_ERROR or kp * fit.error < left:
         return
     if fit.kp < 0:
         text = f"tau_est of {name} pushes away from q_des (kp {fit.kp:.3g}, claimed {kp:.3g}): a sign is flipped"
@@ -91,7 +107,7 @@ def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
     if abs(fit.kp - kp) > KP_OFF * kp:
         text = f"tau_est of {name} shows kp {fit.kp:.3g}, meta.json claims {kp:.3g}"
         yield Fault(name="wrong_gains", text=text)
-    elif fit.rate > SEEN_RATE and abs(fit.kd - kd) > KD_OFF * max(kd, 0.1):
+    elif fit.rate > SEEN_RATE and abs(fit.kd - kd) > KD_OFF * max(kd, MIN_KD):
         text = f"tau_est of {name} shows kd {fit.kd:.3g}, meta.json claims {kd:.3g}"
         yield Fault(name="wrong_gains", text=text)
     if fit.feedforward_seen > SEEN_TORQUE and fit.feedforward < -0.5:

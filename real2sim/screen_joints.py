@@ -22,6 +22,8 @@ BEYOND_LIMIT = 0.35  # rad: bias (0.1), sag and play stay well within
 FLIPPED = -0.7  # correlation of a joint with its slow command
 SWAP_GAIN = 3.0  # times nearer to the command of another joint than to its own
 SWAP_OFF = 0.15  # rad RMS: gravity and bias alone keep joints this far from their commands
+LEGS = 3  # of which one can be the odd one out
+STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: kinds of joints stand at least 0.9 apart
 RATIO_RANGE = (0.75, 1.33)  # of slow response to slow command; gravity and gains 20 % off stay within 0.85-1.15
 RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm eats 0.04 rad at kp 20
 RATE_RANGE = (0.6, 1.6)  # of dq to the rate of q
@@ -33,7 +35,7 @@ def joint_faults(log: RunLog) -> list[Fault]:
     if faults:
         return faults
     slow = _Slow(log)
-    faults = [*_swapped(slow), *_limits(log)]
+    faults = [*_swapped(slow), *_limits(log), *_misnamed(slow)]
     if not faults:
         faults = [*_signs(slow), *_ratio(slow), *_rates(log)]
     return faults or gain_faults(log)
@@ -137,6 +139,25 @@ def _swapped(slow: _Slow) -> Iterator[Fault]:
         )
         own_off, other_off = own[wrong].mean(), found[wrong].mean()
         yield Fault(name="swapped_joints", text=f"{pairs} ({other_off:.2f} rad apart, {own_off:.2f} from its own)")
+
+
+def _misnamed(slow: _Slow) -> Iterator[Fault]:
+    """A leg whose joints stand as joints of another kind do in the other legs: all columns under wrong names."""
+    legs: dict[str, list[int]] = {}
+    for index, name in enumerate(slow.joints):
+        legs.setdefault(name.split("_")[0], []).append(index)
+    if len(legs) < LEGS or len({len(joints) for joints in legs.values()}) != 1:
+        return
+    stance = np.array([np.median(slow.q_des[:, joints], axis=0) for joints in legs.values()])
+    for leg, joints in enumerate(legs.values()):
+        others = np.median(np.delete(stance, leg, axis=0), axis=0)
+        apart = np.abs(stance[leg][:, None] - others)
+        own, found = np.diag(apart), apart.min(axis=1)
+        wrong = (own > STANCE_OFF) & (found < STANCE_LIKE)
+        if wrong.sum() >= 2:
+            names = ", ".join(slow.joints[joints[j]] for j in np.flatnonzero(wrong))
+            text = f"{names} stand as other joints do in the other legs ({own[wrong].max():.2f} rad apart): wrong names"
+            yield Fault(name="swapped_joints", text=text)
 
 
 def _signs(slow: _Slow) -> Iterator[Fault]:

@@ -134,6 +134,7 @@ def _hole(log: RunLog) -> RunLog:
         (_swapped(4, 10, "dq"), "wrong_rate"),
         (_swapped(1, 4, "tau_est"), "torque_unexplained"),
         (_swapped(1, 2, "q", "dq", "q_des", "tau_est"), "out_of_range"),
+        (_swapped(0, 1, "q", "dq", "q_des", "tau_est"), "swapped_joints"),
         (_claimed(kp=30.0), "wrong_gains"),
         (_claimed(kp=[20.0] * 11 + [14.0]), "wrong_gains"),
         (_claimed(kd=1.0), "wrong_gains"),

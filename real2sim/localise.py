@@ -1,0 +1,240 @@
+"""Where the gap between simulation and measurement lies: by signal, joint and regime, in words.
+
+Independent of every fit: residuals are laid beside what drives them (torque, speed, acceleration, reversals, posture,
+time, contact), and what explains most of their power is said, e.g. "calf joints: q is off by 4.1 sigma where |tau| is
+above 15 Nm, by 1.1 elsewhere". What is said must hold in most parts of the log, not in one of them.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+CHUNKS = 20  # parts of a log whose disagreement tells how sure a statement is
+MIN_SURE = 3.0  # jackknife standard errors
+MIN_SHARE = 0.1  # of a residual's power: less is not worth a sentence
+MIN_CONTRAST = 1.5  # RMS beyond a threshold, over that on this side
+QUANTILES = np.linspace(0.1, 0.9, 17)  # where thresholds are looked for
+BINS = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driver:
+    """Something that may drive a residual, at the residual's instants."""
+
+    name: str
+    """E.g. "tau"."""
+    unit: str
+    values: Floats
+    """Shape (n,), with sign."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Channel:
+    """One signal at one place."""
+
+    signal: str
+    """E.g. "q"."""
+    place: str
+    """E.g. "FR_calf"; its last word, here "calf", is the kind of place."""
+    residual: Floats
+    """Measured minus simulated in units of noise, shape (n,), in order of time."""
+    drivers: tuple[Driver, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One row of the table of residuals."""
+
+    signal: str
+    place: str
+    driver: str
+    low: float
+    high: float
+    """Range of the driver's size."""
+    rms: float
+    """In units of noise: 1 where the model is right."""
+    share: float
+    """Of the power of the channel's residual."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statement:
+    """What explains a residual, of one or several places."""
+
+    signal: str
+    places: tuple[str, ...]
+    driver: str
+    share: float
+    """Of the residual's power that it explains, or that lies in the regime beyond what is elsewhere."""
+    sure: float
+    """In jackknife standard errors."""
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Clue:
+    """A statement about one channel."""
+
+    channel: Channel
+    driver: Driver
+    kind: str
+    share: float
+    sure: float
+    slope: float
+    """Of the residual on the driver [sigma per unit]; RMS beyond a threshold."""
+    threshold: float
+    """Of the driver's size; RMS on this side of it in `elsewhere`."""
+    elsewhere: float
+
+
+def table(channels: Iterable[Channel]) -> tuple[Cell, ...]:
+    """RMS of every residual in bins of equal count of every driver's size."""
+    cells = []
+    for channel in channels:
+        power = channel.residual**2
+        for driver in channel.drivers:
+            size = np.abs(driver.values)
+            edges = np.unique(np.quantile(size, np.linspace(0, 1, BINS + 1)))
+            if len(edges) < 2:
+                continue
+            where = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
+            sums, counts = np.bincount(where, power, len(edges) - 1), np.bincount(where, minlength=len(edges) - 1)
+            cells += [
+                Cell(
+                    signal=channel.signal,
+                    place=channel.place,
+                    driver=driver.name,
+                    low=float(edges[i]),
+                    high=float(edges[i + 1]),
+                    rms=float(np.sqrt(sums[i] / counts[i])),
+                    share=float(sums[i] / max(power.sum(), 1e-30)),
+                )
+                for i in np.flatnonzero(counts)
+            ]
+    return tuple(cells)
+
+
+def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
+    """Statements on where the gap lies, those first that explain most.
+
+    Each channel gives at most one statement of what it grows with and one of where it lies; channels of one signal
+    that say the same are put together.
+    """
+    clues = [clue for channel in channels for clue in _clues(channel)]
+    groups: dict[tuple[str, str, str], list[_Clue]] = {}
+    for clue in clues:
+        groups.setdefault((clue.channel.signal, clue.driver.name, clue.kind), []).append(clue)
+    places = {signal: [c.place for c in channels if c.signal == signal] for signal, _, _ in groups}
+    # Power, so that a joint that is off by 5 sigma goes before one that is off by 1
+    powers = {key: sum(c.share * float(np.sum(c.channel.residual**2)) for c in group) for key, group in groups.items()}
+    ranked = sorted(groups, key=lambda key: -powers[key])
+    return tuple(_statement(groups[key], places[key[0]]) for key in ranked)
+
+
+def _clues(channel: Channel) -> list[_Clue]:
+    found = []
+    for clues in (
+        [_proportional(channel, driver) for driver in channel.drivers],
+        [_beyond(channel, driver) for driver in channel.drivers],
+    ):
+        told = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.sure > MIN_SURE]
+        if told:
+            found.append(max(told, key=lambda clue: clue.share))
+    return found
+
+
+def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
+    """How much of the residual a multiple of the driver explains."""
+    product, power = _sums(channel.residual * driver.values), _sums(driver.values**2)
+    if power.sum() <= 0:
+        return None
+    slope = float(product.sum() / power.sum())
+    share = slope * float(product.sum()) / max(float(np.sum(channel.residual**2)), 1e-30)
+    without = _but_one(product) / np.maximum(_but_one(power), 1e-30)
+    sure = abs(slope) / max(_error(without), 1e-30)
+    return _Clue(
+        channel=channel, driver=driver, kind="proportional", share=share, sure=sure, slope=slope, threshold=0.0,
+        elsewhere=0.0,
+    )  # fmt: skip
+
+
+def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
+    """The size of the driver beyond which the residual's power is concentrated."""
+    size, power = np.abs(driver.values), channel.residual**2
+    best: tuple[float, float] | None = None
+    for threshold in np.unique(np.quantile(size, QUANTILES)):
+        above = size > threshold
+        if not 0 < above.sum() < len(above):
+            continue
+        excess = float(np.sum(power[above])) - float(np.mean(power[~above])) * float(above.sum())
+        # A regime that is all of the log says nothing: weigh by what is left out
+        score = excess * float(np.sqrt(np.mean(~above)))
+        if best is None or score > best[0]:
+            best = score, float(threshold)
+    if best is None:
+        return None
+    above = size > best[1]
+    inside, outside = float(np.sqrt(np.mean(power[above]))), float(np.sqrt(np.mean(power[~above])))
+    if inside < MIN_CONTRAST * max(outside, 1e-12):
+        return None
+    share = (inside**2 - outside**2) * float(above.sum()) / max(float(power.sum()), 1e-30)
+    means = [_but_one(_sums(power * a)) / np.maximum(_but_one(_sums(a.astype(float))), 1) for a in (above, ~above)]
+    sure = (inside**2 - outside**2) / max(_error(means[0] - means[1]), 1e-30)
+    return _Clue(
+        channel=channel, driver=driver, kind="beyond", share=share, sure=sure, slope=inside, threshold=best[1],
+        elsewhere=outside,
+    )  # fmt: skip
+
+
+def _sums(values: Floats) -> Floats:
+    """Sums over the parts of the log, shape (chunks,)."""
+    edges = np.linspace(0, len(values), min(CHUNKS, len(values)) + 1).astype(int)[:-1]
+    return np.add.reduceat(values, edges)
+
+
+def _but_one(sums: Floats) -> Floats:
+    return np.asarray(sums.sum() - sums)
+
+
+def _error(without: Floats) -> float:
+    """Standard error by the jackknife."""
+    return float(np.sqrt((len(without) - 1) * np.var(without)))
+
+
+def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
+    named = tuple(clue.channel.place for clue in clues)
+    first = clues[0]
+    share = float(np.mean([clue.share for clue in clues]))
+    rms = float(np.sqrt(np.mean([np.mean(clue.channel.residual**2) for clue in clues])))
+    where, signal, driver = in_words(named, places), first.channel.signal, first.driver
+    slope = float(np.median([clue.slope for clue in clues]))
+    unit = f" {driver.unit}" if driver.unit else ""
+    if first.kind == "proportional":
+        sign = "with" if slope > 0 else "against"
+        text = f"{where}: {signal} is off by {rms:.1f} sigma, {share:.0%} of it {sign} {driver.name}"
+        text += f" ({slope:+.2g} sigma per{unit or ' unit'})"
+    else:
+        threshold = float(np.median([clue.threshold for clue in clues]))
+        elsewhere = float(np.median([clue.elsewhere for clue in clues]))
+        text = f"{where}: {signal} is off by {slope:.1f} sigma where |{driver.name}| is above {threshold:.3g}{unit}, "
+        text += f"by {elsewhere:.1f} elsewhere"
+    return Statement(
+        signal=signal, places=named, driver=driver.name, share=share, sure=min(c.sure for c in clues), text=text
+    )
+
+
+def in_words(named: Sequence[str], places: Sequence[str]) -> str:
+    """Places in a phrase, e.g. "all joints", "calf joints", "FR leg", "FR_hip, RL_calf"."""
+    chosen, all_of = set(named), set(places)
+    if chosen == all_of and len(all_of) > 1:
+        return "all joints"
+    for part, word in ((-1, "joints"), (0, "leg")):
+        kinds = {place.split("_")[part] for place in chosen}
+        same = {place for place in all_of if place.split("_")[part] in kinds}
+        if same == chosen and len(chosen) > len(kinds):
+            return f"{', '.join(sorted(kinds))} {word}"
+    return ", ".join(sorted(chosen))

@@ -1,0 +1,99 @@
+"""Where a gap lies: what was put in is said, for the right joints, and nothing is said of noise."""
+
+import numpy as np
+import pytest
+from rig_logs import Rig, joints_log
+
+from real2sim.localise import Channel, Driver, in_words, localise, table
+from real2sim.regimes import drivers_of
+from saltus import go1
+
+ROWS = 3000
+JOINTS = go1.JOINTS
+
+
+def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
+    """Residuals of unit noise; those of one kind of joint have a gap that `gap` tells."""
+    rng = np.random.default_rng(seed)
+    time_s = np.linspace(0, 30, ROWS)
+    channels = []
+    for joint in JOINTS:
+        torque = 20 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
+        speed = 5 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
+        drivers = (
+            Driver(name="tau", unit="Nm", values=torque),
+            Driver(name="dq", unit="rad/s", values=speed),
+            Driver(name="the direction of motion", unit="", values=np.sign(speed)),
+            Driver(name="time in the run", unit="s", values=time_s),
+            Driver(name="a constant", unit="", values=np.ones(ROWS)),
+        )
+        shape = {
+            "tau": torque / 20,
+            "dq": speed / 5,
+            "the direction of motion": np.sign(speed),
+            "a constant": np.ones(ROWS),
+            "beyond": np.where(np.abs(torque) > 15, np.sign(torque), 0),
+        }[gap]
+        residual = rng.normal(size=ROWS) + (size * shape if joint.endswith(kind) else 0)
+        channels.append(Channel(signal="q", place=joint, residual=residual, drivers=drivers))
+    return channels
+
+
+@pytest.mark.parametrize("gap", ["tau", "dq", "the direction of motion", "a constant"])
+def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str) -> None:
+    first = localise(_channels(1, gap, "calf", 3.0))[0]
+    assert first.driver == gap
+    assert first.text.startswith("calf joints: q")
+    assert set(first.places) == {joint for joint in JOINTS if joint.endswith("calf")}
+    assert first.share > 0.5
+
+
+def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
+    said = [s for s in localise(_channels(2, "beyond", "calf", 4.0)) if "where |tau|" in s.text]
+    assert said
+    assert said[0].text.startswith("calf joints")
+    threshold = float(said[0].text.split("is above ")[1].split(" ")[0])
+    assert threshold == pytest.approx(15, abs=1.5)
+
+
+def test_nothing_is_said_of_noise_even_if_it_is_coloured() -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        channels = _channels(seed, "tau", "none", 0.0)
+        for channel in channels:
+            coloured = np.convolve(rng.normal(size=ROWS), np.ones(10), mode="same")
+            channel.residual[:] = coloured
+        assert localise(channels) == ()
+
+
+def test_the_table_holds_all_power_once_per_driver() -> None:
+    cells = table(_channels(3, "tau", "hip", 2.0))
+    for driver in ("tau", "dq", "time in the run"):
+        for joint in JOINTS:
+            assert sum(c.share for c in cells if (c.place, c.driver) == (joint, driver)) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("named", "words"),
+    [
+        (JOINTS, "all joints"),
+        (JOINTS[2::3], "calf joints"),
+        (JOINTS[3:6], "FL leg"),
+        (("FR_hip",), "FR_hip"),
+        (("FR_hip", "RL_calf"), "FR_hip, RL_calf"),
+        (JOINTS[1::3] + JOINTS[2::3], "calf, thigh joints"),
+    ],
+)
+def test_places_in_words(named: tuple[str, ...], words: str) -> None:
+    assert in_words(named, JOINTS) == words
+
+
+def test_drivers_of_a_log_are_those_of_its_motion() -> None:
+    log = joints_log(Rig(coulomb=0.3), seconds=4.0)
+    times = np.linspace(0.1, 3.9, 500)
+    drivers = {driver.name: driver.values for driver in drivers_of(log, "FR_thigh", times)}
+    assert log.joints.tau_est is not None
+    np.testing.assert_allclose(drivers["tau"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
+    assert set(np.unique(np.sign(drivers["the direction of motion"]))) == {-1.0, 0.0, 1.0}
+    assert 0 < np.mean(drivers["reversals"]) < 0.5
+    assert np.corrcoef(np.gradient(drivers["dq"], times), drivers["ddq"])[0, 1] > 0.5
