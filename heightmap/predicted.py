@@ -13,6 +13,7 @@ from heightmap.network import HeightmapNetwork, Tick
 from heightmap.service import MAX_HEIGHT_M
 from policy.states import RobotStates
 from render.__main__ import RANDOM_STREAM
+from render.camera import moved_camera
 from render.embree import EmbreeRenderer
 from render.process import EXPOSURE_STEPS
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
@@ -63,7 +64,7 @@ class PredictedHeights:
     ) -> None:
         count = len(trials)
         self._network = network
-        self._cameras = _one_for_each_terrain(terrains)
+        self._cameras = _one_for_each_terrain(terrains, profile)
         self._arrivals = [_Arrivals(trial, profile) for trial in trials]
         self._image = np.zeros((count, 2, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
         self._captured_s = np.full(count, -np.inf)
@@ -74,12 +75,12 @@ class PredictedHeights:
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One tick of all services; shape (n, 30)."""
         self._forget(fresh)
-        images = self._exposed(truth) if states.step % EXPOSURE_STEPS == 0 else None
+        depth = self._exposed(truth) if states.step % EXPOSURE_STEPS == 0 else None
         new = np.zeros(len(fresh), dtype=np.bool_)
         for i, arrivals in enumerate(self._arrivals):
-            arrived = arrivals.step(None if images is None else images[i], states.time_s)
+            arrived = arrivals.step(None if depth is None else depth[i], states.time_s)
             if arrived is not None:
-                self._captured_s[i], self._image[i] = arrived
+                self._captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
                 new[i] = True
         tick = self._network.ticks(self._image, states.time_s - self._captured_s, new, _felt(states), self._hidden)
         good = _plausible(tick)
@@ -96,19 +97,24 @@ class PredictedHeights:
             self._arrivals[i].reset()
 
     def _exposed(self, truth: PlantState) -> NDArray[np.float32]:
-        """Depth and validity of an image taken now by each robot, shape (n, 2, 48, 16)."""
+        """Depth [m] that each robot's camera takes now, shape (n, 48, 16)."""
         depth = np.empty((len(self._arrivals), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
         for camera, robots in self._cameras:
             depth[robots] = camera.render_batch(
                 truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
                 truth.joint_position[robots],
             )  # fmt: skip
-        image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
-        return np.stack([image.depth, image.valid], axis=1).astype(np.float32)
+        return depth
+
+
+def _as_sent(depth: Floats) -> NDArray[np.float32]:
+    """Depth and validity of an image that has arrived, shape (2, 48, 16)."""
+    image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
+    return np.stack([image.depth, image.valid]).astype(np.float32)
 
 
 class _Arrivals:
-    """When the images of one robot arrive: the effects of its camera, with the random numbers of the camera process."""
+    """Images of one robot as they arrive: the effects of its camera, with the random numbers of the camera process."""
 
     def __init__(self, trial: Trial, profile: Profile) -> None:
         self._seed = trial.seed
@@ -125,12 +131,13 @@ class _Arrivals:
         self._under_way = {}
         self._used_s = -np.inf
 
-    def step(self, image: NDArray[np.float32] | None, time_s: float) -> tuple[float, NDArray[np.float32]] | None:
+    def step(self, image: NDArray[np.float32] | None, time_s: float) -> tuple[float, Floats] | None:
         """Takes an image that is exposed now, if one is; returns one that has arrived, with its capture time [s]."""
         if image is not None:
             self._under_way[time_s] = image
-            # The effects decide by times alone; the pixels stay here.
-            self._newest = DepthImage(depth=np.zeros((1, 1), np.float32), time_s=np.asarray(time_s))
+            # Effects that decide by times alone need no pixels; those stay here.
+            pixels = image if self._chain.changes_pixels else np.zeros((1, 1), np.float32)
+            self._newest = DepthImage(depth=pixels, time_s=np.asarray(time_s))
         if self._newest is None:
             return None
         seen, self._state = self._chain.step(self._newest, time_s, self._state)
@@ -140,15 +147,19 @@ class _Arrivals:
         self._used_s = captured_s
         arrived = self._under_way[captured_s]
         self._under_way = {taken: kept for taken, kept in self._under_way.items() if taken > captured_s}
-        return captured_s, arrived
+        return captured_s, seen.depth if self._chain.changes_pixels else arrived
 
 
-def _one_for_each_terrain(terrains: TerrainStack) -> list[tuple[EmbreeRenderer, NDArray[np.int64]]]:
+def _one_for_each_terrain(terrains: TerrainStack, profile: Profile) -> list[tuple[EmbreeRenderer, NDArray[np.int64]]]:
     """A camera for each distinct terrain, and the robots on it."""
     robots: dict[int, list[int]] = {}
     for i, terrain in enumerate(terrains.terrains):
         robots.setdefault(id(terrain), []).append(i)
-    return [(EmbreeRenderer(terrains.terrains[group[0]], threads=1), np.asarray(group)) for group in robots.values()]
+    camera, mount = moved_camera(profile.view_chain, MODEL_CAMERA)
+    return [
+        (EmbreeRenderer(terrains.terrains[group[0]], camera, mount, threads=1), np.asarray(group))
+        for group in robots.values()
+    ]
 
 
 def _felt(states: RobotStates) -> Floats:

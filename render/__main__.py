@@ -5,8 +5,10 @@ import sys
 import numpy as np
 
 from render.backends import make_renderer
+from render.camera import moved_camera
 from render.exposure import Exposure, PerfectExposure
 from render.process import CameraProcess
+from saltus.depth import MODEL_CAMERA
 from saltus.effects.profile import load_profile
 from saltus.messages import Done
 from saltus.process import ProcessContext, run_process
@@ -31,9 +33,10 @@ def build(context: ProcessContext) -> CameraProcess:
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
-        exposure = StereoExposure(terrain, rng)
+        exposure = StereoExposure(terrain, rng, view=profile.view_chain)
     else:
-        exposure = PerfectExposure(make_renderer(config.renderer, terrain))
+        true_camera = moved_camera(profile.view_chain, MODEL_CAMERA)
+        exposure = PerfectExposure(make_renderer(config.renderer, terrain, *true_camera), MODEL_CAMERA)
     return CameraProcess(exposure, profile.camera_chain, rng)
 
 

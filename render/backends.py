@@ -3,6 +3,7 @@
 import ctypes.util
 from collections.abc import Callable
 
+from render.camera import Mount
 from render.renderer import Renderer as Renderer
 from saltus.config import Renderer as RendererName
 from saltus.depth import MODEL_CAMERA, Intrinsics
@@ -15,7 +16,14 @@ RASTER_PIXELS = 6_000
 0.08 us a ray, with some legs in view (`saltus bench render`)."""
 
 
-def make_renderer(name: str, terrain: Terrain, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True) -> Renderer:
+def make_renderer(
+    name: str,
+    terrain: Terrain,
+    intrinsics: Intrinsics = MODEL_CAMERA,
+    mount: Mount | None = None,
+    *,
+    legs: bool = True,
+) -> Renderer:
     """A renderer by name; "auto" is the fastest that this machine has for one image of that size.
 
     Back ends are imported here, each only when it is asked for: their libraries are large.
@@ -24,6 +32,7 @@ def make_renderer(name: str, terrain: Terrain, intrinsics: Intrinsics = MODEL_CA
         name: "auto", "embree", "pyrender" or "warp".
         terrain: what there is to see.
         intrinsics: of the camera.
+        mount: of the camera on the trunk; the Go1's where it is not given.
         legs: whether the robot's legs can be seen.
 
     Raises:
@@ -40,7 +49,7 @@ def make_renderer(name: str, terrain: Terrain, intrinsics: Intrinsics = MODEL_CA
         except (ImportError, OSError, SaltusError) as error:
             failures.append(f"the {choice} renderer cannot be loaded: {error}")
         else:
-            return kind(terrain, intrinsics, legs=legs)
+            return kind(terrain, intrinsics, mount, legs=legs)
     raise SaltusError("; ".join(failures))
 
 

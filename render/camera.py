@@ -4,7 +4,7 @@ Camera frame: x right in the image, y down in the image, z forward along the opt
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant
 from saltus.depth import Intrinsics
+from saltus.effects.camera import ViewChain
+from saltus.effects.signals import CameraView
 from saltus.errors import SaltusError
 from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
 from saltus.kinematics import rotation_matrix
@@ -38,6 +40,26 @@ class Mount:
     def in_base(self) -> tuple[Constant, Constant]:
         """Position and rotation for arrays of any library."""
         return Constant(self.position), Constant(self.rotation)
+
+
+def moved_camera(view: ViewChain, camera: Intrinsics, mount: Mount | None = None) -> tuple[Intrinsics, Mount]:
+    """The camera as it really is, for one that is claimed.
+
+    Args:
+        view: effects on where it sits and how wide it looks.
+        camera: claimed.
+        mount: claimed; the Go1's where it is not given.
+    """
+    mount = mount or Mount()
+    claimed = CameraView(
+        position=np.asarray(mount.position), pitch=np.asarray(mount.pitch), tangent_scale=np.asarray(1.0)
+    )
+    true = view.moved(claimed)
+    wider = float(true.tangent_scale)
+    return (
+        replace(camera, fx=camera.fx / wider, fy=camera.fy / wider),
+        Mount(position=true.position, pitch=float(true.pitch)),
+    )
 
 
 def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> tuple[Array, Array]:

@@ -22,10 +22,11 @@ class PerfectExposure:
 
     Args:
         renderer: makes the images.
+        claimed: the intrinsics that the camera reports, where they are not those of the renderer.
     """
 
-    def __init__(self, renderer: Renderer) -> None:
-        self.intrinsics = renderer.intrinsics
+    def __init__(self, renderer: Renderer, claimed: Intrinsics | None = None) -> None:
+        self.intrinsics = claimed or renderer.intrinsics
         self._renderer = renderer
 
     def expose(self, truth: GroundTruth) -> Floats:

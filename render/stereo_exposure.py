@@ -2,13 +2,16 @@
 
 import numpy as np
 
+from render.camera import moved_camera
 from render.stereo.camera import StereoCamera, StereoConfig
 from render.stereo.model_view import sampled_model_camera
 from render.stereo.optics import Optics
 from render.stereo_embree import StereoEmbree
+from saltus.effects.camera import ViewChain
 from saltus.messages import Floats, GroundTruth
 from saltus.terrain.terrain import Terrain
 
+CLAIMED_VIEW = ViewChain()
 NATIVE_PIXELS = 5  # of the D435i at 424x240, in each direction, for one pixel of the model
 
 
@@ -19,12 +22,19 @@ class StereoExposure:
         terrain: to look at.
         rng: draws what is random in the errors.
         config: the errors; those of a D435i by default.
+        view: effects that move the camera, which reports its intrinsics without them.
     """
 
-    def __init__(self, terrain: Terrain, rng: np.random.Generator, config: StereoConfig | None = None) -> None:
+    def __init__(
+        self,
+        terrain: Terrain,
+        rng: np.random.Generator,
+        config: StereoConfig | None = None,
+        view: ViewChain = CLAIMED_VIEW,
+    ) -> None:
         self.intrinsics = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
         optics = Optics.of(self.intrinsics)
-        self._views = StereoEmbree(terrain, optics, self.intrinsics)
+        self._views = StereoEmbree(terrain, optics, *moved_camera(view, self.intrinsics))
         self._camera = StereoCamera(config or StereoConfig(), optics)
         self._state = self._camera.init((), rng)
 

@@ -24,6 +24,8 @@ CAMERA_ORDER = (
     "camera_latency",
 )
 """What the sensor does, what gets lost on the way, what the driver makes of the rest, and when it arrives."""
+TIMES_ONLY = ("sample_and_hold", "frame_drop", "camera_latency")
+"""Those that decide which image there is when, and leave its pixels as they are."""
 VIEW_ORDER = ("camera_pitch", "camera_height", "camera_fov")
 """What moves the camera that takes the images."""
 
@@ -62,6 +64,11 @@ class CameraChain:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", ordered(self.effects, CAMERA_ORDER, "a camera"))
+
+    @property
+    def changes_pixels(self) -> bool:
+        """Whether images come out other than they went in."""
+        return any(effect.name not in TIMES_ONLY for effect in self.effects)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
         """State before the first image, for `batch` robots."""

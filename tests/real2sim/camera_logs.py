@@ -146,7 +146,7 @@ def rendered(recipe: Recipe, capture_s: Floats) -> Floats:
     )
     position, quaternion = pose(recipe.motion, capture_s)
     rotation = rotation_matrix(quaternion)
-    origin = position + rotation @ (np.array(POSITION) + [0, 0, truth.height])
+    origin = position + rotation @ (np.array(POSITION) + np.array([0, 0, truth.height]))
     direction = np.einsum("nij,jk,hwk->nhwi", rotation, axes, looks)
     rays = np.concatenate([np.broadcast_to(origin[:, None, None], direction.shape), direction], axis=-1)
     return scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy().astype(np.float64)

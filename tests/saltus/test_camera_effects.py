@@ -1,0 +1,165 @@
+"""What each effect of a camera does to an image or to the camera."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from render.__main__ import build
+from render.camera import Mount, moved_camera
+from render.embree import EmbreeRenderer
+from render.exposure import PerfectExposure
+from saltus.config import RunConfig, TerrainConfig
+from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
+from saltus.effects.camera import CAMERA_ORDER, VIEW_ORDER, ViewChain
+from saltus.effects.camera_fov import CameraFov
+from saltus.effects.camera_height import CameraHeight
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.camera_pitch import CameraPitch
+from saltus.effects.depth_bias import DepthBias
+from saltus.effects.depth_noise import DepthNoise
+from saltus.effects.depth_scale import DepthScale
+from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.effect import Effect
+from saltus.effects.hole_fill import HoleFill
+from saltus.effects.profile import Profile, load_profile, profile_to_toml
+from saltus.effects.range_clip import RangeClip
+from saltus.effects.registry import EFFECTS
+from saltus.effects.signals import DepthImage
+from saltus.effects.temporal_smear import TemporalSmear
+from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, STAND_POSE
+from saltus.memory_bus import MemoryBus, MemoryHub
+from saltus.messages import GroundTruth
+from saltus.process import ProcessContext
+from saltus.terrain.curriculum import make_terrain
+
+TERRAIN = make_terrain(TerrainConfig(terrain="step"))
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+HEIGHT_M = 0.3
+
+
+def applied(effect: Effect[Any], depth: Any, time_s: float = 0.0) -> Any:
+    state = effect.init((), np.random.default_rng(0))
+    return effect.apply(DepthImage(depth=np.asarray(depth, dtype=float), time_s=np.asarray(time_s)), time_s, state)[
+        0
+    ].depth
+
+
+def truth(step: int, height_m: float = HEIGHT_M) -> GroundTruth:
+    return GroundTruth(
+        time_ns=10_000_000 * step,
+        step=step,
+        position_base_in_world=np.array([0.6, 0.0, height_m]),
+        quaternion_base_in_world=LEVEL,
+        velocity_base_in_world=np.zeros(3),
+        angular_velocity_base=np.zeros(3),
+        joint_position=STAND_POSE,
+        foot_force=np.zeros(4),
+        height=np.zeros(30),
+    )
+
+
+def test_every_effect_of_a_camera_has_its_place() -> None:
+    assert sorted(CAMERA_ORDER) == sorted(kind.name for kind in EFFECTS.values() if kind.site == "depth")
+    assert sorted(VIEW_ORDER) == sorted(kind.name for kind in EFFECTS.values() if kind.site == "view")
+
+
+@pytest.mark.parametrize("effect", [DepthScale(scale=1.1), DepthBias(bias=0.1), DepthNoise(subpixel_sigma=0.5)])
+def test_invalid_stays_invalid_and_nothing_stays_nothing(effect: Effect[Any]) -> None:
+    depth = applied(effect, [[0.0, np.inf, 1.0]] * 3)
+    np.testing.assert_array_equal(depth[:, :2], [[0.0, np.inf]] * 3)
+    assert np.all(depth[:, 2] != 1.0)
+
+
+def test_noise_grows_with_the_square_of_depth() -> None:
+    sigma, focal = 0.05, 100.0
+    for depth in (0.5, 1.0, 2.0):
+        noisy = applied(DepthNoise(subpixel_sigma=sigma, focal_px=focal), np.full((200, 200), depth))
+        expected = depth**2 * sigma / (focal * BASELINE_M)
+        assert np.std(noisy) == pytest.approx(expected, rel=0.03)
+        assert np.mean(noisy) == pytest.approx(depth, abs=0.05 * expected)
+
+
+@pytest.mark.parametrize("width", [1, 3, 5])
+def test_holes_are_left_of_near_objects_only(width: int) -> None:
+    depth = np.full((2, 20), 2.0)
+    depth[:, 8:12] = 1.0
+    lost = applied(EdgeHoles(width=float(width)), depth) == 0.0
+    np.testing.assert_array_equal(np.flatnonzero(lost[0]), np.arange(8 - width, 8))
+
+
+@pytest.mark.parametrize("reach", [1, 2, 4, 7])
+def test_filling_undoes_holes_within_reach(reach: int) -> None:
+    depth = np.full((2, 20), 2.0)
+    depth[:, 8:12] = 1.0
+    holed = applied(EdgeHoles(width=4.0), depth)
+    filled = applied(HoleFill(reach=float(reach)), holed)
+    assert np.count_nonzero(filled[0] == 0.0) == max(4 - reach, 0)
+    assert np.all((filled == depth) | (filled == 0.0))
+
+
+def test_clipping_reads_far_as_the_end() -> None:
+    np.testing.assert_array_equal(applied(RangeClip(max=2.0), [[0.0, 1.0, 2.5, np.inf]]), [[0.0, 1.0, 2.0, 2.0]])
+
+
+def test_smear_answers_a_step_with_an_exponential() -> None:
+    effect, alpha = TemporalSmear(alpha=0.4), 0.4
+    state = None
+    for k in range(12):
+        image = DepthImage(depth=np.full((1, 1), 1.0 if k else 2.0), time_s=np.asarray(0.02 * k))
+        for _ in range(2):  # who looks twice sees the same
+            out, state = effect.apply(image, 0.02 * k, state)
+            assert out.depth[0, 0] == pytest.approx(1.0 + (1.0 - alpha) ** k, rel=1e-12)
+
+
+def test_smear_does_not_mix_what_is_invalid() -> None:
+    effect, state, seen = TemporalSmear(alpha=0.5), None, []
+    for k, z in enumerate([1.0, 0.0, 2.0, np.inf, 3.0, 1.0]):
+        out, state = effect.apply(DepthImage(depth=np.full((1, 1), z), time_s=np.asarray(0.1 * k)), 0.1 * k, state)
+        seen.append(float(out.depth[0, 0]))
+    assert seen == [1.0, 0.0, 2.0, np.inf, 3.0, 2.0]
+
+
+def test_the_view_is_what_the_effects_say() -> None:
+    view = ViewChain((CameraFov(scale=1.25), CameraHeight(offset=0.02), CameraPitch(offset=-0.1)))
+    camera, mount = moved_camera(view, MODEL_CAMERA)
+    assert (camera.fx, camera.fy) == pytest.approx((MODEL_CAMERA.fx / 1.25, MODEL_CAMERA.fy / 1.25))
+    np.testing.assert_allclose(mount.position, CAMERA_POSITION + np.array([0.0, 0.0, 0.02]))
+    assert mount.pitch == pytest.approx(CAMERA_PITCH - 0.1)
+    same, there = moved_camera(ViewChain(), MODEL_CAMERA)
+    assert same == MODEL_CAMERA
+    assert (there.position == Mount().position).all()
+
+
+def test_a_higher_camera_sees_what_a_higher_base_sees() -> None:
+    """And reports the intrinsics that are claimed, whatever it really has."""
+    view = ViewChain((CameraHeight(offset=0.05), CameraFov(scale=1.1)))
+    camera, mount = moved_camera(view, MODEL_CAMERA)
+    moved = PerfectExposure(EmbreeRenderer(TERRAIN, camera, mount, legs=False), MODEL_CAMERA)
+    other = PerfectExposure(EmbreeRenderer(TERRAIN, camera, legs=False))
+    np.testing.assert_allclose(moved.expose(truth(0)), other.expose(truth(0, HEIGHT_M + 0.05)), rtol=1e-5)
+    assert moved.intrinsics == MODEL_CAMERA
+
+
+@pytest.mark.parametrize("camera", ["perfect", "d435i"])
+def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d435i"], tmp_path: Path) -> None:
+    """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
+    effects = (CameraPitch(offset=0.1), DepthScale(scale=1.1), RangeClip(max=1.2), CameraLatency(latency=0.03))
+    path = tmp_path / "profile.toml"
+    path.write_text(profile_to_toml(Profile(camera=effects)))
+    config = RunConfig(terrain=TerrainConfig(terrain="step"), camera=camera, renderer="embree", profile=str(path))
+    process = build(ProcessContext("render", config, tmp_path, MemoryBus("go1/0", MemoryHub())))
+    frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
+    moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path)).view_chain, MODEL_CAMERA))
+    expected = np.minimum(1.1 * moved.render(*pose_of(truth(0))), 1.2)
+    image = model_image(frame)
+    near = image.valid & (expected < 1.1)
+    assert near.sum() > 50
+    np.testing.assert_allclose(np.median((3.0 * image.depth / expected)[near]), 1.0, atol=5e-3)
+    assert np.max(3.0 * image.depth[image.valid]) == pytest.approx(1.2, abs=1e-3)
+    assert frame.fx / frame.depth.shape[1] == pytest.approx(MODEL_CAMERA.fx / MODEL_CAMERA.width)
+
+
+def pose_of(message: GroundTruth) -> tuple[Any, Any, Any]:
+    return message.position_base_in_world, message.quaternion_base_in_world, message.joint_position
