@@ -1,9 +1,9 @@
 """How well the fit of the stereo camera finds hidden parameters, on rendered recordings of a step and a wall.
 
 python -m benchmarks.render_fit [--cameras N] [--frames N] [--seed S]: each camera has its own baseline, sub-pixel noise
-and disparity step, and looks from its own pose, past a step of its own, at a wall; the robot stands. Embree renders both
-views at 424 x 240, the chain makes the frames. Prints a line a camera, then one line of JSON with the median and the
-largest errors.
+and disparity step, and looks from its own pose past a step of its own at a wall, while the robot stands. Embree renders
+both views at 424 x 240, the chain makes the frames. Prints a line a camera, then one line of JSON with the median and
+the largest errors.
 """
 
 import argparse
