@@ -1,0 +1,132 @@
+"""Noise of the signals of joints: its level and colour, and what makes it white.
+
+Noise is what is left where the same is commanded twice, or else what is no smooth curve over a fraction of a second
+where the joints are quietest.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from real2sim.problem import Floats, Segment
+
+ORDER = 2
+"""Of the autoregression: a corner frequency and what an average adds to it."""
+PIECE = 16
+"""Samples of a piece whose energy is looked at: 0.25 s."""
+CURVE = 4
+"""Coefficients of the smooth curve that is taken from a piece where nothing is repeated."""
+SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
+QUIET_SHARE = 1.0 / 3.0
+"""Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
+LARGEST_POLE = 0.98
+"""Of the autoregression: it never believes in noise that lasts longer than a second."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Whitening:
+    """An autoregression for each signal."""
+
+    weights: Floats
+    """Of the last `ORDER` samples, shape (ORDER, ...)."""
+    innovation: Floats
+    """Standard deviation of what they do not tell, shape (...)."""
+    spread: Floats
+    """Standard deviation of the noise, shape (...)."""
+
+    def white(self, residuals: Floats, starts: Floats) -> Floats:
+        """Whitens residuals.
+
+        Args:
+            residuals: Shape (samples, ..., sets).
+            starts: Indices of samples whose predecessor is missing.
+
+        Returns:
+            Same shape; the first samples of a stretch are divided by the spread alone.
+        """
+        out = residuals / self.innovation[..., None]
+        for i in range(ORDER):
+            out[i + 1 :] -= (self.weights[i] / self.innovation)[..., None] * residuals[: -i - 1]
+        fresh = np.unique(np.concatenate([starts + i for i in range(ORDER)]))
+        fresh = fresh[fresh < len(residuals)]
+        out[fresh] = residuals[fresh] / self.spread[..., None]
+        return out
+
+
+def whitening(pieces: Floats, floor: Floats) -> Whitening:
+    """The autoregression of pieces of noise.
+
+    Args:
+        pieces: Shape (pieces, PIECE, ...); the quietest count.
+        floor: Smallest standard deviation to believe in, shape (...).
+    """
+    energy = np.mean(pieces**2, axis=1)
+    count = max(1, int(np.ceil(QUIET_SHARE * len(pieces))))
+    chosen = np.argsort(energy, axis=0)[:count]
+    quiet = np.take_along_axis(pieces, chosen[:, None], axis=0)
+    lags = [np.mean(quiet[:, i:] * quiet[:, : PIECE - i], axis=(0, 1)) for i in range(ORDER + 1)]
+    # the quietest of many pieces have less energy than all have
+    scale = _quietest(len(pieces), count)
+    variance = np.maximum(lags[0] / scale, floor**2)
+    first, second = (lag / np.maximum(lags[0], 1e-300) for lag in lags[1:])
+    first = np.clip(first, -LARGEST_POLE, LARGEST_POLE)
+    determinant = 1.0 - first**2
+    weights = np.stack([first * (1.0 - second), second - first**2]) / determinant
+    weights[1] = np.clip(weights[1], -LARGEST_POLE, LARGEST_POLE)
+    known = weights[0] * first + weights[1] * second
+    innovation = np.sqrt(variance * np.clip(1.0 - known, 1.0 - LARGEST_POLE, 1.0))
+    return Whitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
+
+
+def _quietest(pieces: int, count: int) -> float:
+    """Mean energy of the `count` quietest of `pieces` pieces of white noise, over that of all.
+
+    Energies of pieces of n samples are nearly normal with a relative spread of sqrt(2 / n).
+    """
+    if count >= pieces:
+        return 1.0
+    quantiles = norm.ppf((np.arange(count) + 0.5) / pieces)
+    return float(max(1.0 + np.sqrt(2.0 / PIECE) * quantiles.mean(), 0.3))
+
+
+def smooth_left_out(samples: Floats) -> Floats:
+    """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...)."""
+    count = len(samples) // PIECE
+    pieces = samples[: count * PIECE].reshape(count, PIECE, *samples.shape[1:])
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, PIECE), CURVE - 1)
+    smooth = powers @ np.linalg.pinv(powers)
+    rest = pieces - np.einsum("ij,pj...->pi...", smooth, pieces)
+    return np.asarray(rest * np.sqrt(PIECE / (PIECE - CURVE)))
+
+
+def repeated(
+    time_s: Floats, rows: Floats, commands: Floats, segments: tuple[Segment, ...], averaged: int
+) -> list[Floats]:
+    """Pieces of noise from what is commanded twice: half the variance of the difference is that of one.
+
+    Args:
+        time_s: Of the rows, shape (rows,).
+        rows: Signals, shape (rows, ...).
+        commands: Shape (rows, joints).
+        segments: Those of one condition are compared with the next of it.
+        averaged: Rows that make a sample.
+
+    Returns:
+        Each of shape (pieces, PIECE, ...), in samples.
+    """
+    found = []
+    period = float(np.median(np.diff(time_s)))
+    for condition in dict.fromkeys(segment.condition for segment in segments):
+        members = [s for s in segments if s.condition == condition]
+        for one, other in itertools.pairwise(members):
+            a, b = (int(np.searchsorted(time_s, s.start_s - 0.25 * period)) for s in (one, other))
+            length = min(one.end_s - one.start_s, other.end_s - other.start_s)
+            pieces = min(int(length / period), len(rows) - max(a, b)) // (averaged * PIECE)
+            count = pieces * averaged * PIECE
+            apart = commands[a : a + count] - commands[b : b + count]
+            if pieces and np.sqrt(np.mean(apart**2)) < SAME_COMMAND:
+                noise = (rows[a : a + count] - rows[b : b + count]) / np.sqrt(2.0)
+                found.append(noise.reshape(pieces, PIECE, averaged, *rows.shape[1:]).mean(axis=2))
+    return found

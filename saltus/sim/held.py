@@ -1,0 +1,164 @@
+"""Legs of a robot whose base is held in the air, linearised along a motion.
+
+Open kinematic chains that hang from a fixed base, here called branches, do not feel each other. Near a motion
+(q0, dq0, ddq0) the equation of motion M(q) ddq + h(q, dq) = torque becomes, to first order in what differs from it,
+
+    M(q0) ddq + offset + stiffness q + damping dq = torque
+
+which is as exact near the motion as the full equation, and a hundred times cheaper to integrate many times over.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from saltus.errors import ModelError, nearest_hint
+from saltus.sim import scene
+from saltus.terrain import flat
+
+Floats = NDArray[np.float64]
+
+SLOPE = 1e-5  # of an angle or a velocity: finite differences are then good to 1e-5 of their value
+CHUNK = 2048  # states that are evaluated at once
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearLegs:
+    """Equation of motion of all branches at successive instants."""
+
+    mass: Floats
+    """With armature [kg m^2], shape (instants, branches, joints, joints)."""
+    offset: Floats
+    """[Nm], shape (instants, branches, joints)."""
+    stiffness: Floats
+    """[Nm/rad], shape (instants, branches, joints, joints)."""
+    damping: Floats
+    """[Nm s/rad], shape (instants, branches, joints, joints)."""
+
+
+class HeldRobot:
+    """A robot whose base is held.
+
+    Args:
+        robot: "go1", or the path of an MJCF file.
+        joints: Names of its joints; "FR_hip" also finds "FR_hip_joint".
+        base_quaternion: (w, x, y, z) of the base, body to world.
+
+    Attributes:
+        branches: Indices into `joints` of each open chain, from the base outwards, shape (branches, joints each).
+        armature: Claimed rotor inertia [kg m^2], shape (joints,).
+        lower, upper: Claimed limits of the joints [rad], shape (joints,).
+
+    Raises:
+        ModelError: the model cannot be read, lacks a joint, or has branches of unequal length.
+    """
+
+    def __init__(self, robot: str, joints: Sequence[str], base_quaternion: Sequence[float] = (1, 0, 0, 0)) -> None:
+        self._model = _held_model(robot, np.asarray(base_quaternion, dtype=np.float64))
+        self._dof = np.array([_dof(self._model, name) for name in joints])
+        self.branches = _branches(self._model, self._dof)
+        self.armature = self._model.dof_armature[self._dof].copy()
+        limits = self._model.jnt_range[self._model.dof_jntid[self._dof]]
+        is_limited = self._model.jnt_limited[self._model.dof_jntid[self._dof]].astype(bool)
+        self.lower = np.where(is_limited, limits[:, 0], -np.inf)
+        self.upper = np.where(is_limited, limits[:, 1], np.inf)
+        self._batch: Batch | None = None
+
+    def along(self, position: Floats, velocity: Floats, acceleration: Floats) -> LinearLegs:
+        """The equation of motion near a motion, each argument of shape (instants, joints)."""
+        mass, bias = self._evaluate(position, velocity)
+        branches = self.branches
+        force = _torque(mass, acceleration[:, branches]) + bias
+        stiffness, damping = np.zeros((2, *mass.shape))
+        for joint in range(branches.shape[1]):  # the same joint of all branches at once: they do not feel each other
+            step = np.zeros_like(position)
+            step[:, branches[:, joint]] = SLOPE
+            moved_mass, moved_bias = self._evaluate(position + step, velocity)
+            stiffness[..., joint] = (_torque(moved_mass, acceleration[:, branches]) + moved_bias - force) / SLOPE
+            _, faster = self._evaluate(position, velocity + step)
+            _, slower = self._evaluate(position, velocity - step)
+            damping[..., joint] = (faster - slower) / (2.0 * SLOPE)
+        linear = _torque(stiffness, position[:, branches]) + _torque(damping, velocity[:, branches])
+        return LinearLegs(mass=mass, offset=bias - linear, stiffness=stiffness, damping=damping)
+
+    def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
+        model = self._model
+        if self._batch is None:
+            self._batch = Batch(model, nsim=CHUNK, nthread=1)
+        batch = self._batch
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        qfrc_bias, entries = batch.bind("qfrc_bias"), batch.bind("M")
+        index = _mass_entries(model)[np.ix_(self._dof, self._dof)]
+        rows, columns = self.branches[:, :, None], self.branches[:, None, :]
+        mass = np.empty((len(position), *self.branches.shape, self.branches.shape[1]))
+        bias = np.empty((len(position), *self.branches.shape))
+        where = model.jnt_qposadr[model.dof_jntid[self._dof]]
+        for start in range(0, len(position), CHUNK):
+            part = slice(start, min(start + CHUNK, len(position)))
+            count = part.stop - part.start
+            qpos[:count, where], qvel[:count, self._dof] = position[part], velocity[part]
+            batch.forward(np.arange(count))
+            mass[part] = entries[:count][:, index[rows, columns]]
+            passive = model.dof_damping[self._dof] * velocity[part]
+            bias[part] = (qfrc_bias[:count, self._dof] + passive)[:, self.branches]
+        return mass, bias
+
+
+def _torque(matrix: Floats, vector: Floats) -> Floats:
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+def _held_model(robot: str, base_quaternion: Floats) -> mujoco.MjModel:
+    """Compiles the model without free joint; nothing touches anything."""
+    if robot == "go1":
+        spec = scene.build_spec(flat.make())
+    else:
+        try:
+            spec = mujoco.MjSpec.from_file(str(Path(robot)))
+        except (ValueError, OSError) as error:
+            raise ModelError(f"cannot read the robot's model {robot}: {error}") from error
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    for joint in list(spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            joint.parent.quat = base_quaternion
+            spec.delete(joint)
+    for key in list(spec.keys):  # of a robot that is not held
+        spec.delete(key)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(f"the robot's model {robot} cannot be held: {error}") from error
+
+
+def _dof(model: mujoco.MjModel, name: str) -> int:
+    known = [model.joint(i).name for i in range(model.njnt)]
+    for candidate in (name, f"{name}_joint"):
+        if candidate in known:
+            return int(model.joint(candidate).dofadr[0])
+    raise ModelError(f"the robot's model has no joint '{name}': {nearest_hint(name, known)}")
+
+
+def _branches(model: mujoco.MjModel, dof: NDArray[np.integer]) -> NDArray[np.int64]:
+    trees = model.dof_treeid[dof]
+    groups = [np.flatnonzero(trees == tree) for tree in dict.fromkeys(trees.tolist())]
+    if len({len(group) for group in groups}) != 1:
+        raise ModelError(f"the robot's branches have {[len(g) for g in groups]} joints: all must have the same number")
+    # joints nearer to the base come first among the degrees of freedom
+    return np.array([group[np.argsort(dof[group])] for group in groups])
+
+
+def _mass_entries(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Where an entry lies in the engine's sparse mass matrix, shape (nv, nv); 0 for joints of different chains."""
+    index = np.zeros((model.nv, model.nv), dtype=np.int64)
+    for row in range(model.nv):
+        for k in range(model.M_rownnz[row]):
+            entry = model.M_rowadr[row] + k
+            column = model.M_colind[entry]
+            index[row, column] = index[column, row] = entry
+    return index
