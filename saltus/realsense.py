@@ -52,6 +52,11 @@ def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
     unit = _DEFAULT_UNIT_M if option is None else round(float(option.data), 9)
     for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
         image = store.deserialize_ros1(raw, connection.msgtype)
+        if (image.width, image.height) != (info.width, info.height):
+            raise RecordingError(
+                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, which are for "
+                f"{info.width}x{info.height}"
+            )
         yield DepthFrame(
             time_ns=_nanoseconds(image.header.stamp),
             frame_id=frame_id,
@@ -81,6 +86,10 @@ def _pixels(image: Any, path: Path) -> np.ndarray:
     """Pixels of a 16-bit image message, shape (height, width)."""
     if image.encoding not in ("mono16", "16UC1"):
         raise RecordingError(f"{path}: depth encoding '{image.encoding}' is not one of mono16, 16UC1")
+    if image.step < 2 * image.width or len(image.data) != image.height * image.step:
+        raise RecordingError(
+            f"{path}: an image of {image.width}x{image.height} has {len(image.data)} bytes, {image.step} to a row"
+        )
     rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)
     order = ">u2" if image.is_bigendian else "<u2"
     pixels = np.ascontiguousarray(rows[:, : 2 * image.width]).view(order)

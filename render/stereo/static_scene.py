@@ -1,5 +1,6 @@
 """What a recording of a scene in which nothing moves says about each pixel."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from saltus.messages import DepthFrame, Floats
 MOVED_PX = 1.0  # twelve times the noise of a D435i: a pixel that changes by more has seen something else
 MOVED_SHARE = 0.1  # of the pixels, from one frame to the next: more than edges that flicker
 EDGE_PX = 1.0  # as for the holes at edges
+OFF_CENTRE = 0.1  # of the image: principal points lie within some 3 % of its middle; other modes' are farther off
 CLEAR_PX = 7  # beyond the reach of an edge's holes, and of the second difference that finds it
 
 
@@ -56,11 +58,12 @@ def static_scene(frames: Sequence[DepthFrame]) -> StaticScene:
     """Takes the longest part of a recording in which nothing moves.
 
     Raises:
-        RecordingError: no frames, frames of different cameras, or nothing valid.
+        RecordingError: no frames, frames of different cameras or with intrinsics that are not theirs, or nothing valid.
     """
     if not frames:
         raise RecordingError("the recording holds no depth frames")
     first = frames[0]
+    _check_camera(first)
     for frame in frames:
         if frame.depth.shape != first.depth.shape or (frame.fx, frame.depth_unit_m) != (first.fx, first.depth_unit_m):
             raise RecordingError(f"{_mode(frame)} does not match {_mode(first)}: fit one camera in one mode at a time")
@@ -75,6 +78,20 @@ def static_scene(frames: Sequence[DepthFrame]) -> StaticScene:
     return _summarised(
         inverse[begin:end], float(np.median(np.diff(times_s))) if end - begin > 1 else 0.0, first.fx, first.depth_unit_m
     )
+
+
+def _check_camera(frame: DepthFrame) -> None:
+    for name in ("fx", "fy", "depth_unit_m"):
+        value = getattr(frame, name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise RecordingError(f"{_mode(frame)}: {name} = {value} must be a finite number above 0")
+    height, width = frame.depth.shape
+    for name, centre, size in (("cx", frame.cx, width), ("cy", frame.cy, height)):
+        if not abs(centre - 0.5 * size) <= OFF_CENTRE * size:
+            raise RecordingError(
+                f"{_mode(frame)}: {name} = {centre:g} px is not near the middle of {size} px, so the intrinsics do not "
+                "match the images: were they taken from another resolution?"
+            )
 
 
 def _mode(frame: DepthFrame) -> str:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from render.backends import make_renderer
 from render.camera import Mount
@@ -14,7 +16,7 @@ from render.renderer import Renderer
 from saltus import go1
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
-from saltus.depth import MODEL_CAMERA
+from saltus.depth import D435I, MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.terrain.curriculum import make_terrain
 
@@ -100,10 +102,96 @@ def test_poses(renderer: Renderer, argument: int) -> None:
     assert "shape" in one_line(error)
 
 
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """What the command line says of them, in one line."""
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("saltus: ")
+    assert printed.err.count("\n") == 1
+    return printed.err
+
+
 @pytest.mark.parametrize("name", ["missing.bag", "missing.mcap", "notes.txt"])
 def test_fit_of_what_is_no_recording(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "notes.txt").write_text("nothing")
-    assert main(["render", "fit", str(tmp_path / name)]) == 2
-    printed = capsys.readouterr().err
-    assert name in printed
-    assert printed.count("\n") == 1
+    assert name in refused(["render", "fit", str(tmp_path / name)], capsys)
+
+
+def bag(path: Path, sizes: list[tuple[int, int]], info: dict[str, float], row_bytes: int | None = None) -> Path:
+    """A RealSense recording of a wall: images of the given widths and heights, and the intrinsics they come with."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    time, header, region = (
+        store.types[name]
+        for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", "sensor_msgs/msg/RegionOfInterest")
+    )
+    stream = "/device_0/sensor_0/Depth_0"
+    k = np.array([info["fx"], 0.0, info["cx"] - 0.5, 0.0, info["fx"], info["cy"] - 0.5, 0.0, 0.0, 1.0])
+    camera = store.types["sensor_msgs/msg/CameraInfo"](
+        header(0, time(0, 0), ""), int(info["height"]), int(info["width"]), "", np.zeros(5), k, np.eye(3).ravel(),
+        np.zeros(12), 0, 0, region(0, 0, 0, 0, False),
+    )  # fmt: skip
+    with Writer(path) as writer:
+        connection = writer.add_connection(f"{stream}/info/camera_info", "sensor_msgs/msg/CameraInfo", typestore=store)
+        writer.write(connection, 0, store.serialize_ros1(camera, "sensor_msgs/msg/CameraInfo"))
+        connection = writer.add_connection(f"{stream}/image/data", "sensor_msgs/msg/Image", typestore=store)
+        for index, (width, height) in enumerate(sizes):
+            pixels = np.full(width * height, 1000, dtype="<u2").view(np.uint8)
+            image = store.types["sensor_msgs/msg/Image"](
+                header(index, time(index, 0), ""), height, width, "mono16", 0, row_bytes or 2 * width, pixels
+            )
+            writer.write(connection, index, store.serialize_ros1(image, "sensor_msgs/msg/Image"))
+    return path
+
+
+OF_424 = {"width": 424, "height": 240, "fx": 211.3, "cx": 213.5, "cy": 120.0}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "info", "said"),
+    [
+        ([(640, 480)] * 2, OF_424, "640x480 do not match the intrinsics, which are for 424x240"),
+        ([(640, 480)] * 2, {**OF_424, "width": 640, "height": 480}, "taken from another resolution"),
+        ([(424, 240)] * 2, {**OF_424, "fx": 0.0}, "fx = 0.0"),
+        ([(424, 240)] * 2, {**OF_424, "fx": np.nan}, "fx = nan"),
+        ([(424, 240)] * 2, {**OF_424, "cy": np.inf}, "cy = inf"),
+        ([(424, 240), (848, 480)], OF_424, "do not match the intrinsics"),
+    ],
+)
+def test_fit_of_a_recording_that_does_not_match_itself(
+    sizes: list[tuple[int, int]], info: dict[str, float], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bag(tmp_path / "wall.bag", sizes, info)
+    assert said in refused(["render", "fit", str(path), "--out", str(tmp_path / "camera.toml")], capsys)
+    assert not (tmp_path / "camera.toml").exists()
+
+
+def test_fit_of_images_that_are_cut_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bag(tmp_path / "wall.bag", [(424, 240)], OF_424, row_bytes=1000)
+    assert "1000 to a row" in refused(["render", "fit", str(path)], capsys)
+
+
+@pytest.mark.parametrize(
+    "course", [["stairs", "--rise-m", "nan"], ["step", "--height-m", "inf"], ["gap", "--gap-m", "nan"]], ids=str
+)
+def test_preview_of_a_terrain_that_is_none(
+    course: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "preview.html"
+    assert course[2] in refused(["render", "preview", "--terrain", *course, "--out", str(out)], capsys)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("what", "broken", "said"),
+    [
+        ("render.renderer.Mount", lambda: Mount(position=np.zeros(3)), "inside the robot"),
+        ("render.preview.D435I", replace(D435I, fx=0.0), "fx = 0.0"),
+    ],
+)
+def test_preview_through_a_camera_that_cannot_be(
+    what: str, broken: Any, said: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(what, broken)
+    assert said in refused(["render", "preview", "--out", str(tmp_path / "preview.html")], capsys)
