@@ -34,11 +34,12 @@ def load(paths: Sequence[Path]) -> RunLog:
         raise RecordingError("name at least one run log")
     logs = [read_run_log(path) for path in paths]
     if len(logs) == 1:
-        return logs[0]
+        return _with_model(logs[0], paths[0])
     for path, log in zip(paths[1:], logs[1:], strict=True):
         differs = [key for key in SHARED_CLAIMS if log.meta.get(key) != logs[0].meta.get(key)]
         if differs:
             raise RecordingError(f"{path} and {paths[0]} cannot be read as one: meta.json '{differs[0]}' differs")
+    logs = [_with_model(log, path) for log, path in zip(logs, paths, strict=True)]
     return _join([_shift(log, path.name, start) for log, path, start in zip(logs, paths, _starts(logs), strict=True)])
 
 
@@ -59,6 +60,17 @@ def segments_of(log: RunLog) -> tuple[Segment, ...]:
     ]
     named = [segment for segment in named if segment.end_s > segment.start_s]
     return tuple(named) if named else _cut(log.joints)
+
+
+def _with_model(log: RunLog, directory: Path) -> RunLog:
+    """The same log, with the robot's model by a path that can be opened from anywhere."""
+    robot = log.meta.get("robot", "go1")
+    if robot == "go1":
+        return log
+    model = directory / str(robot)
+    if not model.is_file():
+        raise RecordingError(f"{directory}: robot is neither 'go1' nor a model beside meta.json: {robot!r}")
+    return replace(log, meta={**log.meta, "robot": str(model)})
 
 
 def _cut(joints: JointTable) -> tuple[Segment, ...]:
