@@ -60,21 +60,25 @@ def claimed_body(
     friction: Any = NOMINAL_FRICTION,
     payload_kg: Any = 0.0,
     com_shift: Any = (0.0, 0.0, 0.0),
+    inertia_scale: Any = 1.0,
+    contact_time_constant: Any = NOMINAL_CONTACT_TIME_CONSTANT_S,
 ) -> BodyModel:
-    """The model without effects.
+    """The model without effects, or with values given directly; all broadcast.
 
     Args:
         batch: Leading dimensions.
-        friction: Coefficient, of a shape that broadcasts to `batch`.
-        payload_kg: Mass on top of the trunk [kg], likewise.
-        com_shift: Added to the trunk's centre of mass [m], base frame, of a shape that broadcasts to (*batch, 3).
+        friction: Coefficient, to `batch`.
+        payload_kg: Mass on top of the trunk [kg], to `batch`.
+        com_shift: Added to the trunk's centre of mass [m], base frame, to (*batch, 3).
+        inertia_scale: Of the trunk, to `batch`.
+        contact_time_constant: Of the contacts [s], to `batch`.
     """
     return BodyModel(
         payload_kg=_filled(payload_kg, batch),
         com_shift=_filled(com_shift, (*batch, 3)),
-        inertia_scale=np.ones(batch),
+        inertia_scale=_filled(inertia_scale, batch),
         friction=_filled(friction, batch),
-        contact_time_constant=np.full(batch, NOMINAL_CONTACT_TIME_CONSTANT_S),
+        contact_time_constant=_filled(contact_time_constant, batch),
     )
 
 
