@@ -32,10 +32,10 @@ def downside(gains: Floats) -> float:
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 
 
-def covariance(quadratic: Quadratic, block: int, free: Mask, floor: float = 1.0) -> Floats:
+def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     """Covariance of the fitted unknowns that holds for residuals of any colour, shape (k, k); 0 where not free.
 
-    The sandwich H^-1 (sum of g g^T over chunks) H^-1, and where it is smaller the one of white noise times `floor`.
+    The sandwich H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white noise.
     """
     seen = quadratic.split.fold != TEST
     hessian = quadratic.information(block)
@@ -45,9 +45,9 @@ def covariance(quadratic: Quadratic, block: int, free: Mask, floor: float = 1.0)
     scores = scores - scores.mean(axis=0)
     inverse = np.linalg.pinv(part, hermitian=True)
     sandwich = inverse @ (scores.T @ scores) @ inverse * len(scores) / max(1, len(scores) - len(active))
-    ratio = np.sqrt(np.maximum(1.0, floor * np.diag(inverse) / np.maximum(np.diag(sandwich), 1e-300)))
+    missing = np.maximum(0.0, np.diag(inverse) - np.diag(sandwich))
     full = np.zeros_like(hessian)
-    full[np.ix_(active, active)] = sandwich * np.outer(ratio, ratio)
+    full[np.ix_(active, active)] = sandwich + np.diag(missing)
     return full
 
 

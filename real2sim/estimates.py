@@ -133,7 +133,8 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
     absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
     errors = {}
     for name, null in problem.physical(candidate, absent).items():
-        size = min(abs(values[name].value), abs(values[name].value - null.value))
+        distance = abs(values[name].value - null.value)
+        size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
         errors[name] = (MODEL_ERROR * size) ** 2
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
