@@ -18,10 +18,10 @@ def with_inertia(inverse: Floats, added: Floats) -> Floats:
     """
     added = added + np.zeros_like(inverse[:, :, 0])  # the shape that both have together
     for joint in range(inverse.shape[2]):
-        column = inverse[:, :, :, joint]
+        column, row = inverse[:, :, :, joint], inverse[:, :, joint]
         extra = added[:, :, joint]
         share = extra / (1.0 + extra * column[:, :, joint])
-        inverse = inverse - column[:, :, :, None] * (column * share[:, :, None])[:, :, None]
+        inverse = inverse - column[:, :, :, None] * (row * share[:, :, None])[:, :, None]
     return inverse
 
 

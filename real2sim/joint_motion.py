@@ -23,7 +23,7 @@ JITTER = 0.1  # of a period: rows nearer than this to a uniform grid lie on it
 SMOOTHING_S = 0.022
 """Around a row, for the motion near which the legs are linearised: what is left is noise, to second order harmless."""
 LINEARISED_EVERY_S = 0.008
-"""Between evaluations of the legs: a tenth of the period of the fastest motions, 10 Hz; linear in between."""
+"""Between evaluations of how the legs answer to a difference from the motion: a tenth of the period of 10 Hz."""
 START_S = (0.02, 0.05, 0.1, 0.2, 0.4)
 """Stretches around a window's start from which the state there is estimated; the longest that is still a parabola."""
 WARM_UP_S = 0.25
@@ -104,16 +104,20 @@ def motion_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> Motion:
         _halfway(values, rows.stretches, every) for values in (legs.mass, legs.offset, legs.stiffness, legs.damping)
     ]
     mass, offset, stiffness, damping = between
+    dt = rows.dt_s / every
+    # the midpoint rule: all that resists is taken halfway to the next instant
+    mass = mass + 0.5 * dt * damping
+    damping = damping + 0.5 * dt * stiffness
     law = kp * rows.q_des + kd * rows.dq_des
     elapsed = (rows.time_s - rows.time_s[0]) / (rows.time_s[-1] - rows.time_s[0])
     return Motion(
-        dt_s=rows.dt_s / every,
+        dt_s=dt,
         every=every,
         law=np.repeat(law[:, branches], every, axis=0),
         feedforward=np.repeat(rows.tau_ff[:, branches], every, axis=0),
         kp=kp[branches],
         kd=kd[branches],
-        inverse_mass=np.linalg.inv(mass),
+        inverse_mass=np.asarray(np.linalg.inv(mass)),
         offset=offset,
         feedback=np.concatenate([stiffness, damping], axis=-1),
         armature=robot.armature[branches],
@@ -152,8 +156,8 @@ def _on_grid(time_s: Floats, values: Floats, grid: Floats, dt_s: float, *, held:
 
 
 def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
-    """The equation of motion at every row, from evaluations at some."""
-    step = max(1, int(LINEARISED_EVERY_S / rows.dt_s))
+    """The equation of motion at every row."""
+    every = max(1, int(LINEARISED_EVERY_S / rows.dt_s))
     size = max(5, 2 * int(0.5 * SMOOTHING_S / rows.dt_s) + 1)
     parts: list[LinearLegs] = []
     for begin, end in rows.stretches:
@@ -161,18 +165,7 @@ def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
         dq = savgol_filter(rows.q[begin:end], size, 3, deriv=1, delta=rows.dt_s, axis=0)
         if rows.dq is not None:
             dq = savgol_filter(rows.dq[begin:end], size, 3, axis=0)
-        ddq = np.gradient(dq, rows.dt_s, axis=0)
-        chosen = np.unique(np.append(np.arange(0, end - begin, step), end - begin - 1))
-        legs = robot.along(q[chosen], dq[chosen], ddq[chosen])
-        every = np.arange(end - begin)
-        parts.append(
-            LinearLegs(
-                mass=_interpolated(every, chosen, legs.mass),
-                offset=_interpolated(every, chosen, legs.offset),
-                stiffness=_interpolated(every, chosen, legs.stiffness),
-                damping=_interpolated(every, chosen, legs.damping),
-            )
-        )
+        parts.append(robot.along(q, dq, np.gradient(dq, rows.dt_s, axis=0), every))
     return LinearLegs(
         mass=np.concatenate([p.mass for p in parts]),
         offset=np.concatenate([p.offset for p in parts]),
@@ -181,21 +174,15 @@ def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
     )
 
 
-def _interpolated(at: Floats | Indices, known: Floats | Indices, values: Floats) -> Floats:
-    """Linear interpolation along the first axis."""
-    right = np.clip(np.searchsorted(known, at, side="right"), 1, len(known) - 1)
-    left = right - 1
-    weight = np.clip((at - known[left]) / (known[right] - known[left]), 0.0, 1.0)
-    weight = weight.reshape(-1, *(1,) * (values.ndim - 1))
-    return np.asarray((1.0 - weight) * values[left] + weight * values[right])
-
-
 def _halfway(values: Floats, stretches: tuple[tuple[int, int], ...], every: int) -> Floats:
     """Values at rows, interpolated to halfway between instants, `every` a row."""
     parts = []
     for begin, end in stretches:
-        at = (np.arange((end - begin) * every) + 0.5) / every
-        parts.append(_interpolated(np.minimum(at, end - begin - 1.0), np.arange(end - begin), values[begin:end]))
+        at = np.minimum((np.arange((end - begin) * every) + 0.5) / every, end - begin - 1.0)
+        left = np.minimum(at.astype(np.int64), end - begin - 2)
+        weight = (at - left).reshape(-1, *(1,) * (values.ndim - 1))
+        own = values[begin:end]
+        parts.append((1.0 - weight) * own[left] + weight * own[left + 1])
     return np.concatenate(parts)
 
 

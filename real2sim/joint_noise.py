@@ -8,7 +8,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2
 
 from real2sim.problem import Floats, Segment
 
@@ -83,12 +83,9 @@ def whitening(pieces: Floats, floor: Floats) -> Whitening:
 def _quietest(pieces: int, count: int) -> float:
     """Mean energy of the `count` quietest of `pieces` pieces of white noise, over that of all.
 
-    Energies of pieces of n samples are nearly normal with a relative spread of sqrt(2 / n).
+    The energy of a piece of n samples has a chi-square distribution of n degrees of freedom.
     """
-    if count >= pieces:
-        return 1.0
-    quantiles = norm.ppf((np.arange(count) + 0.5) / pieces)
-    return float(max(1.0 + np.sqrt(2.0 / PIECE) * quantiles.mean(), 0.3))
+    return float(np.mean(chi2.ppf((np.arange(count) + 0.5) / pieces, PIECE)) / PIECE)
 
 
 def smooth_left_out(samples: Floats) -> Floats:

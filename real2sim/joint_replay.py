@@ -38,9 +38,9 @@ class Motion:
     kd: Floats
     """Shape (branches, joints)."""
     inverse_mass: Floats
-    """Halfway to the next instant, as the other coefficients; shape (instants, branches, joints, joints)."""
+    """Of what a step of the midpoint rule has for a mass matrix; shape (instants, branches, joints, joints)."""
     offset: Floats
-    """[Nm], shape (instants, branches, joints)."""
+    """Halfway to the next instant [Nm], shape (instants, branches, joints)."""
     feedback: Floats
     """Stiffness and damping of the legs, shape (instants, branches, joints, 2 joints)."""
     armature: Floats

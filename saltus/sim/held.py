@@ -69,8 +69,26 @@ class HeldRobot:
         self.upper = np.where(is_limited, limits[:, 1], np.inf)
         self._batch: Batch | None = None
 
-    def along(self, position: Floats, velocity: Floats, acceleration: Floats) -> LinearLegs:
-        """The equation of motion near a motion, each argument of shape (instants, joints)."""
+    def along(self, position: Floats, velocity: Floats, acceleration: Floats, every: int = 1) -> LinearLegs:
+        """The equation of motion near a motion.
+
+        Args:
+            position: [rad], shape (instants, joints).
+            velocity: [rad/s], the same shape.
+            acceleration: [rad/s^2], the same shape.
+            every: Stiffness and damping, which matter only away from the motion, are evaluated at each `every`-th
+                instant and interpolated.
+        """
+        branches, count = self.branches, len(position)
+        mass, bias = self._evaluate(position, velocity)
+        some = np.unique(np.append(np.arange(0, count, every), count - 1))
+        slopes = self._slopes(position[some], velocity[some], acceleration[some])
+        stiffness, damping = (_interpolated(some, values, count) for values in slopes)
+        linear = _torque(stiffness, position[:, branches]) + _torque(damping, velocity[:, branches])
+        return LinearLegs(mass=mass, offset=bias - linear, stiffness=stiffness, damping=damping)
+
+    def _slopes(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+        """Stiffness and damping."""
         mass, bias = self._evaluate(position, velocity)
         branches = self.branches
         force = _torque(mass, acceleration[:, branches]) + bias
@@ -83,8 +101,7 @@ class HeldRobot:
             _, faster = self._evaluate(position, velocity + step)
             _, slower = self._evaluate(position, velocity - step)
             damping[..., joint] = (faster - slower) / (2.0 * SLOPE)
-        linear = _torque(stiffness, position[:, branches]) + _torque(damping, velocity[:, branches])
-        return LinearLegs(mass=mass, offset=bias - linear, stiffness=stiffness, damping=damping)
+        return stiffness, damping
 
     def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
@@ -108,6 +125,17 @@ class HeldRobot:
             passive = model.dof_damping[self._dof] * velocity[part]
             bias[part] = (qfrc_bias[:count, self._dof] + passive)[:, self.branches]
         return mass, bias
+
+
+def _interpolated(known: NDArray[np.integer], values: Floats, count: int) -> Floats:
+    """Values at all of `count` instants from those at some, linear in between."""
+    if len(known) == count:
+        return values
+    at = np.arange(count)
+    right = np.clip(np.searchsorted(known, at, side="right"), 1, len(known) - 1)
+    weight = (at - known[right - 1]) / (known[right] - known[right - 1])
+    weight = weight.reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray((1.0 - weight) * values[right - 1] + weight * values[right])
 
 
 def _torque(matrix: Floats, vector: Floats) -> Floats:
