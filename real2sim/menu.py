@@ -74,8 +74,8 @@ def _tour() -> tuple[Section, ...]:
 
 def _heave_and_pitch() -> tuple[Section, ...]:
     return _both(
-        repeated("heave chirp", 2, lambda: motions.body_chirp(6.0, 0.3, 3.0, height_m=0.03)),
-        repeated("pitch chirp", 2, lambda: motions.body_chirp(6.0, 0.3, 3.0, pitch_rad=0.10)),
+        repeated("heave chirp", 2, lambda: motions.body_chirp(5.0, 0.3, 5.0, height_m=0.03)),
+        repeated("pitch chirp", 2, lambda: motions.body_chirp(8.0, 0.3, 5.0, pitch_rad=0.15)),
     )
 
 
@@ -160,7 +160,7 @@ _ALL = (
         limits=HELD,
     ),
     Experiment(
-        name="heave_and_pitch", how="heave and pitch of the body from 0.3 to 3 Hz before a step",
+        name="heave_and_pitch", how="heave and pitch of the body from 0.3 to 5 Hz before a step",
         shows=("camera_latency", "temporal_smear", "frame_drop", "imu_latency", "foot_friction"), base="free",
         kp=go1.STAND_KP, kd=3.0, sections=_heave_and_pitch, limits=FREE,
         terrain=lambda: step.make(height_m=STEP_M), camera=True,

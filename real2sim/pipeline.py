@@ -1,0 +1,211 @@
+"""From run logs to a verdict: screen, replay for each kind of sensor, search, merge, and what to add to a profile.
+
+Problems of different sensors know nothing of each other: one that fails does not lose the verdicts of the others.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from real2sim.align import ClockOffset, align
+from real2sim.fault import Fault
+from real2sim.findings import Findings, FoundEffect
+from real2sim.log import SHARED_CLAIMS, load
+from real2sim.next_experiment import next_experiment
+from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
+from real2sim.problem import Problem
+from real2sim.rebased import Rebased
+from real2sim.screen import screen
+from real2sim.search import search
+from real2sim.sensors import SENSORS, Sensor
+from real2sim.verdict import Verdict, merge
+from saltus.effects.profile import IDEAL, Profile
+from saltus.errors import RecordingError
+from saltus.run_log import RunLog
+
+Progress = Callable[[str, float], None]
+"""Told the name of a stage and the share of all that is done."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compared:
+    """What became of the problem of one sensor."""
+
+    problem: Problem
+    findings: Findings
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Examined:
+    """All that was found in runs that are read as one log."""
+
+    log: RunLog
+    faults: tuple[Fault, ...]
+    offsets: tuple[ClockOffset, ...] = ()
+    compared: tuple[Compared, ...] = ()
+    untestable: dict[str, str]
+    """Effects that no sensor of the log shows, and why."""
+    failures: tuple[str, ...] = ()
+    """Sensors that could not be compared, and why."""
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether fitting to this log makes no sense."""
+        return any(fault.is_fatal for fault in self.faults)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judgement:
+    """All that is known in the end."""
+
+    verdict: Verdict
+    patch: Patch
+    examined: tuple[Examined, ...]
+    evidence: tuple[Evidence, ...]
+
+
+def find(
+    runs: Sequence[Path],
+    out: Path,
+    *,
+    profile: Profile = IDEAL,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Judgement:
+    """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
+
+    Args:
+        runs: Directories of run logs. Those that claim the same rig are read as one log.
+        out: Folder for the results; it exists.
+        profile: Effects that the simulator has already, on top of what the logs claim.
+        seed: Of bootstraps.
+        progress: Told what is being done.
+
+    Raises:
+        RecordingError: a log that cannot be read or compared with anything.
+    """
+    groups = _groups(runs)
+    examined = []
+    for index, group in enumerate(groups):
+
+        def step(stage: str, share: float, index: int = index) -> None:
+            if progress is not None:
+                progress(stage, (index + share) / len(groups))
+
+        examined.append(examine(load(group), profile=profile, seed=seed, progress=step))
+    judgement = judge(tuple(examined), tuple(evidence_of(run) for run in runs))
+    _write(judgement, out)
+    return judgement
+
+
+def examine(log: RunLog, *, profile: Profile = IDEAL, seed: int = 0, progress: Progress | None = None) -> Examined:
+    """Compares one log with the simulator, sensor by sensor; arguments as `find`."""
+    tell = progress or (lambda _stage, _share: None)
+    tell("screen", 0.0)
+    faults = tuple(screen(log))
+    untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
+    if any(fault.is_fatal for fault in faults):
+        return Examined(log=log, faults=faults, untestable=untestable)
+    offsets = align(log)
+    posed = [sensor for sensor in SENSORS if not sensor.lacks(log)]
+    compared: list[Compared] = []
+    failures: list[str] = []
+    for index, sensor in enumerate(posed):
+        tell(sensor.name, (index + 0.1) / len(posed))
+        try:
+            compared.append(_compare(sensor, log, profile, seed))
+        except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
+            logging.getLogger(__name__).exception("the %s could not be compared", sensor.name)
+            failures.append(f"the {sensor.name} could not be compared: {type(error).__name__}: {error}")
+            untestable |= dict.fromkeys(sensor.effects, failures[-1])
+        tell(sensor.name, (index + 1.0) / len(posed))
+    return Examined(
+        log=log, faults=faults, offsets=offsets, compared=tuple(compared), untestable=untestable,
+        failures=tuple(failures),
+    )  # fmt: skip
+
+
+def _compare(sensor: Sensor, log: RunLog, profile: Profile, seed: int) -> Compared:
+    problem = sensor.problem(log)
+    if profile != IDEAL:
+        problem = Rebased(problem, profile)
+    return Compared(problem=problem, findings=search(problem, seed=seed))
+
+
+def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Judgement:
+    """One verdict for all logs, and the patch that follows from it.
+
+    Raises:
+        RecordingError: no sensor of any log could be compared.
+    """
+    bad = [fault.text for each in examined for fault in each.faults if fault.is_fatal]
+    remarks = [text for each in examined for text in (*(f.text for f in each.faults), *each.failures)]
+    if bad:
+        verdict = merge((), log_faults=remarks)
+    else:
+        findings = resolved([compared.findings for each in examined for compared in each.compared])
+        if not findings:
+            raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or ["no sensor data"]))
+        verdict = replace(merge(findings), log_faults=tuple(remarks))
+        testable = {name for f in findings for name in (*f.minimum_detectable, *_names(f.effects), *_names(f.rivals))}
+        lacking = {name: why for each in examined for name, why in each.untestable.items()}
+        untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}
+        rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
+        verdict = replace(verdict, untestable=untestable, next_experiment=next_experiment(verdict.sets, rivals))
+    patch = Patch(effects=verdict.effects, evidence=evidence, range=_range(examined))
+    return Judgement(verdict=verdict, patch=patch, examined=examined, evidence=evidence)
+
+
+def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
+    """Findings without the sets that another finding has decided: it names exactly one of the set."""
+    named = {effect.name for each in findings for effect in each.effects if each.verdict == "named"}
+    result = []
+    for each in findings:
+        sets = tuple(names for names in each.sets if len(named & set(names)) != 1)
+        decided = each.verdict == "set" and not sets
+        result.append(replace(each, sets=sets, verdict="named" if decided else each.verdict))
+    return tuple(result)
+
+
+def _names(effects: Sequence[FoundEffect]) -> list[str]:
+    return [effect.name for effect in effects]
+
+
+def _range(examined: tuple[Examined, ...]) -> Applicability:
+    """What all logs together reach to."""
+    reaches = [vars(applicability(each.log)) for each in examined if not each.is_bad]
+    names = {name for reach in reaches for name in reach}
+    farthest = {name: [reach[name] for reach in reaches if reach[name] is not None] for name in names}
+    return Applicability(**{name: max(values) for name, values in farthest.items() if values})
+
+
+def _groups(runs: Sequence[Path]) -> list[list[Path]]:
+    """Runs that claim the same rig, together."""
+    if not runs:
+        raise RecordingError("name at least one run log")
+    groups: dict[str, list[Path]] = {}
+    for run in runs:
+        try:
+            meta = json.loads((run / "meta.json").read_text())
+            claims = json.dumps([meta.get(key) for key in SHARED_CLAIMS], sort_keys=True)
+        except (OSError, ValueError, AttributeError) as error:
+            raise RecordingError(f"{run} is not a run log: meta.json: {error}") from error
+        groups.setdefault(claims, []).append(run)
+    return list(groups.values())
+
+
+def _write(judgement: Judgement, out: Path) -> None:
+    """Writes the results; baselines are what simpler ways would have said, for the benchmark."""
+    findings = [compared.findings for each in judgement.examined for compared in each.compared]
+    baselines = {
+        way: sorted({name for each in findings for name in getattr(each.baselines, way)})
+        for way in ("threshold", "lowest_training_error")
+    }
+    try:
+        (out / "verdict.json").write_text(judgement.verdict.to_json())
+        (out / "patch.toml").write_text(judgement.patch.to_toml())
+        (out / "baselines.json").write_text(json.dumps(baselines))
+    except OSError as error:
+        raise RecordingError(f"cannot write {out}: {error.strerror}") from error

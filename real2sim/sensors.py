@@ -1,0 +1,86 @@
+"""Which problems a run log poses, and which effects it cannot show because nothing measures them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from real2sim.problem import Problem
+from saltus.effects.profile import PARTS
+from saltus.effects.registry import EFFECTS
+from saltus.run_log import RunLog
+
+NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
+"""Registered, but properties of how a robot is run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """One kind of measurement in a run log."""
+
+    name: str
+    part: str
+    """The part of a profile that its effects stand in."""
+    lacks: Callable[[RunLog], str]
+    """Why a log poses no problem of this kind; empty where it does."""
+    problem: Callable[[RunLog], Problem]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that only this sensor shows."""
+        return tuple(
+            name
+            for name, kind in EFFECTS.items()
+            if PARTS[kind.site] == self.part and name not in NO_EFFECTS_OF_HARDWARE
+        )
+
+
+def _no_held_base(log: RunLog) -> str:
+    return "" if log.meta["base"] == "fixed" else "the base is not held: what the ground does hides the joints"
+
+
+def _no_images(log: RunLog) -> str:
+    if log.depth is None:
+        return "no depth images"
+    return "" if "camera" in log.meta else "meta.json claims no camera"
+
+
+def _no_free_base(log: RunLog) -> str:
+    if log.meta["base"] == "fixed":
+        return "the base is held"
+    return "" if log.base is not None else "no measured pose of the base (base.csv)"
+
+
+def _no_imu(log: RunLog) -> str:
+    return "" if log.imu is not None else "no IMU data"
+
+
+def _joints(log: RunLog) -> Problem:
+    from real2sim.joints import JointProblem
+
+    return JointProblem(log)
+
+
+def _camera(log: RunLog) -> Problem:
+    from real2sim.camera import CameraProblem
+
+    return CameraProblem(log)
+
+
+def _body(log: RunLog) -> Problem:
+    from real2sim.body import BodyProblem
+
+    return BodyProblem(log)
+
+
+def _imu(log: RunLog) -> Problem:
+    from real2sim.imu import ImuProblem
+
+    return ImuProblem(log)
+
+
+SENSORS = (
+    Sensor(name="joints", part="actuator", lacks=_no_held_base, problem=_joints),
+    Sensor(name="camera", part="camera", lacks=_no_images, problem=_camera),
+    Sensor(name="body", part="body", lacks=_no_free_base, problem=_body),
+    Sensor(name="imu", part="imu", lacks=_no_imu, problem=_imu),
+)
+"""In the order in which they are compared; what one needs is imported when a log asks for it."""
