@@ -1,0 +1,116 @@
+"""Runs of joints with the base held: the rig, its motion and its noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.hidden_effects import joint_effects, motions
+from benchmarks.hidden_effects.joint_effects import FAMILIES, LIBRARY, OUTSIDE, Peak
+from benchmarks.hidden_effects.legs import Hidden, Rig, mean_delay, simulate
+from benchmarks.hidden_effects.noise import coloured
+from benchmarks.hidden_effects.robot import JOINTS, KINDS, LEGS, Floats
+from benchmarks.hidden_effects.scene import Scene, Setting
+
+SHOWN = 2
+"""Signals that count in a response: position and velocity. Believed torque follows from them and the command; a packet
+that is late by nothing at all would move its sample at a jump by the whole jump."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """What the sensors add."""
+
+    sigma: Floats
+    """Of position, velocity and believed torque [rad, rad/s, Nm], shape (3,)."""
+    corner_hz: float
+
+
+class JointScene(Scene):
+    """Four legs in the air.
+
+    Args:
+        seed: Draws rig, motion and noise.
+        tuning: Motions and noise of the set that methods are tuned on.
+        quiet: Slow and small motions only, which show few effects.
+        legs: Legs that are simulated for responses; the log always has all four.
+    """
+
+    library = tuple(LIBRARY)
+    outside = tuple(OUTSIDE)
+
+    def __init__(self, seed: int, *, tuning: bool, quiet: bool, legs: tuple[int, ...] = (0, 1, 2, 3)) -> None:
+        rng = np.random.default_rng(seed)
+        self.tuning, self.legs, self.seed = tuning, legs, seed
+        control_dt = 0.005 if rng.uniform() < 0.2 else 0.002
+        command, self.segments = motions.commands(
+            rng, control_dt=control_dt, length_s=rng.uniform(22, 38), tuning=tuning, quiet=quiet
+        )
+        kp = rng.uniform(20, 50)
+        kd = np.sqrt(kp) * rng.uniform(0.12, 0.22)
+        gains = np.tile([1.0, 1.0, rng.choice([1.0, 0.8])], 4)
+        tick = int(rng.choice([1, 4, 8] if control_dt == 0.005 else [1, 4, 8, 16]))
+        self.rig = Rig(
+            command=command, kp=(kp * gains).round(2), kd=(kd * gains).round(3), control_dt=control_dt, tick_steps=tick
+        )
+        self.noise = Noise(
+            sigma=np.array([1.0e-3, 0.05, 0.2]) * np.exp(rng.uniform(-0.4, 0.4, 3)), corner_hz=rng.uniform(20, 200)
+        )
+        ideal = simulate(self.rig, [Hidden()])[0]
+        self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
+        self._index()
+
+    def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
+        """See `Scene`."""
+        family = FAMILIES[effect]
+        return Setting(effect=effect, size=family.usual, where=where, shape=family.shape(rng))
+
+    def largest(self, setting: Setting) -> float:
+        """See `Scene`."""
+        return joint_effects.largest(setting, self.peak)
+
+    def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
+        """See `Scene`; every second row of the legs that are simulated."""
+        hidden = [joint_effects.hidden(settings, self.peak) for settings in variants]
+        clean = simulate(self.rig, hidden, self.legs, self.seed)[:, ::2]
+        columns = [3 * leg + kind for leg in self.legs for kind in range(3)]
+        return np.asarray((clean[:, :, columns, :SHOWN] / self.noise.sigma[:SHOWN]).reshape(len(variants), -1))
+
+    def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
+        """See `Scene`; delays as the packets had them, from their sending to their first use."""
+        result = joint_effects.parameters(setting, self.peak)
+        if setting.effect in ("command_delay", "feedforward_delay"):
+            joint = JOINTS.index(setting.where[0])
+            late = mean_delay(self.rig, joint_effects.hidden((setting,), self.peak), self.seed)
+            result["delay"] = float(late[setting.effect == "feedforward_delay"][joint])
+        return result
+
+    def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:
+        """What is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
+        clean = simulate(self.rig, [joint_effects.hidden(settings, self.peak)], seed=self.seed)[0]
+        rate = 1.0 / self.rig.control_dt
+        noise = coloured(rng, clean.shape, self.noise.corner_hz, rate, self.tuning)
+        return np.asarray(clean + self.noise.sigma * noise)
+
+    def _index(self) -> None:
+        rows = np.arange(0, len(self.rig.command), 2)
+        starts = np.array([segment.start_s for segment in self.segments])
+        segment = np.searchsorted(starts, rows * self.rig.control_dt + 1e-9, side="right") - 1
+        joints = [3 * leg + kind for leg in self.legs for kind in range(3)]
+        shape = (len(rows), len(joints), SHOWN)
+        group = segment[:, None, None] * SHOWN + np.arange(SHOWN)
+        self.group = np.broadcast_to(group, shape).ravel()
+        self.places = np.broadcast_to(np.array(JOINTS)[joints][:, None], shape).ravel()
+
+
+def draw_where(rng: np.random.Generator) -> tuple[str, ...]:
+    """All joints, one kind of joint, one leg or one joint."""
+    choice = rng.integers(4)
+    if choice == 0:
+        return JOINTS
+    if choice == 1:
+        kind = rng.choice(KINDS)
+        return tuple(joint for joint in JOINTS if joint.endswith(kind))
+    if choice == 2:
+        leg = rng.choice(LEGS)
+        return tuple(joint for joint in JOINTS if joint.startswith(leg))
+    return (str(rng.choice(JOINTS)),)

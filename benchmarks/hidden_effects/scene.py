@@ -1,0 +1,63 @@
+"""What every kind of run has in common: effects of a certain size at a certain place, and a scene that shows them."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.hidden_effects.robot import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """One effect of one size at one place."""
+
+    effect: str
+    size: float
+    """0 is absent; a coordinate in which a small residual grows in proportion."""
+    where: tuple[str, ...]
+    """Joints, or "camera", "trunk", "feet", "imu"."""
+    shape: dict[str, float] = field(default_factory=dict)
+    """What else the effect needs: a sign, the place of a knee."""
+
+    def sized(self, size: float) -> "Setting":
+        """The same effect in another size."""
+        return replace(self, size=size)
+
+
+class Scene(ABC):
+    """A rig and a motion: simulates what its sensors read when some effects are there.
+
+    Attributes:
+        library: Names of the effects of the schema that this kind of log can show.
+        outside: Names of effects that no library has.
+        group: Segment and signal to which each entry of a response belongs, as one number, shape (m,).
+        places: Name of the joint, or of the sensor, to which each entry of a response belongs, shape (m,).
+    """
+
+    library: tuple[str, ...]
+    outside: tuple[str, ...]
+    group: NDArray[np.int64]
+    places: NDArray[np.str_]
+
+    @abstractmethod
+    def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
+        """An effect with a shape of its own and a size that is of the right order."""
+
+    def place(self, effect: str, where: tuple[str, ...]) -> tuple[str, ...]:
+        """Where an effect sits that is compared with another one at `where`."""
+        del effect
+        return where
+
+    @abstractmethod
+    def largest(self, setting: Setting) -> float:
+        """Largest size that a real robot could have."""
+
+    @abstractmethod
+    def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
+        """What the sensors read, without noise or with the same noise, in units of its sigma; shape (variants, m)."""
+
+    @abstractmethod
+    def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
+        """The setting in the schema's parameters and units."""
