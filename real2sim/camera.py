@@ -34,7 +34,7 @@ class CameraProblem(Problem):
     name = "camera"
     blocks = ("camera",)
     places = ({"camera": "camera"},)
-    signals = ("noise", "holes", "copies", "lost images", "depth")
+    signals = ("noise", "holes", "copies", "lost images", "usual noise", "depth")
 
     def __init__(self, log: RunLog) -> None:
         self._data = data = camera_data(log)
@@ -68,13 +68,13 @@ class CameraProblem(Problem):
         rows = []
         for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
             effects = CameraEffects.of(self.candidates, values)
-            counted = self._counts.residuals(effects, self._data.camera.fx)
+            counted = self._counts.residuals(effects)
             rows.append(_bent(np.concatenate([self._depth_residuals(effects), counted])))
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """See `Problem`."""
-        return physical(candidate, values, self._data.camera.latency_s)
+        return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx)
 
     def _depth_residuals(self, effects: CameraEffects) -> Floats:
         predicted = self._data.model.predict(effects, self._data.kept)[self._at]

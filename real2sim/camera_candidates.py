@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from real2sim.problem import Candidate, Estimate, Floats, Unknown
+from saltus.depth import BASELINE_M
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
@@ -46,7 +47,8 @@ def camera_candidates(latency_s: float, clip_m: float, farthest_m: float) -> tup
             _unknown("max", nearest_clip, max(farthest_m, 1.01 * clip_m), 0.01, is_shape=True),
             starts=((0.0, clip_m),),
         ),
-        _candidate("depth_noise", _unknown("subpixel_sigma", 0.0, 2.0, 5e-3)),
+        # variance: noise adds up in it
+        _candidate("depth_noise", _unknown("variance", 0.0, 400.0, 0.2)),
         _candidate("edge_holes", _unknown("width", 0.0, 30.0, 0.3)),
         _candidate("hole_fill", _unknown("reach", 0.0, 30.0, 0.3)),
         # the square root of a share has a scatter that does not depend on the share
@@ -75,7 +77,8 @@ class CameraEffects:
     bias: float = 0.0
     clip_share: float = 0.0
     clip_m: float = math.inf
-    subpixel_sigma: float = 0.0
+    noise_variance: float = 0.0
+    """Added to that of depth, in units of the usual one, (1.3e-3 z^2)^2."""
     hole_width: float = 0.0
     fill_reach: float = 0.0
     drop_angle: float = 0.0
@@ -104,7 +107,7 @@ _FIELDS: dict[tuple[str, str], tuple[str, float]] = {
     ("depth_bias", "bias"): ("bias", 0.0),
     ("range_clip", "share"): ("clip_share", 0.0),
     ("range_clip", "max"): ("clip_m", 0.0),
-    ("depth_noise", "subpixel_sigma"): ("subpixel_sigma", 0.0),
+    ("depth_noise", "variance"): ("noise_variance", 0.0),
     ("edge_holes", "width"): ("hole_width", 0.0),
     ("hole_fill", "reach"): ("fill_reach", 0.0),
     ("frame_drop", "angle"): ("drop_angle", 0.0),
@@ -115,13 +118,14 @@ _FIELDS: dict[tuple[str, str], tuple[str, float]] = {
 """Field of `CameraEffects` for each unknown, and its value where the unknown is 0."""
 
 
-def physical(candidate: Candidate, values: Floats, latency_s: float) -> dict[str, Estimate]:
+def physical(candidate: Candidate, values: Floats, latency_s: float, focal_px: float) -> dict[str, Estimate]:
     """Parameters in the schema's names and units.
 
     Args:
         candidate: one of `camera_candidates`.
         values: of its unknowns.
         latency_s: claimed.
+        focal_px: claimed, of the images of the log.
     """
     effects = CameraEffects.of((candidate,), np.asarray(values, dtype=np.float64))
     estimates = {
@@ -133,7 +137,7 @@ def physical(candidate: Candidate, values: Floats, latency_s: float) -> dict[str
         "depth_scale": ("scale", effects.depth_scale, ""),
         "depth_bias": ("bias", effects.bias, "m"),
         "range_clip": ("max", effects.clip_m, "m"),
-        "depth_noise": ("subpixel_sigma", effects.subpixel_sigma, "px"),
+        "depth_noise": ("subpixel_sigma", FLOOR * math.sqrt(effects.noise_variance) * focal_px * BASELINE_M, "px"),
         "edge_holes": ("width", effects.hole_width, "px"),
         "hole_fill": ("reach", effects.fill_reach, "px"),
         "frame_drop": ("fraction", math.sin(effects.drop_angle) ** 2, ""),

@@ -11,13 +11,14 @@ from real2sim.camera_data import AS_CLAIMED, CameraData, owners
 from real2sim.camera_edges import EdgeCounts, edge_counts
 from real2sim.camera_noise import log_variance
 from real2sim.problem import Floats, Indices
-from saltus.depth import BASELINE_M
 
 RANGES = 4  # parts of the range in which noise is told apart: it grows with the square
 FEWEST_DIFFERENCES = 60
+USUAL_SPREAD = 0.3  # of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
 NOISE_MODEL = 0.1  # of a logarithm of variance: real noise is not exactly z^2
 MAX_EDGE_FRAMES, MAX_EDGE_ROWS = 60, 40  # images and rows in which edges are looked for
 FEWEST_EDGES = 20
+ROUNDING_PX = 0.1  # of the corner: an error of a quarter of what is claimed of an edge
 EDGE_MODEL_PX = 0.3  # what a camera without effects may lose or copy at an edge
 
 
@@ -26,7 +27,7 @@ class CountRows:
     """Each row: its kind, segment, time, what was measured, its standard deviation, and what it depends on."""
 
     kind: NDArray[np.int64]
-    """0 noise, 1 holes, 2 copies, 3 lost images; shape (rows,)."""
+    """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual; shape (rows,)."""
     segment: Indices
     time_s: Floats
     value: Floats
@@ -34,27 +35,35 @@ class CountRows:
     range4: Floats
     """Mean fourth power of depth [m^4] of a noise row; 0 for others."""
 
-    def residuals(self, effects: CameraEffects, focal_px: float) -> Floats:
+    def residuals(self, effects: CameraEffects) -> Floats:
         """Measured less expected in units of the standard deviation, shape (rows,)."""
-        subpixel = effects.subpixel_sigma / (focal_px * BASELINE_M)
-        quadratic = (FLOOR**2) * np.exp(2.0 * effects.floor_level) + subpixel**2
+        quadratic = FLOOR**2 * (np.exp(2.0 * effects.floor_level) + effects.noise_variance)
         # a temporal filter of weight alpha leaves alpha / (2 - alpha) of the variance of white noise
         filtered = 1.0 / (1.0 + 2.0 * effects.lag)
         constant = (1e-3 * effects.floor_mm) ** 2 + (1e-3**2) / 12.0
         noise = np.log(filtered * quadratic * np.where(self.range4 > 0.0, self.range4, 1.0) + constant)
-        holes = max(effects.hole_width - effects.fill_reach, 0.0)
-        expected = np.choose(self.kind, [noise, holes, effects.fill_reach, effects.drop_angle])
+        expected = np.choose(
+            self.kind, [noise, _left(effects), effects.fill_reach, effects.drop_angle, effects.floor_level]
+        )
         return np.asarray((self.value - expected) / self.sigma)
 
 
-NOISE, HOLES, COPIES, LOST = range(4)
+NOISE, HOLES, COPIES, LOST, USUAL = range(5)
 Row = tuple[int, int, float, float, float, float]
 """Kind, segment, time, value, standard deviation, range4."""
 
 
+def _left(effects: CameraEffects) -> float:
+    """Width of holes after filling [px]: max(width - reach, 0), rounded off so that a fit finds its way out of 0."""
+    width, reach = effects.hole_width, effects.fill_reach
+    rest = width - reach
+    return 0.5 * (rest + float(np.sqrt(rest**2 + 4.0 * ROUNDING_PX * width * min(reach, 1.0))))
+
+
 def counted_rows(data: CameraData) -> CountRows:
     """Counts in every segment."""
-    rows = [*_noise_rows(data), *_edge_rows(data), *_lost_rows(data)]
+    noise = _noise_rows(data)
+    rows = [*noise, *_edge_rows(data), *_lost_rows(data), *_usual_rows(data, noise)]
     table = np.array(rows, dtype=np.float64).reshape(-1, 6)
     return CountRows(
         kind=table[:, 0].astype(np.int64),
@@ -79,7 +88,7 @@ def _noise_rows(data: CameraData) -> list[Row]:
             part = mine & (depth >= low) & (depth <= high)
             if part.sum() < FEWEST_DIFFERENCES:
                 continue
-            value, deviation = log_variance(data.difference, part)
+            value, deviation = log_variance(data.difference[part], depth[part])
             range4 = float(np.mean(depth[part] ** 4))
             rows.append((NOISE, int(k), _middle_s(data, k), value, float(np.hypot(deviation, NOISE_MODEL)), range4))
     return rows
@@ -122,6 +131,13 @@ def _lost_rows(data: CameraData) -> list[Row]:
         angle = float(np.arcsin(np.sqrt(lost.mean())))
         rows.append((LOST, int(k), _middle_s(data, k), angle, 0.5 / np.sqrt(len(lost)), 0.0))
     return rows
+
+
+def _usual_rows(data: CameraData, noise: list[Row]) -> list[Row]:
+    """What is known of cameras without a log: without it, noise that is added looks like a camera that has more."""
+    owners_of = sorted({row[1] for row in noise})
+    sigma = USUAL_SPREAD * np.sqrt(len(owners_of))
+    return [(USUAL, k, _middle_s(data, k), 0.0, float(sigma), 0.0) for k in owners_of]
 
 
 def _middle_s(data: CameraData, segment: int) -> float:

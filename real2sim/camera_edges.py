@@ -41,23 +41,29 @@ def edge_counts(predicted_m: Floats, measured_mm: NDArray[np.uint16]) -> EdgeCou
     hole = measured_mm == 0
     copy = np.zeros_like(hole)
     copy[..., 1:] = (measured_mm[..., 1:] == measured_mm[..., :-1]) & ~hole[..., 1:]
+    start = np.maximum(first - WINDOW, 0)
+    holes, copies = _count(hole, frame, row, first, last), _count(copy, frame, row, first, last)
+    usual_holes, usual_copies = (
+        np.mean(_count(marked, frame, row, start, first)) / max(float(np.mean(first - start)), 1.0)
+        if frame.size
+        else 0.0
+        for marked in (hole, copy)
+    )
+    # a pixel that the edge has taken is not lost or copied once more by the usual chance
     return EdgeCounts(
         frame=frame,
-        holes=_excess(hole, frame, row, first, last),
-        copies=_excess(copy, frame, row, first, last),
+        holes=(holes - usual_holes * (last - first)) / max(1.0 - usual_holes, 0.1),
+        copies=(copies - usual_copies * (last - first - holes)) / max(1.0 - usual_copies, 0.1),
     )
 
 
-def _excess(
+def _count(
     marked: NDArray[np.bool_],
     frame: NDArray[np.int64],
     row: NDArray[np.int64],
     first: NDArray[np.int64],
     last: NDArray[np.int64],
 ) -> Floats:
-    """Marked pixels in [first, last) less the share that is marked to the left of it."""
+    """Marked pixels in the columns [first, last) of rows, shape (n,)."""
     total = np.cumsum(np.pad(marked, ((0, 0), (0, 0), (1, 0))), axis=2)
-    inside: Floats = total[frame, row, last] - total[frame, row, first]
-    start = np.maximum(first - WINDOW, 0)
-    usual = (total[frame, row, first] - total[frame, row, start]) / np.maximum(first - start, 1)
-    return inside - usual * (last - first)
+    return np.asarray(total[frame, row, last] - total[frame, row, first], dtype=np.float64)

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.stats import median_abs_deviation
 
@@ -51,21 +50,22 @@ def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
     order = np.argsort(z)
     parts = np.array_split(order, min(BINS, max(1, z.size // FEWEST)))
     range_m = np.array([np.median(z[part]) for part in parts])
-    variance = np.array([_variance(d[part])[0] for part in parts])
+    variance = np.array([_variance(d[part], z[part])[0] for part in parts])
     design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
     (quadratic, constant), _ = nnls(design, 1.0 - LEAST_M**2 / variance)
     return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
 
 
-def log_variance(difference: Floats, known: NDArray[np.bool_]) -> tuple[float, float]:
-    """Logarithm of the variance of second differences, outliers cut, and its standard deviation."""
-    variance, count = _variance(difference[known])
+def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
+    """Logarithm of the variance of second differences [m], outliers cut, and its standard deviation; shapes (n,)."""
+    variance, count = _variance(difference, depth)
     # neighbouring differences share two of three samples: about half of them are worth one independent each
     return float(np.log(variance)), float(np.sqrt(4.0 / max(count, 2)))
 
 
-def _variance(difference: Floats) -> tuple[float, int]:
+def _variance(difference: Floats, depth: Floats) -> tuple[float, int]:
     """Variance without outliers [m^2], at least that of rounding, and of how many."""
-    spread = max(median_abs_deviation(difference, scale="normal"), LEAST_M)  # rounding may leave mostly zeros
-    kept = difference[np.abs(difference) < OUTLIER * spread]
+    relative = difference / depth**2  # far pixels are noisier: that makes no outlier
+    spread = median_abs_deviation(relative, scale="normal") * depth**2
+    kept = difference[np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)]  # rounding may leave mostly zeros
     return max(float(np.mean(kept**2)), LEAST_M**2), len(kept)
