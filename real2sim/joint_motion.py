@@ -162,9 +162,8 @@ def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
     parts: list[LinearLegs] = []
     for begin, end in rows.stretches:
         q = savgol_filter(rows.q[begin:end], size, 3, axis=0)
+        # not the measured velocity: a drive may have filtered it
         dq = savgol_filter(rows.q[begin:end], size, 3, deriv=1, delta=rows.dt_s, axis=0)
-        if rows.dq is not None:
-            dq = savgol_filter(rows.dq[begin:end], size, 3, axis=0)
         parts.append(robot.along(q, dq, np.gradient(dq, rows.dt_s, axis=0), every))
     return LinearLegs(
         mass=np.concatenate([p.mass for p in parts]),
