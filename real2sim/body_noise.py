@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
 
+from real2sim import stream_noise
 from real2sim.body_windows import BLOCK_STEPS, SMOOTHING_STEPS
 from real2sim.problem import Floats
+from real2sim.stream_noise import rotation_columns
 from saltus.go1 import JOINTS, PHYSICS_DT
 from saltus.kinematics import rotation_matrix
 from saltus.run_log import RunLog
@@ -27,13 +28,6 @@ SIGNALS = (
 """Along the heading and in the base frame, see `errors`."""
 KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
 """Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
-HIGH_PASS_ROWS, HIGH_PASS_ORDER = 15, 3
-"""Noise is what a cubic through 15 rows, 30 ms at 500 Hz, does not follow."""
-STRETCH_ROWS = 100
-QUIET_SHARE = 0.3
-"""Part of the stretches of a log, the quietest, from which noise is read: impacts are not noise."""
-LARGEST_CORRELATION = 0.98
-"""From row to row: a corner of 2 Hz at 500 Hz. What is slower than a motion leaves nothing above the high-pass."""
 SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
 """Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation itself repeats."""
 UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
@@ -82,15 +76,14 @@ def read_noise(log: RunLog) -> Noise:
     joints, base = log.joints, log.base
     if base is None:
         raise ValueError("the log has no base.csv")
-    turn = 2.0 * base.values[:, 3:7] * np.sqrt(4.0 / 3.0)  # four components share the noise of three axes
     streams = [
         (base.time_s, base.values[:, :3]),
-        (base.time_s, turn),
+        (base.time_s, rotation_columns(base.values[:, 3:7])),
         (base.time_s, base.values[:, 7:10]),
         (joints.time_s, joints.q),
         (joints.time_s, joints.q if joints.dq is None else joints.dq),
     ]
-    found = np.array([_of_blocks(time_s, values) for time_s, values in streams])
+    found = np.array([stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams])
     return Noise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
 
 
@@ -169,35 +162,6 @@ class StartNoise:
         places = np.concatenate([qpos[:, :3] + change[..., :3], quaternion, joints], axis=-1)
         order = np.r_[6:9, 9:12, 24:36]
         return places, qvel + change[..., order]
-
-
-def _of_blocks(time_s: Floats, values: Floats) -> tuple[float, float]:
-    """Standard deviation of means over blocks of a stream, and their correlation from block to block."""
-    smooth = savgol_filter(values, HIGH_PASS_ROWS, HIGH_PASS_ORDER, axis=0)
-    rough = values - smooth
-    count = max(1, len(rough) // STRETCH_ROWS)
-    parts = np.array_split(rough, count)
-    power = np.array([np.mean(part**2) for part in parts])
-    product = np.array([np.mean(part[1:] * part[:-1]) for part in parts])
-    quiet = np.argsort(power)[: max(1, round(QUIET_SHARE * count))]
-    sigma, phi = _before_high_pass(float(power[quiet].mean()), float(product[quiet].mean()))
-    rows = max(1, round(BLOCK_STEPS * PHYSICS_DT / float(np.median(np.diff(time_s)))))
-    lag = np.arange(rows)
-    same = np.sum(phi ** np.abs(lag[:, None] - lag)) / rows**2
-    next_one = np.sum(phi ** (rows + lag[:, None] - lag)) / rows**2
-    return sigma * float(np.sqrt(same)), float(next_one / same)
-
-
-def _before_high_pass(power: float, product: float) -> tuple[float, float]:
-    """Standard deviation and correlation of first-order noise with `power` and lagged `product` after the filter."""
-    passed = np.eye(HIGH_PASS_ROWS)[HIGH_PASS_ROWS // 2] - savgol_coeffs(HIGH_PASS_ROWS, HIGH_PASS_ORDER)
-    lags = np.arange(-HIGH_PASS_ROWS, HIGH_PASS_ROWS + 1)
-    spread = np.correlate(passed, passed, mode="full")
-    correlation = np.linspace(0.0, LARGEST_CORRELATION, 200)
-    of_lag = correlation[:, None] ** np.abs(lags)
-    after = np.stack([of_lag[:, 1:-1] @ spread, of_lag[:, 2:] @ spread])
-    phi = float(np.interp(product / max(power, 1e-30), after[1] / after[0], correlation))
-    return float(np.sqrt(power / np.interp(phi, correlation, after[0]))), phi
 
 
 def _turned(quaternion: Floats, angle: Floats) -> Floats:

@@ -50,7 +50,10 @@ def _no_free_base(log: RunLog) -> str:
 
 
 def _no_imu(log: RunLog) -> str:
-    return "" if log.imu is not None else "no IMU data"
+    if log.imu is None:
+        return "no IMU data"
+    is_known = log.base is not None or log.meta["base"] == "fixed"
+    return "" if is_known else "the base is not held, and no base.csv says how it moves"
 
 
 def _joints(log: RunLog) -> Problem:
