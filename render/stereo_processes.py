@@ -4,6 +4,7 @@ Threads would wait for each other: the effects are thousands of short calls into
 one thread run.
 """
 
+import ctypes
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +20,10 @@ from render.stereo_fast import COLUMNS, ROWS, FastState, FastStereo
 from saltus.errors import SaltusError
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
+
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
+HEAP_BYTES = 1 << 28  # more than a process ever has free: the arrays of a chunk of cameras take 30 MB
+ARRAY_BYTES = 1 << 25  # the most that glibc takes; larger than any array of a chunk
 
 
 class StereoProcesses:
@@ -103,8 +108,20 @@ def _begin(
     columns: int,
     state: FastState,
 ) -> None:
+    _keep_heap()
     _Worker.cameras = FastStereo(terrain, config, mount, legs=legs, rows=rows, columns=columns)
     _Worker.state = state
+
+
+def _keep_heap() -> None:
+    """Has glibc keep what is freed for the next image, whose arrays are as large.
+
+    Otherwise it gives the end of its heap back and takes it again, as the number of holes has it: the memory of a
+    process went up and down by 4 MB, and each page was cleared anew.
+    """
+    libc = ctypes.CDLL(None)
+    for option, size in ((M_TRIM_THRESHOLD, HEAP_BYTES), (M_MMAP_THRESHOLD, ARRAY_BYTES)):
+        libc.mallopt(option, size)
 
 
 def _expose(

@@ -32,12 +32,8 @@ class SearchRange(Effect[StereoImage]):
         del time_s, state
         disparity, optics = signal.disparity, signal.optics
         xp = namespace(disparity)
-        width = disparity.shape[-1]
-        column = xp.asarray(
-            optics.first_column + (np.arange(width) + 0.5) * optics.pitch_x,
-            dtype=disparity.dtype,
-            device=disparity.device,
-        )
+        column = xp.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device)
+        column = (column + 0.5) * optics.pitch_x + optics.first_column
         found = (disparity <= per_image(self.maximum, disparity, xp)) & (
             disparity <= column + per_image(self.margin, disparity, xp)
         )

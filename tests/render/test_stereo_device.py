@@ -1,11 +1,13 @@
 """On a GPU the stereo camera waits for no value, and its images are those of the processor."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from render.holes import filled_along_rows, filled_from_around
 from render.stereo.camera import StereoConfig
@@ -32,6 +34,15 @@ EACH_ITS_OWN = replace(
 )
 
 
+class NoTransfers(TorchDispatchMode):
+    """Refuses operations on arrays of the processor: a GPU's stream is waited for when they are sent there."""
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        for given in args:
+            assert not isinstance(given, torch.Tensor) or given.device.type == "meta" or given.ndim == 0, func
+        return func(*args, **(kwargs or {}))
+
+
 @pytest.fixture
 def nothing_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
     """All is done as on a GPU."""
@@ -51,14 +62,17 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     return pair.optics, torch.from_numpy(depth), torch.from_numpy(hidden)
 
 
-def images(config: StereoConfig, optics: Optics, depth: Any, hidden: Any, device: str = "cpu") -> list[torch.Tensor]:
-    """What the cameras report, one exposure after the other; the third comes twice."""
+def images(
+    config: StereoConfig, optics: Optics, depth: Any, hidden: Any, device: str = "cpu", watch: Any = None
+) -> list[torch.Tensor]:
+    """What the cameras report, one exposure after the other; the third comes twice. Steps are taken under `watch`."""
     stereo = TorchStereo(config, optics, device)
     state = stereo.init(COUNT, np.random.default_rng(5))
     shown = []
     for k in (0, 1, 2, 2, 3):
         time_s = torch.full((COUNT,), 0.02 * k, dtype=torch.float64, device=device)
-        image, state = stereo.step(depth, hidden, time_s, state)
+        with watch or nullcontext():
+            image, state = stereo.step(depth, hidden, time_s, state)
         shown.append(image)
     return shown
 
@@ -73,6 +87,8 @@ def test_no_shape_and_no_step_depends_on_values(config: StereoConfig, samples: t
     hidden = torch.empty(shape, dtype=torch.bool, device="meta")
     for image in images(config, Optics.of(camera), depth, hidden, "meta"):
         assert (tuple(image.shape), image.device.type, image.dtype) == (shape, "meta", torch.float32)
+    if config is not EACH_ITS_OWN:  # whose parameters are numpy's, and are sent at every step
+        images(config, Optics.of(camera), depth, hidden, "meta", watch=NoTransfers())
     with pytest.raises(NotImplementedError):
         torch.nonzero(hidden)
     with pytest.raises(RuntimeError):
