@@ -5,6 +5,7 @@ Problems of different sensors know nothing of each other: one that fails does no
 
 import json
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,8 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
 from saltus.run_log import RunLog
 
+SIMULATIONS = 250
+"""Sets of unknowns that a search of an ordinary log tries, for the progress bar."""
 Progress = Callable[[str, float], None]
 """Told the name of a stage and the share of all that is done."""
 
@@ -113,9 +116,9 @@ def examine(log: RunLog, *, profile: Profile = IDEAL, seed: int = 0, progress: P
     compared: list[Compared] = []
     failures: list[str] = []
     for index, sensor in enumerate(posed):
-        tell(sensor.name, (index + 0.1) / len(posed))
+        tell(sensor.name, index / len(posed))
         try:
-            compared.append(_compare(sensor, log, profile, seed))
+            compared.append(_compare(sensor, log, profile, seed, _counted(tell, sensor.name, index, len(posed))))
         except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
             logging.getLogger(__name__).exception("the %s could not be compared", sensor.name)
             failures.append(f"the {sensor.name} could not be compared: {type(error).__name__}: {error}")
@@ -127,11 +130,25 @@ def examine(log: RunLog, *, profile: Profile = IDEAL, seed: int = 0, progress: P
     )  # fmt: skip
 
 
-def _compare(sensor: Sensor, log: RunLog, profile: Profile, seed: int) -> Compared:
+def _counted(tell: Progress, name: str, index: int, count: int) -> Callable[[str, int], None]:
+    """Turns the search's count of simulations into a share of all problems."""
+    done = 0
+
+    def simulating(_stage: str, simulations: int) -> None:
+        nonlocal done
+        done += simulations
+        tell(name, (index + min(0.95, done / SIMULATIONS)) / count)
+
+    return simulating
+
+
+def _compare(
+    sensor: Sensor, log: RunLog, profile: Profile, seed: int, progress: Callable[[str, int], None]
+) -> Compared:
     problem = sensor.problem(log)
     if profile != IDEAL:
         problem = Rebased(problem, profile)
-    return Compared(problem=problem, findings=search(problem, seed=seed))
+    return Compared(problem=problem, findings=search(problem, progress=progress, seed=seed))
 
 
 def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Judgement:
@@ -153,7 +170,12 @@ def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Jud
         lacking = {name: why for each in examined for name, why in each.untestable.items()}
         untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}
         rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
-        verdict = replace(verdict, untestable=untestable, next_experiment=next_experiment(verdict.sets, rivals))
+        verdict = replace(
+            verdict,
+            untestable=untestable,
+            next_experiment=next_experiment(verdict.sets, rivals),
+            minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
+        )
     patch = Patch(effects=verdict.effects, evidence=evidence, range=_range(examined))
     return Judgement(verdict=verdict, patch=patch, examined=examined, evidence=evidence)
 

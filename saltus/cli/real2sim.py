@@ -1,10 +1,13 @@
 """`saltus real2sim`: what the simulator lacks, found in run logs, added to a profile, and shown to be gone."""
 
+import runpy
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
@@ -14,6 +17,57 @@ if TYPE_CHECKING:
     from real2sim.menu import Experiment
 
 Json = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Find:
+    """Says what the simulator lacks to explain run logs; writes verdict.json, patch.toml and report.html."""
+
+    runs: tyro.conf.Positional[tuple[Path, ...]]
+    """Folders of run logs; those that claim the same rig are read as one."""
+    out: Path | None = None
+    """Folder for the results; a new one under runs/ where it is not given."""
+    profile: str = "ideal"
+    """Effects that the simulator has already, e.g. those of an earlier patch."""
+    seed: int = 0
+    """Of bootstraps."""
+    json: Json = False
+    """Print the verdict as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Prints what was found; 0, whatever it is."""
+        from real2sim.pipeline import find
+        from real2sim.words import sentence
+        from saltus.effects.profile import load_profile
+
+        profile = load_profile(self.profile)
+        directory = run_directory("real2sim", self.out)
+        with Bar() as bar:
+            judgement = find(self.runs, directory, profile=profile, seed=self.seed, progress=bar.at)
+        verdict = judgement.verdict
+        print(sentence(verdict))
+        if verdict.next_experiment is not None:
+            print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
+        print(f"{directory}: verdict.json, patch.toml")
+        if self.json:
+            print_json(verdict.to_dict())
+        return 0
+
+
+class Bar:
+    """A progress bar whose text is the stage."""
+
+    def __enter__(self) -> "Bar":
+        self._bar = tqdm(total=1.0, file=sys.stderr, bar_format="{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def at(self, stage: str, share: float) -> None:
+        """Shows a stage and the share of all that is done."""
+        self._bar.set_description_str(stage, refresh=False)
+        self._bar.update(min(share, 1.0) - self._bar.n)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,12 +173,37 @@ def _described(experiment: "Experiment") -> dict[str, object]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Hidden effects: generates logs of a simulator that shares no code with this one, identifies them, scores."""
+
+    arguments: tyro.conf.Positional[tyro.conf.UseAppendAction[tuple[str, ...]]] = ()
+    """After --, e.g. -- generate --seed 1 --out LOGS --truth TRUTH; -- --help lists the parts."""
+
+    def run(self) -> int:
+        """Runs the benchmark in this process."""
+        from saltus.resources import resource
+
+        root = str(resource("benchmarks/hidden_effects").parent.parent)
+        before, path = sys.argv, list(sys.path)
+        sys.argv = ["saltus real2sim benchmark", *self.arguments]
+        sys.path.insert(0, root)
+        try:
+            runpy.run_module("benchmarks.hidden_effects", run_name="__main__")
+        finally:
+            sys.argv, sys.path[:] = before, path
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Real2sim:
     """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
-            Annotated[Apply, subcommand("apply")] | Annotated[Experiments, subcommand("experiments")]
+            Annotated[Find, subcommand("find")]
+            | Annotated[Apply, subcommand("apply")]
+            | Annotated[Experiments, subcommand("experiments")]
+            | Annotated[Benchmark, subcommand("benchmark")]
         ]
     ]
 
