@@ -7,7 +7,7 @@ import numpy as np
 from real2sim.camera_candidates import CameraEffects, camera_candidates, physical
 from real2sim.camera_counts import counted_rows
 from real2sim.camera_data import AS_CLAIMED, camera_data
-from real2sim.camera_pixels import clip_guess
+from real2sim.camera_shake import shake_of
 from real2sim.camera_testable import untestable_effects
 from real2sim.problem import Candidate, Estimate, Floats, Problem
 from saltus.run_log import RunLog
@@ -40,8 +40,8 @@ class CameraProblem(Problem):
         self._data = data = camera_data(log)
         self._counts = counts = counted_rows(data)
         self._at = np.nonzero(data.known)
-        self._measured = data.measured[self._at]
-        self._sigma = data.noise.sigma(data.predicted[self._at])
+        self._sigma = np.where(data.known, data.noise.sigma(data.predicted), np.inf)
+        self._shake = shake_of(data.model, data.kept, self._sigma)
         frame = self._at[0]
         self.segments = data.segments
         self.segment = np.concatenate([data.owner[frame], counts.segment])
@@ -54,13 +54,12 @@ class CameraProblem(Problem):
         probe = replace(AS_CLAIMED, latency=PROBE_S)
         shift = self._depth_residuals(probe) - self._depth_residuals(AS_CLAIMED)
         predicted = data.predicted[self._at]
-        clip_m = clip_guess(predicted, self._measured)
-        self.untestable = untestable_effects(data, self._counts, shift, clip_m)
+        self.untestable = untestable_effects(data, self._counts, shift)
         farthest_m = float(np.max(predicted, initial=1.0))
         without = set(self.untestable)
         if not np.any(data.frames.jitter_s):
             without.add("arrival_jitter")
-        every = camera_candidates(data.camera.latency_s, clip_m or farthest_m, farthest_m)
+        every = camera_candidates(data.camera.latency_s, data.clip_m or farthest_m, farthest_m)
         self.candidates = tuple(c for c in every if c.effect not in without)
 
     def residuals(self, unknowns: Floats) -> Floats:
@@ -69,7 +68,7 @@ class CameraProblem(Problem):
         for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
             effects = CameraEffects.of(self.candidates, values)
             counted = self._counts.residuals(effects)
-            rows.append(_bent(np.concatenate([self._depth_residuals(effects), counted])))
+            rows.append(np.concatenate([self._depth_residuals(effects), _bent(counted)]))
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
@@ -77,8 +76,9 @@ class CameraProblem(Problem):
         return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx)
 
     def _depth_residuals(self, effects: CameraEffects) -> Floats:
-        predicted = self._data.model.predict(effects, self._data.kept)[self._at]
-        return (self._measured - predicted) / self._sigma
+        predicted = self._data.model.predict(effects, self._data.kept)
+        residual = (self._data.measured - predicted) / self._sigma
+        return self._shake.whitened(_bent(residual))[self._at]
 
 
 def _bent(residual: Floats) -> Floats:

@@ -10,7 +10,7 @@ from real2sim.camera_candidates import CameraEffects
 from real2sim.camera_frames import Frames, frames_of
 from real2sim.camera_model import DepthModel
 from real2sim.camera_noise import DepthNoise, fitted_noise, second_differences
-from real2sim.camera_pixels import PixelGrid, is_broken
+from real2sim.camera_pixels import PixelGrid, clip_guess, is_broken
 from real2sim.camera_pose import BaseMotion, ClaimedCamera, claimed_camera
 from real2sim.log import segments_of
 from real2sim.problem import Floats, Segment
@@ -19,6 +19,7 @@ from saltus.errors import RecordingError
 from saltus.run_log import RunLog
 
 MAX_FRAMES = 300  # looked at of a log: more say little that these do not, and cost as much
+WHOLE = 0.95  # of an end of the range: noise of 1 % of depth is not cut there
 AS_CLAIMED = CameraEffects()
 
 
@@ -48,6 +49,8 @@ class CameraData:
     shape (kept, rows, columns - 2)."""
     known: NDArray[np.bool_]
     """Pixels that are compared, shape (kept, pixels)."""
+    clip_m: float | None
+    """Where measured depth seems to end although the scene goes on [m]."""
 
 
 def camera_data(log: RunLog) -> CameraData:
@@ -65,10 +68,12 @@ def camera_data(log: RunLog) -> CameraData:
     measured = 1e-3 * grid.of_images(images).astype(np.float64)
     model = _likeliest(claimed_scenes(log.meta.get("terrain")), camera, motion, frames, grid, kept, measured)
     predicted = model.predict(AS_CLAIMED, kept)
-    known = (measured > 0.0) & (predicted > 0.0) & ~(np.minimum(predicted, measured) >= 0.999 * camera.range_m)
+    # at the end of the range noise is cut
+    known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
     known &= ~_edge_of_scene(model, camera, grid, kept, predicted)
-    difference = _difference(grid, measured - predicted, known)
-    noise = fitted_noise(_middle(grid, predicted), difference)
+    clip_m = clip_guess(predicted[known], measured[known])
+    whole = np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
+    noise = fitted_noise(_middle(grid, predicted), _difference(grid, measured - predicted, known & whole))
     known &= ~_edge_of_images(images, grid, measured, noise)
     return CameraData(
         camera=camera,
@@ -83,8 +88,9 @@ def camera_data(log: RunLog) -> CameraData:
         measured=measured,
         predicted=predicted,
         noise=noise,
-        difference=_difference(grid, measured - predicted, known),
+        difference=_difference(grid, measured - predicted, known & whole),
         known=known,
+        clip_m=clip_m,
     )
 
 

@@ -1,6 +1,6 @@
 """Depth that a camera with given effects measures at some pixels of all images of a log."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from real2sim.camera_pose import BaseMotion, ClaimedCamera
 from real2sim.problem import Floats
 from real2sim.rays import Scene
 from render.camera import Mount
+from saltus.kinematics import skew
 
 FARTHEST_M = 65.535  # what a run log can hold
 
@@ -28,6 +29,10 @@ class DepthModel:
     """Part of `stamp_s` that may be scatter of the arrival [s], shape (images,)."""
     tangents: Floats
     """Of the pixels, camera frame, shape (3, pixels)."""
+    shift_m: Floats = field(default_factory=lambda: np.zeros(3))
+    """Error of the measured position, world frame, shape (3,)."""
+    turn_rad: Floats = field(default_factory=lambda: np.zeros(3))
+    """Small error of the measured rotation, about the axes of the base, shape (3,)."""
 
     def predict(self, effects: CameraEffects, kept: NDArray[np.int64]) -> Floats:
         """Mean depth [m] of the images `kept`, shape (kept, pixels); what sees nothing is far.
@@ -47,6 +52,7 @@ class DepthModel:
         exposed_s = self.stamp_s[kept] - effects.jitter_share * self.jitter_s[kept]
         exposed_s = exposed_s - self.camera.latency_s - effects.latency
         position, rotation = self.motion.at(exposed_s)
+        position, rotation = position + self.shift_m, rotation @ (np.eye(3) + skew(self.turn_rad))
         raised = self.camera.position + np.array([0.0, 0.0, effects.height])
         mount = Mount(position=raised, pitch=self.camera.pitch + effects.pitch)
         looks = mount.rotation @ (self.tangents * np.array([[effects.tangent_scale], [effects.tangent_scale], [1.0]]))

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.stats import median_abs_deviation
 
 from real2sim.problem import Floats, Indices
 from saltus.errors import RecordingError
@@ -16,6 +17,7 @@ from saltus.run_log import RunLog
 
 SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
 SMOOTHING_ORDER = 3
+LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
 STILL = np.array([0.0, 0.0, STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0])
 """Pose of a base of which nothing is said: position [m] and quaternion."""
 
@@ -76,6 +78,8 @@ class BaseMotion:
         self.start_s, self.end_s = -math.inf, math.inf
         self._spline: Akima1DInterpolator | None = None
         self._pose = STILL
+        self.noise_m = self.noise_rad = LEAST_NOISE
+        """Standard deviation of what `at` returns, per axis [m] and [rad]."""
         if log.base is None or not len(log.base.time_s):
             return
         time_s, first = np.unique(log.base.time_s, return_index=True)
@@ -86,7 +90,11 @@ class BaseMotion:
         self._pose = np.median(pose, axis=0)
         if len(time_s) >= 4:
             self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
-            self._spline = Akima1DInterpolator(time_s, _smoothed(time_s, pose))
+            smooth, left = _smoothed(time_s, pose)
+            self._spline = Akima1DInterpolator(time_s, smooth)
+            self.noise_m = max(left * _spread(pose[:, :3] - smooth[:, :3]), LEAST_NOISE)
+            # a rotation by a small angle is half of it in the quaternion
+            self.noise_rad = max(2.0 * left * _spread(pose[:, 3:] - smooth[:, 3:]), LEAST_NOISE)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
         """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""
@@ -98,17 +106,25 @@ class BaseMotion:
         return pose[:, :3], rotation_matrix(quaternion)
 
 
-def _smoothed(time_s: Floats, pose: Floats) -> Floats:
+def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
     """Cubic least squares over `SMOOTHING_S` about each sample, shape (n, 7), where a log is sampled that densely.
 
-    A stretch ends where samples are missing: the robot may have been carried elsewhere.
+    Also returns what is left of white noise, over what was taken away. A stretch ends where samples are missing: the
+    robot may have been carried elsewhere.
     """
     gaps = np.diff(time_s)
     window = 2 * round(0.5 * SMOOTHING_S / float(np.median(gaps))) + 1
     if window <= SMOOTHING_ORDER + 1:
-        return pose
+        return pose, 0.0
     smooth = pose.copy()
     for part in np.split(np.arange(len(time_s)), np.flatnonzero(gaps > SMOOTHING_S) + 1):
         if len(part) > window:
             smooth[part] = savgol_filter(pose[part], window, SMOOTHING_ORDER, axis=0)
-    return smooth
+    # of least squares, the weight of a sample in its own estimate is the share of the variance that stays
+    own = float(savgol_coeffs(window, SMOOTHING_ORDER)[window // 2])
+    return smooth, math.sqrt(own / (1.0 - own))
+
+
+def _spread(values: Floats) -> float:
+    """Standard deviation without outliers, of the axis that has most."""
+    return float(np.max(median_abs_deviation(values, axis=0, scale="normal")))

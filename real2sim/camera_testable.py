@@ -10,14 +10,13 @@ FEWEST_FRAMES = 50  # to tell a share of lost images
 STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of some seconds does not show 10 ms
 
 
-def untestable_effects(data: CameraData, counts: CountRows, shift_10ms: Floats, clip_m: float | None) -> dict[str, str]:
+def untestable_effects(data: CameraData, counts: CountRows, shift_10ms: Floats) -> dict[str, str]:
     """Names and reasons, with numbers.
 
     Args:
         data: prepared log.
         counts: its counted rows.
         shift_10ms: change of the predicted depth by 10 ms of latency in units of noise, any shape.
-        clip_m: suspected end of the range [m].
     """
     why: dict[str, str] = {}
     moved = float(np.sqrt(np.mean(shift_10ms**2))) if shift_10ms.size else 0.0
@@ -31,7 +30,7 @@ def untestable_effects(data: CameraData, counts: CountRows, shift_10ms: Floats, 
         why["edge_holes"] = why["hole_fill"] = "no segment shows enough left edges of near objects in view"
     if len(data.frames.due_s) < FEWEST_FRAMES:
         why["frame_drop"] = f"{len(data.frames.due_s)} images, fewer than {FEWEST_FRAMES}"
-    if clip_m is None:
+    if data.clip_m is None:
         farthest = float(np.max(data.predicted[data.known], initial=0.0))
         why["range_clip"] = f"depth does not end early: a maximum beyond {farthest:.2f} m would not show"
     if not data.known.any():

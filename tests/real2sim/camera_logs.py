@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import open3d
+from scipy.ndimage import gaussian_filter
+from scipy.signal import lfilter
 
 from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.run_log import DepthTable, JointTable, RunLog, Table
@@ -73,6 +75,8 @@ class Recipe:
     noise: float = FLOOR_NOISE
     seed: int = 0
     has_capture: bool = False
+    is_rough: bool = False
+    """Noise that is correlated in the image and in time, mixed pixels at edges, a base that is measured with noise."""
 
 
 def camera_log(recipe: Recipe) -> RunLog:
@@ -82,13 +86,16 @@ def camera_log(recipe: Recipe) -> RunLog:
     depth = rendered(recipe, capture_s)
     arrival_s = capture_s + truth.latency + truth.jitter * rng.uniform(-1, 1, len(capture_s))
     kept = rng.random(len(capture_s)) >= truth.drop
-    depth = measured(depth[kept], truth, recipe.noise, rng)
+    depth = measured(depth[kept], recipe, rng)
     base_s = 1.0 + np.arange(0.0, recipe.duration_s, 0.005)
     joints_s = 1.0 + np.arange(0.0, recipe.duration_s, 0.002)
+    base = np.concatenate([*pose(recipe.motion, base_s), np.zeros((len(base_s), 3))], axis=1)
+    if recipe.is_rough:
+        base[:, :7] += 3e-4 * rng.standard_normal((len(base_s), 7))
     return RunLog(
         meta=meta(recipe),
         joints=JointTable(time_s=joints_s, q=np.zeros((len(joints_s), 12)), q_des=np.zeros((len(joints_s), 12))),
-        base=Table(time_s=base_s, values=np.concatenate([*pose(recipe.motion, base_s), np.zeros((len(base_s), 3))], 1)),
+        base=Table(time_s=base_s, values=base),
         depth=DepthTable(
             arrival_s=arrival_s[kept],
             capture_s=capture_s[kept] if recipe.has_capture else None,
@@ -157,11 +164,17 @@ def corners(box: dict[str, Any]) -> tuple[Floats, Floats]:
     return centre - size / 2, centre + size / 2
 
 
-def measured(depth: Floats, truth: Truth, noise: float, rng: np.random.Generator) -> Floats:
+def measured(depth: Floats, recipe: Recipe, rng: np.random.Generator) -> Floats:
     """True depth to what the camera hands out, in millimetres."""
+    truth = recipe.truth
     near = np.minimum(depth, 60.0)
-    sigma = np.hypot(noise, truth.subpixel / (FOCAL * 0.05)) * near**2
-    z = truth.scale * near + truth.bias + sigma * rng.standard_normal(near.shape)
+    own = rng.standard_normal(near.shape)
+    if recipe.is_rough:
+        own = gaussian_filter(lfilter([1.0], [1.0, -0.5], own, axis=0), (0.0, 0.7, 0.7))
+        own /= own.std()
+        near = np.where(rng.random(near.shape) < 0.3, near, gaussian_filter(near, (0.0, 0.3, 0.4)))
+    extra = truth.subpixel / (FOCAL * 0.05) * rng.standard_normal(near.shape)
+    z = truth.scale * near + truth.bias + near**2 * (recipe.noise * own + extra)
     edge = np.zeros(z.shape, dtype=bool)
     edge[..., 1:] = near[..., 1:] < 0.92 * near[..., :-1]
     z = np.minimum(z, min(truth.clip, 4.0))
