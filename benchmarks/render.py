@@ -1,11 +1,12 @@
 """Speed of the depth camera: frames per second of every back end that this machine has, and what they leave in memory.
 
-python benchmarks/render.py [--backend NAME] [--seconds S] [--json]: ends with one line of JSON, whose rows say by which
-back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the legs, which are in view in half of the
-frames; else terrain only), with which noise ("native": the sensor's 80 x 240 pixels with their true second view, then
-pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the model), and the growth of the process over
-20,000 frames of 16 x 48 or as many rays of other images. Lines before the JSON name the processor time of a frame, too:
-on a shared machine it is the steadier one, and cores over it are the frames per second of a machine that is at rest.
+python benchmarks/render.py [--backend NAME] [--noise NAME] [--seconds S] [--batch N] [--frames N] [--json]: ends with
+one line of JSON, whose rows say by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of
+the legs, which are in view in half of the frames; else terrain only), with which noise ("native": the sensor's 80 x 240
+pixels with their true second view, then pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the
+model), and the growth of the processes over 20,000 frames of 16 x 48, or of other images with as many pixels. Lines
+before the JSON name the processor time of a frame, too: on a shared machine it is the steadier one, and cores over it
+are the frames per second of a machine that is at rest.
 """
 
 import argparse
@@ -35,11 +36,12 @@ from saltus.terrain.curriculum import make_terrain
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs"))
 WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
-GROWTH_RAYS = 20_000 * MODEL_CAMERA.width * MODEL_CAMERA.height
+GROWTH_FRAMES = 20_000
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
 NATIVE_BATCH = 56
+WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
 ROWS, COLUMNS = 3, 1  # rays for a pixel of the model in `render.stereo_fast`, which cannot be asked without Embree
 
@@ -63,10 +65,9 @@ class Case:
         return f"{scale * self.camera.width}x{scale * self.camera.height}"
 
     @property
-    def rays(self) -> int:
-        """That one frame takes."""
-        samples = {"none": 1, "fast": ROWS * COLUMNS, "native": NATIVE * NATIVE}[self.noise]
-        return samples * self.camera.width * self.camera.height
+    def frames_of_model(self) -> float:
+        """As many as have the pixels of one frame of this."""
+        return self.camera.width * self.camera.height / (MODEL_CAMERA.width * MODEL_CAMERA.height)
 
 
 def poses(count: int) -> tuple[Floats, Floats, Floats]:
@@ -83,18 +84,18 @@ def poses(count: int) -> tuple[Floats, Floats, Floats]:
     return position, quaternion, joints
 
 
-def cases(backend: str) -> Iterator[Case]:
-    """All rows of a back end."""
+def cases(backend: str, images: int) -> Iterator[Case]:
+    """All rows of a back end, for batches of so many images of the model's camera."""
     for camera in CAMERAS:
-        pixels = BATCH[backend] * MODEL_CAMERA.width * MODEL_CAMERA.height
+        pixels = images * MODEL_CAMERA.width * MODEL_CAMERA.height
         batch = max(1, pixels // (camera.width * camera.height))
         for legs in (False, True):
             yield Case(backend=backend, camera=camera, legs=legs, batch=batch)
     for legs in (False, True):
         if backend == "embree":
-            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=NATIVE_BATCH)
+            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=min(images, NATIVE_BATCH))
         if backend in ("embree", "warp"):
-            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=BATCH[backend])
+            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=images)
 
 
 def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -161,11 +162,11 @@ def instants_s() -> Iterator[float]:
     return itertools.count(0.0, 0.02)
 
 
-def measure(case: Case, seconds: float) -> dict[str, object]:
+def measure(case: Case, seconds: float, growth_frames: int = GROWTH_FRAMES) -> dict[str, object]:
     """One row; prints a line about it."""
     expose, close = exposure(case)
-    growing = int(np.ceil(GROWTH_RAYS / case.rays / case.batch))
-    for _ in range(3 + 2 * growing):  # compiled, cached, and heaps have the size at which they stay (40,000 frames)
+    growing = int(np.ceil(growth_frames / case.frames_of_model / case.batch))
+    for _ in range(WARMING):
         expose()
     calls, begin, processor = 0, time.perf_counter(), processor_s()
     while time.perf_counter() - begin < seconds:
@@ -241,13 +242,19 @@ def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--backend", choices=list(BATCH), help="only this one; all that are present by default")
+    parser.add_argument("--noise", choices=["none", "native", "fast"], help="only these rows; all by default")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
+    parser.add_argument("--batch", type=int, help="images of 16x48 in a batch; what suits each back end by default")
+    parser.add_argument(
+        "--frames", type=int, default=GROWTH_FRAMES, help="of 16x48 over which the growth of memory is measured"
+    )
     parser.add_argument("--json", action="store_true", help="the last line is JSON with or without it")
     given = parser.parse_args()
     rows = [
-        measure(case, given.seconds)
+        measure(case, given.seconds, given.frames)
         for backend in ([given.backend] if given.backend else present())
-        for case in cases(backend)
+        for case in cases(backend, given.batch or BATCH[backend])
+        if given.noise in (None, case.noise)
     ]
     crops = {f"{c.width}x{c.height}": crop_ms(c, 0.2 * given.seconds) for c in (MODEL_CAMERA, D435I)}
     print(json.dumps({"rows": rows, "crop_ms": crops}))
