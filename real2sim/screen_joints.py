@@ -9,6 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from real2sim.fault import Fault
 from real2sim.screen_gains import gain_faults
+from real2sim.screen_gravity import gravity_faults
 from saltus import go1
 from saltus.run_log import JointTable, RunLog
 
@@ -38,7 +39,7 @@ def joint_faults(log: RunLog) -> list[Fault]:
     faults = [*_swapped(slow), *_limits(log), *_misnamed(slow)]
     if not faults:
         faults = [*_signs(slow), *_ratio(slow), *_rates(log)]
-    return faults or gain_faults(log)
+    return faults or gain_faults(log) or list(gravity_faults(log))
 
 
 class _Slow:

@@ -103,6 +103,13 @@ class HeldRobot:
             damping[..., joint] = (faster - slower) / (2.0 * SLOPE)
         return stiffness, damping
 
+    def weight(self, position: Floats) -> Floats:
+        """Torques that hold the joints still [Nm], both of shape (instants, joints)."""
+        _, bias = self._evaluate(position, np.zeros_like(position))
+        torque = np.empty_like(position)
+        torque[:, self.branches] = bias
+        return torque
+
     def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
         model = self._model

@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)
-WEIGHT = np.tile([1.0, 2.0, 0.8], 4)  # Nm of gravity at a horizontal link
+WEIGHT = np.tile([0.3, 0.5, 0.3], 4)  # Nm of gravity at a horizontal link
+HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(go1.SIDE, 3)  # Nm that hold the legs of a Go1 beside its hips
 CAMERA: dict[str, Any] = {
     "fx": 40.0, "fy": 40.0, "cx": 32.0, "cy": 24.0, "width": 64, "height": 48,
     "position": [0.27, 0.0, 0.09], "pitch": 0.52, "rate": 50.0, "latency": 0.05, "range_max": 3.0,
@@ -82,7 +83,7 @@ def _simulate(rig: Rig, time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, 
         for _ in range(steps):
             torque = rig.kp * (q_des[max(0, row - late)] - q - rig.bias - rig.play * side) - rig.kd * dq
             friction = rig.viscous * dq + rig.coulomb * np.tanh(dq / 0.05)
-            dq = dq + DT / steps / INERTIA * (rig.gain * torque - friction - WEIGHT * np.sin(q))
+            dq = dq + DT / steps / INERTIA * (rig.gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT)
             q = q + DT / steps * dq
     return rows[0], rows[1], rows[2]
 

@@ -87,6 +87,12 @@ def _claimed(**claims: Any) -> Damage:
     return lambda log: replace(log, meta={**log.meta, **claims})
 
 
+def _mirrored(log: RunLog) -> RunLog:
+    """Left legs under the names of right ones."""
+    legs = [log.meta["joints"][3 * leg : 3 * leg + 3] for leg in (1, 0, 3, 2)]
+    return replace(log, meta={**log.meta, "joints": [joint for leg in legs for joint in leg]})
+
+
 def _late_half_steps_back(log: RunLog) -> RunLog:
     time_s = log.joints.time_s.copy()
     time_s[len(time_s) // 2 :] -= 0.3
@@ -135,7 +141,10 @@ def _hole(log: RunLog) -> RunLog:
         (_swapped(1, 4, "tau_est"), "torque_unexplained"),
         (_swapped(1, 2, "q", "dq", "q_des", "tau_est"), "out_of_range"),
         (_swapped(0, 1, "q", "dq", "q_des", "tau_est"), "swapped_joints"),
+        (_scaled(-1, "q", "dq", "q_des", "tau_est", columns=3), "against_gravity"),
+        (_mirrored, "against_gravity"),
         (_claimed(kp=30.0), "wrong_gains"),
+        (lambda log: _claimed(kp=40.0)(replace(log, joints=replace(log.joints, tau_est=None))), "wrong_gains"),
         (_claimed(kp=[20.0] * 11 + [14.0]), "wrong_gains"),
         (_claimed(kd=1.0), "wrong_gains"),
         (_claimed(control_dt=0.001), "control_dt"),
