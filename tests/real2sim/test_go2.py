@@ -1,0 +1,142 @@
+"""Import of the Go2 recording: times of states, the model without friction, one log per leg, left and right."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from real2sim.go2 import END_STOP, JOINTS, LEGS, bare_model, import_motor_response
+from real2sim.log import load, segments_of
+from real2sim.row_times import evenly, rate_scale, state_times
+from real2sim.screen import screen
+from saltus.errors import ModelError, RecordingError
+from saltus.sim.held import HeldRobot
+
+RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data"
+SIDES = {"FL": (1, 1), "FR": (1, -1), "RL": (-1, 1), "RR": (-1, -1)}
+
+
+def _leg(leg: str) -> str:
+    """A leg of about a Go2's size and mass, with much that the import takes out."""
+    front, left = SIDES[leg]
+    rub = 'damping="0.2" frictionloss="0.3" armature="0.03"'
+    return f"""
+    <body name="{leg}_hip" pos="{0.19 * front} {0.0465 * left} 0">
+      <inertial pos="0 {0.002 * left} 0" mass="0.678" diaginertia="0.0009 0.0006 0.0005"/>
+      <joint name="{leg}_hip_joint" axis="1 0 0" {rub}/> <geom type="sphere" size="0.05"/>
+      <body name="{leg}_thigh" pos="0 {0.0955 * left} 0">
+        <inertial pos="-0.004 {-0.022 * left} -0.033" mass="1.152" diaginertia="0.006 0.006 0.001"/>
+        <joint name="{leg}_thigh_joint" axis="0 1 0" {rub}/> <geom type="mesh" mesh="absent"/>
+        <body name="{leg}_calf" pos="0 0 -0.213">
+          <inertial pos="0.006 0 -0.141" mass="0.241" diaginertia="0.0015 0.0015 0.00005"/>
+          <joint name="{leg}_calf_joint" axis="0 1 0" {rub}/>
+        </body>
+      </body>
+    </body>"""
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    text = f"""<mujoco><asset><mesh name="absent" file="absent.obj"/></asset>
+    <worldbody><body name="base"><freejoint/><inertial pos="0 0 0" mass="6.9" diaginertia="0.02 0.1 0.1"/>
+    {"".join(_leg(leg) for leg in LEGS)}</body></worldbody>
+    <actuator><motor joint="FL_hip_joint"/></actuator></mujoco>"""
+    path = tmp_path / "published.xml"
+    path.write_text(text)
+    return path
+
+
+def _motion(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and velocities of twelve joints every 2 ms."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.002)[:, None]
+    f, phase = rng.uniform(1.0, 4.0, 12), rng.uniform(0, 6, 12)
+    size = np.tile([0.1, 0.2, 0.25], 4)
+    q = np.tile([0.0, 0.7, -1.3], 4) + size * np.sin(2 * np.pi * f * t + phase)
+    return q, 2 * np.pi * f * size * np.cos(2 * np.pi * f * t + phase)
+
+
+@pytest.mark.parametrize("loop_jitter_s", [0.0, 0.0005])
+@pytest.mark.parametrize("scale", [1.0, 1.14])
+def test_the_states_that_passed_between_rows_are_counted(loop_jitter_s: float, scale: float) -> None:
+    rng = np.random.default_rng(3)
+    q, dq = _motion(20.0)
+    loop_s = 0.005 * np.arange(1, 3900) + rng.normal(0, loop_jitter_s, 3899)
+    state = np.floor(loop_s / 0.002).astype(int)
+    seen_q = q[state] + rng.normal(0, 3e-4, (len(state), 12))
+    seen_dq = scale * dq[state] + rng.normal(0, 0.1, (len(state), 12))
+    found = state_times(seen_q, seen_dq, 0.005, 0.002)
+    true = 0.002 * (state - state[0])
+    assert np.mean(np.abs(found - true) < 1e-9) > 0.98
+    np.testing.assert_allclose(rate_scale(seen_q, seen_dq, 0.005), scale, rtol=0.01)
+    even, _ = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
+    rows_s = 0.005 * np.arange(len(state)) + 0.002 * state[0]
+    exact = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in q.T], axis=1)
+    assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(np.mean((seen_q - exact)[10:-10] ** 2))
+
+
+def test_the_model_keeps_bodies_and_loses_what_rubs(model: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bare.xml"
+    path.write_text(bare_model(model))
+    assert not any(word in path.read_text() for word in ("damping", "frictionloss", "mesh", "geom", "actuator"))
+    robot = HeldRobot(str(path), list(JOINTS))
+    np.testing.assert_allclose(robot.armature, np.tile([0.00448, 0.00448, 0.01646], 4), rtol=1e-2)
+    hips = robot.weight(np.tile([0.0, 0.7, -1.3], 4)[None])[0, ::3]
+    assert np.sign(hips).tolist() == [1, -1, 1, -1]
+
+
+def _record(path: Path, q: np.ndarray, dq: np.ndarray) -> None:
+    header = [f"jpos{j}" for j in range(12)] + [f"jvel{j}" for j in range(12)]
+    header += [f"jpos{j}_des" for j in range(12)] + ["kp", "kd"]
+    rows = len(q)
+    held = q[np.arange(rows) // 4 * 4]
+    table = np.column_stack([q, dq, held, np.full(rows, 20.0), np.full(rows, 0.5)])
+    np.savetxt(path, table, delimiter=",", header=",".join(header), comments="")
+
+
+def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(model: Path, tmp_path: Path) -> None:
+    q, dq = _motion(16.0)
+    q[2500:2600, 2] = END_STOP + 0.05
+    rows = np.floor(0.005 * np.arange(3100) / 0.002).astype(int)
+    _record(tmp_path / "recording.csv", q[rows], dq[rows])
+    logs = import_motor_response(tmp_path / "recording.csv", model, tmp_path / "logs")
+    assert [path.name for path in logs] == list(LEGS)
+    for path in logs:
+        log = load([path])
+        assert log.meta["joints"] == [f"{path.name}_{joint}" for joint in ("hip", "thigh", "calf")]
+        assert Path(log.meta["robot"]).is_file()
+        touched = path.name == LEGS[0]
+        assert any(5.01 < t < 5.4 for t in log.joints.time_s) != touched
+        assert all(segment.end_s - segment.start_s >= 1.0 for segment in segments_of(log))
+        assert log.joints.q[:, 2].max() <= END_STOP
+        assert log.joints.dq is None
+
+
+def test_other_files_are_refused(model: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(RecordingError, match="jpos0"):
+        import_motor_response(tmp_path / "other.csv", model, tmp_path / "logs")
+    with pytest.raises(RecordingError, match="cannot read"):
+        import_motor_response(tmp_path / "absent.csv", model, tmp_path / "logs")
+    (tmp_path / "urdf.xml").write_text("<robot/>")
+    with pytest.raises(ModelError, match="no MJCF"):
+        bare_model(tmp_path / "urdf.xml")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Path:
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"no real recordings beside the checkout: {RECORDINGS} is absent")
+    return RECORDINGS / "go2_motor_response_200hz.csv"
+
+
+def test_gravity_tells_left_from_right_in_the_recording(recording: Path, model: Path, tmp_path: Path) -> None:
+    for path in import_motor_response(recording, model, tmp_path / "logs"):
+        log = load([path])
+        assert not any(fault.is_fatal for fault in screen(log)), path.name
+        mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}[path.name]
+        log.meta["joints"] = [f"{mirror}_{joint}" for joint in ("hip", "thigh", "calf")]
+        assert any(fault.name == "against_gravity" for fault in screen(log)), path.name
+        assert log.meta["kp"] == 20
+        changes = np.flatnonzero(np.any(np.diff(log.joints.q_des, axis=0) != 0, axis=1))
+        assert np.median(np.diff(changes)) * 0.005 == pytest.approx(0.02)
