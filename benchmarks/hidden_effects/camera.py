@@ -22,9 +22,7 @@ EDGE = 0.05
 
 LIBRARY = {
     "camera_latency": Family(usual=0.01, largest=0.15, shape=draw_sign),
-    "frame_drop": Family(
-        usual=0.05, largest=0.5, shape=lambda rng: {"repeat": float(rng.uniform() < 0.5)}
-    ),
+    "frame_drop": Family(usual=0.05, largest=0.5, shape=lambda rng: {"repeat": float(rng.uniform() < 0.5)}),
     "temporal_smear": Family(usual=0.2, largest=0.92),
     "camera_pitch": Family(usual=0.003, largest=0.15, shape=draw_sign),
     "camera_height": Family(usual=0.002, largest=0.08, shape=draw_sign),
@@ -43,6 +41,10 @@ OUTSIDE = {
     "tilt_drift": Family(usual=0.003, largest=0.1, shape=lambda rng: {"cycles": float(rng.integers(1, 4))}),
     "skewed_depth": Family(usual=0.01, largest=0.2, shape=draw_sign),
 }
+MOVES_RAYS = {
+    "camera_latency", "camera_pitch", "camera_height", "camera_fov", "lens_distortion", "rolling_shutter", "tilt_drift",
+}  # fmt: skip
+CHANGES_RANGE = {"depth_scale", "depth_bias", "depth_noise", "skewed_depth", "depth_ripple"}
 FAMILIES = {**LIBRARY, **OUTSIDE}
 
 
@@ -92,7 +94,8 @@ class CameraScene(Scene):
         length = float(rng.uniform(10, 14))
         self.path = view.path(rng, length_s=length, tuning=tuning, static=static)
         # long enough before the first image for the oldest exposure
-        self.arrival = np.arange(0.3, length, 1 / self.optics.rate) + rng.normal(0, 2e-4, len(np.arange(0.3, length, 1 / self.optics.rate)))
+        exact = np.arange(0.3, length, 1 / self.optics.rate)
+        self.arrival = exact + rng.normal(0, 2e-4, len(exact))
         self.sigma = float(rng.uniform(1.0e-3, 2.0e-3))
         self.speckle = float(rng.uniform(0.005, 0.015))
         self._index(rng)
@@ -136,21 +139,22 @@ class CameraScene(Scene):
     def frames(self, settings: tuple[Setting, ...], rng: np.random.Generator | None) -> Frames:
         """Images as they arrive; without a generator without the noise that every run has."""
         by = {setting.effect: setting for setting in settings}
-        own = np.random.default_rng(self.seed + 1)
+        # the same chance in every variant, whatever else is there
+        chance = [np.random.default_rng(self.seed + number) for number in range(1, 5)]
         capture = self.arrival - self.latency - self._signed(by, "camera_latency")
-        true = self._geometry(by, capture)
-        depth = self._range(by, true, own)
+        true = self._geometry(by, capture) if MOVES_RAYS & set(by) else self._ideal
+        depth = self._range(by, true, chance[0])
         if rng is not None:
             depth = self._noise(depth, true, rng)
-        valid = own.uniform(size=depth.shape) >= self.speckle
-        valid &= (true < 0.5 * FAR) & ~_beside_edges(true, self._size(by, "edge_holes"), own)
-        depth = np.where(valid, depth, 0.0)
-        depth = _filled(depth, self._size(by, "hole_fill"), own)
-        kept, source = self._drop(by, len(capture), own)
+        valid = self._sound & (true < 0.5 * FAR)
+        valid &= ~_beside_edges(true, self._size(by, "edge_holes"), chance[1])
+        depth = np.where(valid, depth, np.float32(0.0))
+        depth = _filled(depth, self._size(by, "hole_fill"), chance[2])
+        kept, source = self._drop(by, len(capture), chance[3])
         depth = depth[source]
         if "temporal_smear" in by:
             depth = _smeared(depth, 1.0 - by["temporal_smear"].size)
-        depth = np.where((depth > 0) & (depth > self._clip(self._size(by, "range_clip"))), self._clip(self._size(by, "range_clip")), depth)
+        depth = np.minimum(depth, np.float32(self._clip(self._size(by, "range_clip"))))
         return Frames(arrival=self.arrival, capture=capture, depth=depth, kept=kept, source=source)
 
     def _geometry(self, by: dict[str, Setting], capture: Floats) -> Floats:
@@ -166,33 +170,38 @@ class CameraScene(Scene):
         tangents = self.optics.tangents(1 + self._signed(by, "camera_fov"), self._signed(by, "lens_distortion"))
         return view.render(self.optics, self.boxes, self.path.at(times), tangents, offset)
 
-    def _range(self, by: dict[str, Setting], true: Floats, own: np.random.Generator) -> Floats:
-        depth = true * (1 + self._signed(by, "depth_scale")) + self._signed(by, "depth_bias")
+    def _range(self, by: dict[str, Setting], true: Floats, chance: np.random.Generator) -> Floats:
+        if not CHANGES_RANGE & set(by):
+            return true
         columns = np.linspace(-1, 1, self.optics.width)
-        depth = depth * (1 + self._signed(by, "skewed_depth") * columns)
+        scale = (1 + self._signed(by, "depth_scale")) * (1 + self._signed(by, "skewed_depth") * columns)
+        depth = true * scale.astype(np.float32) + np.float32(self._signed(by, "depth_bias"))
         if "depth_ripple" in by:
             ripple = by["depth_ripple"]
-            depth = depth + ripple.size * np.sin(2 * np.pi * np.minimum(true, 50.0) / ripple.shape["period"])
+            depth = depth + np.float32(ripple.size) * np.sin(np.float32(2 * np.pi / ripple.shape["period"]) * true)
+        if "depth_noise" not in by:
+            return np.asarray(depth)
         # matching errs in blocks: neighbours share a part of the error
-        white = own.normal(size=true.shape).astype(np.float32)
-        shared = np.sqrt(0.5) * white + np.sqrt(0.5 * 3) * uniform_filter1d(white, 3, axis=2)
-        shared /= np.sqrt(0.5 + 0.5 + 2 * np.sqrt(0.5 * 0.5 * 3) / 3)
-        sigma = np.minimum(true, 50.0) ** 2 * self._size(by, "depth_noise") / (self.optics.focal * BASELINE_M)
+        white = chance.standard_normal(true.shape, dtype=np.float32)
+        shared = white + uniform_filter1d(white, 3, axis=2)
+        shared /= np.sqrt(1 + 1 / 3 + 2 / 3)
+        sigma = np.minimum(true, 50.0) ** 2 * np.float32(by["depth_noise"].size / (self.optics.focal * BASELINE_M))
         return np.asarray(depth + sigma * shared)
 
     def _noise(self, depth: Floats, true: Floats, rng: np.random.Generator) -> Floats:
         """Noise that hardly depends on range, and pixels at edges that see both sides."""
         pole = 0.2 if self.tuning else 0.45
-        white = rng.normal(size=(len(depth) + 8, *depth.shape[1:])).astype(np.float32)
-        noise = np.sqrt(1 - pole**2) * lfilter([1.0], [1.0, -pole], white, axis=0)[8:]
-        noisy = depth + self.sigma * noise
+        white = rng.standard_normal((len(depth) + 8, *depth.shape[1:]), dtype=np.float32)
+        gain = np.array([np.sqrt(1 - pole**2)], dtype=np.float32)
+        noise = lfilter(gain, np.array([1.0, -pole], dtype=np.float32), white, axis=0)[8:]
+        noisy = depth + np.float32(self.sigma) * noise
         left = np.concatenate([noisy[:, :, :1], noisy[:, :, :-1]], axis=2)
-        mixed = _edges(true) & (rng.uniform(size=depth.shape) < 0.3)
-        part = rng.uniform(size=depth.shape)
+        mixed = _edges(true) & (rng.random(depth.shape, dtype=np.float32) < 0.3)
+        part = rng.random(depth.shape, dtype=np.float32)
         return np.where(mixed, part * noisy + (1 - part) * left, noisy)
 
-    def _drop(self, by: dict[str, Setting], count: int, own: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        lost = own.uniform(size=count) < self._size(by, "frame_drop")
+    def _drop(self, by: dict[str, Setting], count: int, chance: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        lost = chance.uniform(size=count) < self._size(by, "frame_drop")
         lost[0] = False
         source = np.maximum.accumulate(np.where(lost, 0, np.arange(count)))
         repeats = "frame_drop" in by and by["frame_drop"].shape["repeat"] > 0
@@ -204,8 +213,9 @@ class CameraScene(Scene):
         return np.concatenate([self._weight * seen / self.sigma, HOLE * (depth > 0)])
 
     def _index(self, rng: np.random.Generator) -> None:
-        ideal = self.frames((), None)
-        truth = self._geometry({}, ideal.capture)
+        truth = self._geometry({}, self.arrival - self.latency)
+        self._ideal = truth
+        self._sound = np.random.default_rng(self.seed).random(truth.shape, dtype=np.float32) >= self.speckle
         self.farthest = float(truth[truth < self.range_max].max())
         near_edge = _edges(truth) | np.roll(_edges(truth), -1, axis=2)
         near_edge |= np.abs(np.diff(truth, axis=1, prepend=truth[:, :1])) > EDGE * truth
@@ -246,7 +256,7 @@ def _beside_edges(true: Floats, width: float, rng: np.random.Generator) -> np.nd
         return out
     edges = _edges(true)
     whole = int(width)
-    part = rng.uniform(size=true.shape) < width - whole
+    part = rng.random(true.shape, dtype=np.float32) < width - whole
     for shift in range(1, whole + 2):
         reaches = edges if shift <= whole else edges & part
         out[:, :, :-shift] |= reaches[:, :, shift:]
@@ -259,7 +269,7 @@ def _filled(depth: Floats, reach: float, rng: np.random.Generator) -> Floats:
         return depth
     column = np.arange(depth.shape[2])
     last = np.maximum.accumulate(np.where(depth > 0, column, -1), axis=2)
-    allowed = np.floor(reach) + (rng.uniform(size=depth.shape) < reach % 1)
+    allowed = np.floor(reach) + (rng.random(depth.shape, dtype=np.float32) < reach % 1)
     near = (depth == 0) & (last >= 0) & (column - last <= allowed)
     return np.where(near, np.take_along_axis(depth, np.maximum(last, 0), axis=2), depth)
 
@@ -268,5 +278,5 @@ def _smeared(depth: Floats, alpha: float) -> Floats:
     out = depth.copy()
     for k in range(1, len(out)):
         both = (out[k - 1] > 0) & (depth[k] > 0)
-        out[k] = np.where(both, alpha * depth[k] + (1 - alpha) * out[k - 1], depth[k])
+        out[k] = np.where(both, np.float32(alpha) * depth[k] + np.float32(1 - alpha) * out[k - 1], depth[k])
     return out

@@ -91,7 +91,7 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
     """Draws an effect until it can be seen, and, where it is outside the library, until the library cannot have it."""
     for _ in range(DRAWS):
         setting = stage.scene.draw(effect, stage.where(effect, rng), rng)
-        sigma = sizes.one_sigma(stage.sizing, [setting])[0]
+        sigma = sizes.one_sigma(stage.sizing, [setting], sizes.ROUGH)[0]
         multiple = run.multiples[run.effects.index(effect)]
         if not multiple * sigma <= stage.scene.largest(setting) or _wild(
             stage.sizing, setting, sigma * multiple, multiple
@@ -117,7 +117,7 @@ def _library(scene: Scene, where: tuple[str, ...], rng: np.random.Generator) -> 
         settings.append(first)
         if set(first.shape) - {"sign"}:
             settings.append(scene.draw(effect, first.where, rng))
-    found = sizes.one_sigma(scene, settings)
+    found = sizes.one_sigma(scene, settings, sizes.ROUGH)
     return [setting.sized(min(sigma, scene.largest(setting))) for setting, sigma in zip(settings, found, strict=True)]
 
 

@@ -50,8 +50,8 @@ OUTSIDE: dict[Kind, tuple[str, ...]] = {
     "joints": (
         "cogging", "kp_slope", "cable_spring", "asymmetric_gain", "hum", "coupling", "flexible_gear", "heating",
     ),
-    "camera": ("lens_distortion", "rolling_shutter", "depth_ripple", "tilt_drift"),
-    "body": ("side_wind", "soft_neck"),
+    "camera": ("rolling_shutter", "depth_ripple", "tilt_drift", "skewed_depth"),
+    "body": ("side_wind", "hidden_bump"),
     "imu": ("gyro_scale", "acc_hum"),
 }  # fmt: skip
 

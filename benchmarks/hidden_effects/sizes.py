@@ -6,11 +6,11 @@ from benchmarks.hidden_effects.robot import Floats
 from benchmarks.hidden_effects.scene import Scene, Setting
 
 ROUNDS = 6
-CLOSE = 0.04
-"""Part by which the residual at a found size may miss one sigma."""
+CLOSE, ROUGH = 0.04, 0.25
+"""Part by which the residual at a found size may miss one sigma: of an effect that is hidden, of its rivals."""
 
 
-def one_sigma(scene: Scene, settings: list[Setting], background: tuple[Setting, ...] = ()) -> list[float]:
+def one_sigma(scene: Scene, settings: list[Setting], close: float = CLOSE) -> list[float]:
     """Sizes at which the residual has an RMS of one sigma in the segment and signal that show it best.
 
     All settings are searched at once: by the chord in logarithms where a bracket is missing, then by halving.
@@ -22,15 +22,15 @@ def one_sigma(scene: Scene, settings: list[Setting], background: tuple[Setting, 
     largest = np.array([scene.largest(s) for s in settings])
     low, high = np.zeros(len(settings)), np.full(len(settings), np.inf)
     done = np.zeros(len(settings), dtype=bool)
-    base = scene.respond([background])[0]
+    base = scene.respond([()])[0]
     for _ in range(ROUNDS):
         open_ = np.flatnonzero(~done)
         if len(open_) == 0:
             break
-        responses = scene.respond([(*background, settings[i].sized(sizes[i])) for i in open_])
+        responses = scene.respond([(settings[i].sized(sizes[i]),) for i in open_])
         for i, response in zip(open_, responses, strict=True):
             shown = best_rms(scene, response - base, settings[i].where)
-            if abs(shown - 1) < CLOSE:
+            if abs(shown - 1) < close:
                 done[i] = True
                 continue
             low[i], high[i] = (sizes[i], high[i]) if shown < 1 else (low[i], sizes[i])
@@ -52,10 +52,10 @@ def best_rms(scene: Scene, residual: Floats, where: tuple[str, ...]) -> float:
     return float(np.sqrt((power[count > 0] / count[count > 0]).max()))
 
 
-def signatures(scene: Scene, settings: list[Setting], background: tuple[Setting, ...] = ()) -> Floats:
+def signatures(scene: Scene, settings: list[Setting]) -> Floats:
     """Unit vectors along which the residual moves when an effect sets in; shape (settings, m)."""
-    base = scene.respond([background])[0]
-    responses = scene.respond([(*background, setting) for setting in settings])
+    base = scene.respond([()])[0]
+    responses = scene.respond([(setting,) for setting in settings])
     moved = np.nan_to_num(np.clip(responses - base, -1e4, 1e4))
     length = np.linalg.norm(moved, axis=1, keepdims=True)
     return np.asarray(moved / np.where(length > 0, length, 1.0))

@@ -35,8 +35,9 @@ class Stage(ABC):
 
 def make_stage(run: Run, tuning: bool) -> Stage:
     """The stage of a run's kind."""
+    from benchmarks.hidden_effects.body_stage import BodyStage
     from benchmarks.hidden_effects.camera_stage import CameraStage
     from benchmarks.hidden_effects.joint_stage import JointStage
 
-    stages = {"joints": JointStage, "camera": CameraStage}
+    stages = {"joints": JointStage, "camera": CameraStage, "body": BodyStage, "imu": BodyStage}
     return stages[run.kind](run, tuning)

@@ -64,10 +64,15 @@ def scenery(rng: np.random.Generator, *, flat: bool) -> tuple[Box, ...]:
     wall = rng.uniform(1.7, 2.4)
     boxes = [Box(center=(round(wall + 0.25, 3), 0.0, 1.5), size=(0.5, 8.0, 3.0))]
     near, height = rng.uniform(0.75, 1.0), rng.uniform(0.08, 0.2)
-    boxes.append(Box(center=(round(near + 0.2, 3), round(rng.uniform(-0.4, -0.1), 3), height / 2), size=(0.4, 0.5, height)))
+    boxes.append(
+        Box(center=(round(near + 0.2, 3), round(rng.uniform(-0.4, -0.1), 3), height / 2), size=(0.4, 0.5, height))
+    )
     height = rng.uniform(0.25, 0.6)
     boxes.append(
-        Box(center=(round(rng.uniform(1.2, 1.5), 3), round(rng.uniform(0.2, 0.5), 3), height / 2), size=(0.2, 0.25, height))
+        Box(
+            center=(round(rng.uniform(1.2, 1.5), 3), round(rng.uniform(0.2, 0.5), 3), height / 2),
+            size=(0.2, 0.25, height),
+        )
     )
     return tuple(boxes)
 
@@ -102,7 +107,10 @@ def _move(name: str, t: Floats, length: float, rng: np.random.Generator) -> Floa
     zero = np.zeros_like(t)
     top = rng.uniform(2.2, 3.2)
     sweep = np.sin(2 * np.pi * (0.4 * t + 0.5 * (top - 0.4) * t**2 / length))
-    mixed = sum(np.sin(2 * np.pi * f * t + p) for f, p in zip(rng.uniform(0.4, 3, 4), rng.uniform(0, 6.28, 4), strict=True)) / 2.5
+    mixed = (
+        sum(np.sin(2 * np.pi * f * t + p) for f, p in zip(rng.uniform(0.4, 3, 4), rng.uniform(0, 6.28, 4), strict=True))
+        / 2.5
+    )
     slots = np.cumsum(rng.uniform(0.25, 0.5, 40))
     levels = np.interp(t, np.stack([slots, slots + 0.08], 1).ravel(), np.repeat(rng.uniform(-1, 1, 41), 2)[1:-1])
     moves = {
