@@ -37,19 +37,20 @@ KINDS = (
     Kind(effect="command_delay", unknowns=(_size("delay", 0.0, 0.06, 1e-3),), starts=((0.004,), (0.012,))),
     Kind(effect="feedforward_delay", unknowns=(_size("delay", 0.0, 0.06, 1e-3),), starts=((0.004,), (0.012,))),
     Kind(effect="actuator_lag", unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),), starts=((0.004,), (0.012,))),
+    # starts are shares of the largest speed and torque of the log
     Kind(
         effect="torque_speed_limit",
         unknowns=(
             _size("weight", 0.0, 1.0, 0.2),
             _shape("corner", 0.0, 30.0, 1.0),
-            _shape("span", 2.0, 60.0, 1.0),
+            _shape("span", 0.3, 60.0, 1.0),
         ),
-        starts=((1.0, 0.0, 20.0), (1.0, 0.0, 30.0), (1.0, 8.0, 10.0), (1.0, 14.0, 12.0)),
+        starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
     ),
     Kind(
         effect="torque_saturation",
         unknowns=(_size("loss", 0.0, 1.0, 0.05), _shape("corner", 1.0, 34.0, 0.5)),
-        starts=((0.4, 5.0), (0.4, 9.0), (0.4, 13.0), (0.4, 18.0)),
+        starts=((0.4, 0.2), (0.4, 0.4), (0.4, 0.6), (0.4, 0.8)),
     ),
     Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),)),
     Kind(effect="battery_sag", unknowns=(_size("loss_at_end", 0.0, 0.7, 0.01),), starts=((0.1,),)),
@@ -73,35 +74,46 @@ KINDS = (
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """How far a log goes at one place of all legs."""
+
+    speed: float
+    """Largest [rad/s]."""
+    torque: float
+    """Largest commanded [Nm]."""
+    steps: tuple[float, ...]
+    """Steps of an encoder that the angles suggest [rad]."""
+
+
 class JointCandidates:
     """All candidates of the joints, at every place of a leg.
 
     Args:
         places: Names of the joints of a leg, from the base outwards, e.g. ("hip", "thigh", "calf").
         limit: Torque limits of the joints [Nm], shape (branches, joints).
+        reached: What the log shows of each place, in the order of `places`.
         left_out: Effects that the log cannot show.
-        steps: Steps of an encoder that the log suggests [rad].
     """
 
     def __init__(
-        self, places: Sequence[str], limit: Floats, left_out: Sequence[str] = (), steps: Sequence[float] = ()
+        self, places: Sequence[str], limit: Floats, reached: Sequence[Reached], left_out: Sequence[str] = ()
     ) -> None:
         self._places, self._limit = tuple(places), limit
         self._column: dict[tuple[str, int], slice] = {}
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
-            starts = kind.starts
-            if kind.effect == "encoder_quantisation" and steps:
-                starts = tuple((1.0, step) for step in steps)
-            for joint, place in enumerate(self._places):
+            # the loop of a leg's drives has one rate
+            whole_leg = kind.effect == LOOP_RATE
+            for joint, place in enumerate(self._places[:1] if whole_leg else self._places):
                 listed.append(
                     Candidate(
                         effect=kind.effect,
                         where=place,
                         unknowns=kind.unknowns,
-                        starts=starts,
-                        is_nuisance=kind.effect == LOOP_RATE,
+                        starts=_starts(kind, reached[joint]),
+                        is_nuisance=whole_leg,
                     )
                 )
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
@@ -174,7 +186,7 @@ class JointCandidates:
     def _values(self, effect: str, unknowns: Floats) -> tuple[Floats, ...] | None:
         """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
         columns = [self._column.get((effect, joint)) for joint in range(len(self._places))]
-        present = [c for c in columns if c is not None]
+        present = [columns[0] if c is None else c for c in columns if columns[0] is not None]
         if not present or not np.any(unknowns[:, :, [c.start for c in present]]):
             return None
         kind = next(kind for kind in KINDS if kind.effect == effect)
@@ -183,6 +195,17 @@ class JointCandidates:
             array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
             values.append(np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array)
         return tuple(values)
+
+
+def _starts(kind: Kind, reached: Reached) -> tuple[tuple[float, ...], ...]:
+    match kind.effect:
+        case "torque_speed_limit":
+            return tuple((weight, a * reached.speed, b * reached.speed) for weight, a, b in kind.starts)
+        case "torque_saturation":
+            return tuple((loss, corner * reached.torque) for loss, corner in kind.starts)
+        case "encoder_quantisation" if reached.steps:
+            return tuple((1.0, step) for step in reached.steps)
+    return kind.starts
 
 
 UNITS = {

@@ -23,6 +23,8 @@ class Memory:
         self.velocity: Floats | None = None
         self.filtered: Floats | None = None
         self.lagged: Floats | None = None
+        self.steepness: Floats | None = None
+        """By how much the torque of the last call falls with velocity [Nm s/rad], where a speed limit holds it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +109,7 @@ class Drives:
                 torque = torque + rest * (memory.lagged - torque)
             memory.lagged = torque
         if self.speed is not None:
-            torque = self._limited(torque, velocity, *self.speed)
+            torque, memory.steepness = self._limited(torque, velocity, *self.speed)
         if self.saturation is not None:
             slope, start = self.saturation
             torque = torque - np.sign(torque) * (slope * np.maximum(np.abs(torque) - start, 0.0))
@@ -125,12 +127,17 @@ class Drives:
             level = level + breakaway * np.exp(-((velocity / width) ** 2))
         return level
 
-    def _limited(self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, no_load: Floats) -> Floats:
+    def _limited(
+        self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, no_load: Floats
+    ) -> tuple[Floats, Floats]:
         direction = np.sign(velocity)
         along = torque * direction
         share = np.clip((no_load - np.abs(velocity)) / (no_load - corner), 0.0, 1.0)
-        allowed = np.maximum(np.minimum(along, self.limit * share), -self.limit)
-        return torque + weight * (allowed - along) * direction
+        bound = self.limit * share
+        allowed = np.maximum(np.minimum(along, bound), -self.limit)
+        falls = (along > bound) & (share > 0.0) & (share < 1.0)
+        steepness = np.where(falls, weight * self.limit / (no_load - corner), 0.0)
+        return torque + weight * (allowed - along) * direction, steepness
 
 
 def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:

@@ -8,9 +8,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from real2sim.problem import Floats, Segment
+from real2sim.problem import Floats, Indices, Segment
 
 ORDER = 2
 """Of the autoregression: a corner frequency and what an average adds to it."""
@@ -21,6 +22,8 @@ CURVE = 4
 SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
 QUIET_SHARE = 1.0 / 3.0
 """Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
+MOST = 0.9
+"""Of the pieces, where nearly all are noise: repeats often differ in how they begin."""
 LARGEST_POLE = 0.98
 """Of the autoregression: it never believes in noise that lasts longer than a second."""
 
@@ -36,7 +39,7 @@ class Whitening:
     spread: Floats
     """Standard deviation of the noise, shape (...)."""
 
-    def white(self, residuals: Floats, starts: Floats) -> Floats:
+    def white(self, residuals: Floats, starts: Indices) -> Floats:
         """Whitens residuals.
 
         Args:
@@ -55,20 +58,22 @@ class Whitening:
         return out
 
 
-def whitening(pieces: Floats, floor: Floats) -> Whitening:
+def whitening(pieces: Floats, floor: Floats, all_count: NDArray[np.bool_]) -> Whitening:
     """The autoregression of pieces of noise.
 
     Args:
         pieces: Shape (pieces, PIECE, ...); the quietest count.
         floor: Smallest standard deviation to believe in, shape (...).
+        all_count: Where nearly all pieces count, broadcast with `floor`.
     """
     energy = np.mean(pieces**2, axis=1)
     count = max(1, int(np.ceil(QUIET_SHARE * len(pieces))))
-    chosen = np.argsort(energy, axis=0)[:count]
-    quiet = np.take_along_axis(pieces, chosen[:, None], axis=0)
-    lags = [np.mean(quiet[:, i:] * quiet[:, : PIECE - i], axis=(0, 1)) for i in range(ORDER + 1)]
+    order = np.argsort(energy, axis=0)
+    quiet = np.take_along_axis(pieces, order[:count][:, None], axis=0)
+    most = np.take_along_axis(pieces, order[: max(1, int(MOST * len(pieces)))][:, None], axis=0)
+    lags = [np.where(all_count, _lag(most, i), _lag(quiet, i)) for i in range(ORDER + 1)]
     # the quietest of many pieces have less energy than all have
-    scale = _quietest(len(pieces), count)
+    scale = np.where(all_count, 1.0, _quietest(len(pieces), count))
     variance = np.maximum(lags[0] / scale, floor**2)
     first, second = (lag / np.maximum(lags[0], 1e-300) for lag in lags[1:])
     first = np.clip(first, -LARGEST_POLE, LARGEST_POLE)
@@ -78,6 +83,10 @@ def whitening(pieces: Floats, floor: Floats) -> Whitening:
     known = weights[0] * first + weights[1] * second
     innovation = np.sqrt(variance * np.clip(1.0 - known, 1.0 - LARGEST_POLE, 1.0))
     return Whitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
+
+
+def _lag(pieces: Floats, lag: int) -> Floats:
+    return np.asarray(np.mean(pieces[:, lag:] * pieces[:, : PIECE - lag], axis=(0, 1)))
 
 
 def _quietest(pieces: int, count: int) -> float:

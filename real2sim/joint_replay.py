@@ -123,6 +123,7 @@ class _Simulation:
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
         self._play = None if drives.width is None else Play(drives.width, rotor, shape)
         self._memory = Memory()
+        self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
         self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
 
     def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
@@ -156,6 +157,12 @@ class _Simulation:
         if drives.viscous is not None:  # the midpoint rule: at half of the step's change of velocity
             load = load + drives.viscous * v
             added = 0.5 * dt * drives.viscous + (0.0 if added is None else added)
+        if self._memory.steepness is not None:
+            stiff = self._memory.steepness
+            change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative
+            # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3 + x) / (6 + x) is
+            # the weight with which a linear decay is exact, to second order
+            added = (dt * (3.0 + change) / (6.0 + change)) * stiff + (0.0 if added is None else added)
         # 3. the legs
         inverse = motion.inverse_mass[rows][..., None]
         if added is None:

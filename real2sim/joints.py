@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from real2sim.joint_candidates import JointCandidates
 from real2sim.joint_drives import Drives
-from real2sim.joint_excitation import encoder_steps, untestable
+from real2sim.joint_excitation import encoder_steps, reached_by, untestable
 from real2sim.joint_motion import motion_of, uniform_rows, windows_of
 from real2sim.joint_noise import Whitening, repeated, smooth_left_out, whitening
 from real2sim.joint_replay import Simulated, replay
@@ -59,11 +58,10 @@ class JointProblem(Problem):
         self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
         self.segments = segments_of(log)
         self._place_samples()
-        limit = _torque_limits(branches)
-        self.untestable = untestable(log, self._rows, kp, kd, limit)
         places, self.blocks, self.places = _named(names, branches)
-        steps = encoder_steps(self._rows)
-        self._candidates = JointCandidates(places, limit, tuple(self.untestable), steps)
+        reached = reached_by(self._rows, kp, kd, branches)
+        self.untestable = untestable(log, self._rows, reached)
+        self._candidates = JointCandidates(places, _torque_limits(branches), reached, tuple(self.untestable))
         self.candidates = self._candidates.listed
         self._name_samples(places)
         self._learn_noise()
@@ -129,13 +127,13 @@ class JointProblem(Problem):
         self._kept = np.flatnonzero(index >= 0)
         self._segment = index[self._kept]
 
-    def _after_a_stop(self) -> NDArray[np.bool_]:
+    def _after_a_stop(self) -> Any:
         """Samples after a leg has come near a stop of a joint, until its window ends: shape (samples, branches).
 
         The replay has no stops.
         """
         windows, rows, robot = self._windows, self._rows, self._robot
-        near = (rows.q < robot.lower + STOP) | (rows.q > robot.upper - STOP)
+        near = np.asarray((rows.q < robot.lower + STOP) | (rows.q > robot.upper - STOP))
         of_leg = near[:, robot.branches].any(axis=2)
         every, means = self._motion.every, windows.length // (self._motion.every * self._averaged)
         first = windows.start // every
@@ -159,14 +157,16 @@ class JointProblem(Problem):
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
         pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
         found = np.concatenate(pieces) if pieces else smooth_left_out(self._measured)
-        self._whitening: Whitening = whitening(found, floor)
+        # an encoder that hunts between two steps does so differently each time: there all pieces are noise
+        is_coarse = np.array([step is not None for step in encoder_steps(rows)])[branches]
+        self._whitening: Whitening = whitening(found, floor, is_coarse)
 
 
 def _base_quaternion(log: RunLog) -> Sequence[float]:
     if log.base is None or not len(log.base.values):
         return (1.0, 0.0, 0.0, 0.0)
     mean = np.nanmedian(log.base.values[:, 3:7], axis=0)
-    return (mean / np.linalg.norm(mean)).tolist()  # type: ignore[no-any-return]
+    return tuple((mean / np.linalg.norm(mean)).tolist())
 
 
 def _torque_limits(branches: Indices) -> Floats:
