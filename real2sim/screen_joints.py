@@ -28,18 +28,31 @@ STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: kinds of joints stand at least 0.9 a
 RATIO_RANGE = (0.75, 1.33)  # of slow response to slow command; gravity and gains 20 % off stay within 0.85-1.15
 RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm eats 0.04 rad at kp 20
 RATE_RANGE = (0.6, 1.6)  # of dq to the rate of q
+TOO_FAST = 1.05  # times it: noise and filters only make dq smaller
 
 
 def joint_faults(log: RunLog) -> list[Fault]:
-    """Faults of the columns of `joints`."""
-    faults = [*_dead(log), *_units(log)]
-    if faults:
-        return faults
+    """Faults of the columns of `joints`; later checks need columns that earlier ones found sound."""
+    faults: list[Fault] = []
+    for check in (_values, _names, _motions, gain_faults, gravity_faults):
+        faults += check(log)
+        if any(fault.is_fatal for fault in faults):
+            break
+    return faults
+
+
+def _values(log: RunLog) -> list[Fault]:
+    return [*_dead(log), *_units(log)]
+
+
+def _names(log: RunLog) -> list[Fault]:
     slow = _Slow(log)
-    faults = [*_swapped(slow), *_limits(log), *_misnamed(slow)]
-    if not faults:
-        faults = [*_signs(slow), *_ratio(slow), *_rates(log)]
-    return faults or gain_faults(log) or list(gravity_faults(log))
+    return [*_swapped(slow), *_limits(log), *_misnamed(slow)]
+
+
+def _motions(log: RunLog) -> list[Fault]:
+    slow = _Slow(log)
+    return [*_signs(slow), *_ratio(slow), *_rates(log)]
 
 
 class _Slow:
@@ -210,6 +223,10 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     if wrong.any():
         text = f"dq of {_list(names, wrong)} is {slope[wrong][0]:.3g} times the rate of q: wrong unit, sign or joint"
         yield Fault(name="wrong_rate", text=text)
+    fast = moves & ~wrong & (slope > TOO_FAST)
+    if fast.any():
+        text = f"dq of {_list(names, fast)} is {slope[fast].mean():.2f} times the rate of q: no filter does that"
+        yield Fault(name="fast_rate", text=text, is_fatal=False)
 
 
 def _list(names: list[str], chosen: NDArray[np.bool_]) -> str:

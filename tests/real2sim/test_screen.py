@@ -173,6 +173,12 @@ def test_one_lost_row_is_told_but_not_fatal(log: RunLog) -> None:
     assert [(fault.name, fault.is_fatal) for fault in faults] == [("lost_rows", False)]
 
 
+def test_velocities_that_read_too_fast_are_told_but_not_fatal(log: RunLog) -> None:
+    faults = screen(_scaled(1.14, "dq")(replace(log, joints=replace(log.joints, tau_est=None))))
+    assert [(fault.name, fault.is_fatal) for fault in faults] == [("fast_rate", False)]
+    assert "1.14" in faults[0].text
+
+
 def test_pauses_between_segments_are_no_lost_rows(log: RunLog) -> None:
     named = [{"name": f"{i}", "t0": 4.0 * i, "t1": 4.0 * i + 3, "condition": "a"} for i in range(3)]
     kept = np.flatnonzero(np.mod(log.joints.time_s, 4.0) < 3)
