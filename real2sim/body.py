@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.body_candidates import Claims, candidates, estimates, names_of, rig_of
+from real2sim.body_candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
 from real2sim.body_noise import SIGNALS, StartNoise, Whitening, errors, read_noise
 from real2sim.body_replay import Replay
 from real2sim.body_testable import untestable
@@ -26,6 +26,9 @@ LARGEST = 100.0
 """Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
 DRAWS = 16
 """Random starts by which it is judged how far errors of a start are from linear: their variance within a third."""
+SCANNED = 8
+SMALLEST_LESS = 0.02
+"""Coefficients this close to the claimed one are not told from it by scanning."""
 SLIP_QUANTILE = 0.97
 """Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
 
@@ -86,11 +89,28 @@ class BodyProblem(Problem):
         loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
         ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
         demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
-        self.candidates = candidates(min(0.9 * demand, 0.9 * NOMINAL_FRICTION))
+        slips_at = min(0.9 * demand, 0.9 * NOMINAL_FRICTION)
+        self.candidates = candidates(slips_at)
         self._names = names_of(self.candidates)
         self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
         self._whiten = self._whitening(log)
+        self.candidates = candidates(self._slipperiest(slips_at))
         self.untestable = untestable(self, self._at_rest, ratio, normal)
+
+    def _slipperiest(self, otherwise: float) -> float:
+        """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
+
+        Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
+        """
+        column = self._names.index("foot_friction.less")
+        best, grid = 0.0, np.linspace(0.0, NOMINAL_FRICTION - FRICTION_RANGE[0], SCANNED)
+        for _ in range(3):
+            sets = np.repeat(self._at_rest[None, None], len(grid), axis=0)
+            sets[:, 0, column] = grid
+            best = float(grid[np.argmin(np.sum(self.residuals(sets) ** 2, axis=(1, 2)))])
+            step = grid[1] - grid[0]
+            grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, NOMINAL_FRICTION - FRICTION_RANGE[0])
+        return NOMINAL_FRICTION - best if best > SMALLEST_LESS else otherwise
 
     def _rig_at_rest(self) -> Any:
         nothing = candidates(0.5 * NOMINAL_FRICTION)
