@@ -24,6 +24,7 @@ LEAST_SCORE = 0.1
 LEAST_MOVING = 0.3  # rad/s: a joint that is faster passes a step of 5 mrad in 8 rows
 LEAST_ROWS = 500  # that move: a second
 REFINED = 201  # steps between two lines of the spectrum
+SAME_STEP = 0.01
 MOST_STEPS = 3
 MOST = 0.9995  # quantile that counts as the largest: noise has outliers
 
@@ -58,10 +59,19 @@ def reached_by(rows: Rows, kp: Floats, kd: Floats, branches: Indices) -> tuple[R
         Reached(
             speed=float(speed[joints].max()),
             torque=float(torque[joints].max()),
-            steps=tuple(dict.fromkeys(step for j in joints if (step := steps[j]) is not None))[:MOST_STEPS],
+            steps=_distinct([step for j in joints if (step := steps[j]) is not None]),
         )
         for joints in branches.T
     )
+
+
+def _distinct(steps: Sequence[float]) -> tuple[float, ...]:
+    """Medians of steps that differ by less than `SAME_STEP`."""
+    ordered = np.sort(np.asarray(steps, dtype=np.float64))
+    if not len(ordered):
+        return ()
+    parts = np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_STEP * ordered[1:]) + 1)
+    return tuple(float(np.median(part)) for part in parts)[:MOST_STEPS]
 
 
 def encoder_steps(rows: Rows) -> tuple[float | None, ...]:

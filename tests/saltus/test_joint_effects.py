@@ -1,0 +1,154 @@
+"""What effects of joints and encoders do, alone and to robots."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from saltus import go1
+from saltus.effects.armature import Armature
+from saltus.effects.backlash import Backlash
+from saltus.effects.battery_sag import BatterySag
+from saltus.effects.chain import ActuatorChain
+from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.effect import Effect
+from saltus.effects.encoder_bias import EncoderBias
+from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.signals import Drive, JointState, Resistance
+from saltus.effects.stiction import Stiction
+from saltus.effects.velocity_filter import VelocityFilter
+from saltus.effects.viscous_friction import ViscousFriction
+from saltus.go1 import PHYSICS_DT
+from saltus.messages import JointCommand
+from saltus.sim.batch import BatchPlant
+from saltus.sim.batch_engine import BatchEngine
+from saltus.sim.plant import Plant
+from saltus.terrain import flat
+
+ZERO = np.zeros(12)
+GROUND = flat.make()
+RESISTING: tuple[Effect[Any], ...] = (
+    ViscousFriction(coefficient=0.4),
+    CoulombFriction(torque=0.5),
+    Stiction(breakaway=0.5, stribeck_velocity=0.5),
+    Armature(added=0.01),
+)
+SENSING: tuple[Effect[Any], ...] = (
+    EncoderBias(bias=0.03),
+    EncoderQuantisation(step=0.01),
+    VelocityFilter(time_constant=0.01),
+)
+ALL = (*RESISTING, *SENSING, Backlash(width=0.02), BatterySag(loss_at_end=0.3, duration_s=1.0))
+
+
+def command(position: Any = go1.STAND_POSE, kp: float = 40.0, kd: float = 1.0) -> JointCommand:
+    return JointCommand(position=position + ZERO, velocity=ZERO, kp=ZERO + kp, kd=ZERO + kd, torque=ZERO)
+
+
+def swings(effects: tuple[Effect[Any], ...], steps: int = 150) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and measured angles of a held robot that is told to swing its legs."""
+    plant = Plant(GROUND, chain=ActuatorChain(effects), held=True)
+    true, measured = [], []
+    for k in range(steps):
+        state = plant.step(command(go1.STAND_POSE + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT)))
+        true.append(plant.data.qpos[7:].copy())
+        measured.append(state.joint_position)
+    return np.array(true), np.array(measured)
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+def test_robots_move_differently(effect: Effect[Any]) -> None:
+    assert np.abs(swings((effect,))[0] - swings(())[0]).max() > 1e-4
+
+
+@pytest.mark.parametrize("effect", RESISTING[:3], ids=lambda effect: effect.name)
+def test_friction_takes_energy(effect: Effect[Any]) -> None:
+    """A leg that swings freely comes to rest sooner."""
+    energy = []
+    for effects in ((), (effect,)):
+        plant = Plant(GROUND, chain=ActuatorChain(effects), held=True)
+        for _ in range(150):
+            state = plant.step(command(kp=0.0, kd=0.0))
+        energy.append(float(np.sum(state.joint_velocity**2)))
+    assert energy[1] < 0.9 * energy[0]
+
+
+def test_dry_friction_holds_a_leg() -> None:
+    """More friction than gravity asks for: the joints stay where they are."""
+    plant = Plant(GROUND, chain=ActuatorChain((CoulombFriction(torque=5.0),)), held=True)
+    for _ in range(200):
+        plant.step(command(kp=0.0, kd=0.0))
+    np.testing.assert_allclose(plant.data.qpos[7:], go1.STAND_POSE, atol=1e-3)
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
+    """Robots of a batch do what single robots do, through a reset of one of them."""
+    chain = ActuatorChain((effect,))
+    batch, single = BatchPlant(GROUND, 2, chain=chain, threads=1), Plant(GROUND, chain=chain)
+    together = np.broadcast_to(np.zeros(12), (2, 12))
+    for k in range(20):
+        target = go1.STAND_POSE + 0.1 * np.sin(0.3 * k)
+        told = command(target)
+        both = JointCommand(**{f: getattr(told, f) + together for f in ("position", "velocity", "kp", "kd", "torque")})
+        state, alone = batch.step(both), single.step(told)
+        np.testing.assert_allclose(state.joint_position[0], alone.joint_position, atol=1e-9)
+        np.testing.assert_allclose(state.joint_velocity[0], alone.joint_velocity, atol=1e-7)
+        if k == 10:
+            batch.reset(np.array([1]))
+
+
+def test_training_feels_friction() -> None:
+    speed = []
+    for friction in (0.0, 0.5):
+        engine = BatchEngine(1, 1, threads=1)
+        engine.qpos[:] = np.concatenate([[0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0], go1.STAND_POSE])
+        engine.qvel[:, 6:] = 5.0
+        engine.set_joints(*(np.full((1, 12), value) for value in (friction, 0.1 * friction, 0.0)))
+        for _ in range(10):
+            engine.step()
+        speed.append(float(np.abs(engine.qvel[:, 6:]).sum()))
+    assert speed[1] < 0.9 * speed[0]
+
+
+def test_the_log_reads_what_the_encoder_reads() -> None:
+    true, measured = swings((EncoderBias(bias=0.03), EncoderQuantisation(step=0.01)))
+    np.testing.assert_allclose(measured, np.round((true + 0.03) / 0.01) * 0.01, atol=1e-12)
+
+
+def test_the_stribeck_curve() -> None:
+    stiction = Stiction(breakaway=0.4, stribeck_velocity=0.1)
+    for velocity, share in ((0.0, 1.0), (0.1, np.exp(-1.0)), (1.0, 0.0)):
+        out, _ = stiction.apply(
+            Resistance(velocity=ZERO - velocity, friction=ZERO + 0.2, damping=ZERO, armature=ZERO), 0.0, None
+        )
+        np.testing.assert_allclose(out.friction, 0.2 + 0.4 * share, atol=1e-9)
+
+
+def test_sag_is_linear_and_ends() -> None:
+    sag = BatterySag(loss_at_end=0.2, duration_s=10.0)
+    for time_s, gain in ((-1.0, 1.0), (0.0, 1.0), (5.0, 0.9), (10.0, 0.8), (20.0, 0.8)):
+        out, _ = sag.apply(Drive(torque=ZERO + 10.0, position=ZERO, velocity=ZERO), time_s, None)
+        np.testing.assert_allclose(out.torque, 10.0 * gain)
+
+
+def test_a_filtered_ramp_is_late_by_the_time_constant() -> None:
+    low_pass, state = VelocityFilter(time_constant=0.01), ()
+    for k in range(100):
+        out, state = low_pass.apply(JointState(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state)
+    np.testing.assert_allclose(out.velocity, 99 * PHYSICS_DT - 0.01, atol=1e-6)
+
+
+def test_play_is_as_wide_as_it_says() -> None:
+    """A motor that is pushed to and fro against its joint moves by the width, and transmits nothing on its way."""
+    play, state = Backlash(width=0.02), ()
+    offsets, torques = [], []
+    for k in range(80):
+        torque = 0.5 if (k // 20) % 2 == 0 else -0.5
+        out, state = play.apply(Drive(torque=ZERO + torque, position=ZERO, velocity=ZERO), 0.0, state)
+        offsets.append(state[0][0])
+        torques.append(out.torque[0])
+    assert (max(offsets), min(offsets)) == pytest.approx((0.01, -0.01))
+    assert {round(float(t), 9) for t in torques} == {0.5, 0.0, -0.5}
+    crossing = np.sum(np.array(torques[20:40]) == 0.0) * PHYSICS_DT
+    assert crossing == pytest.approx(np.sqrt(2.0 * 0.02 * go1.ARMATURE[0] / 0.5), abs=2.0 * PHYSICS_DT)
