@@ -47,7 +47,7 @@ def findings(
     reported = {effect: _report(problem, court, chosen.fit, effect) for effect in chosen.fit.model}
     final = _simulate(evaluate, court, chosen.fit, [group for groups in reported.values() for group in groups])
     tested = Cells.of(problem, ~court.split.is_fit)
-    ruling = _rule(court, tested, null, chosen, alike, final)
+    ruling = _rule(problem, court, tested, null, chosen, alike, final)
     is_told = ruling in ("named", "set")
     effects = {name: _state(problem, name, groups) for name, groups in reported.items()} if is_told else {}
     return Findings(
@@ -68,7 +68,7 @@ def findings(
 
 
 def _report(problem: Problem, court: Court, fit: Fit, effect: str) -> list[estimates.Group]:
-    return estimates.group(problem, estimates.places_of(problem, court, fit, effect))
+    return estimates.group(problem, estimates.places_of(problem, court, fit, effect), court.size)
 
 
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
@@ -89,22 +89,32 @@ def _simulate(evaluate: Evaluator, court: Court, fit: Fit, groups: list[estimate
 
 
 def _rule(
-    court: Court, tested: Cells, null: Scored, chosen: Scored, alike: dict[str, list[str]], final: Floats
+    problem: Problem,
+    court: Court,
+    tested: Cells,
+    null: Scored,
+    chosen: Scored,
+    alike: dict[str, list[str]],
+    final: Floats,
 ) -> ProblemRuling:
     """Named, a set, unexplained or no gap."""
-    before = np.concatenate([null.structure.ravel(), tested.structure(null.fit.residuals).ravel()])
+    least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
+    is_gap = court.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
-        largest = court.cells.largest_rms(null.structure)
-        return "unexplained" if before.size and largest > decide.REMAINDER_RMS else "no_gap"
-    if _closed(tested, null.fit.residuals, final) < decide.CLOSED_SHARE[len(chosen.fit.model) - 1]:
-        return "unexplained"
+        return "unexplained" if is_gap else "no_gap"
+    effects = len(chosen.fit.model)
+    is_closed = _closed(court, tested, null.fit.residuals, final) >= decide.CLOSED_SHARE[effects - 1]
+    if effects > 2:  # three effects imitate a fourth closely, but not to within noise
+        is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
+    if not is_closed:
+        return "unexplained" if is_gap else "no_gap"
     return "set" if any(alike.values()) else "named"
 
 
-def _closed(tested: Cells, before: Floats, after: Floats) -> float:
+def _closed(court: Court, tested: Cells, before: Floats, after: Floats) -> float:
     """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
     structure = tested.structure(before)
-    shows = tested.shows(structure, decide.SIZE_RMS)
+    shows = tested.shows(structure, court.size)
     total = float(structure[shows].sum())
     return 1.0 - float(tested.structure(after)[shows].sum()) / total if total > 0.0 else 1.0
 
@@ -158,7 +168,7 @@ def _minimum_detectable(
     """Smallest size of each effect that would be found, at the place where these data show it best.
 
     It must be worth `decide.GAIN_NATS` after projection of the nuisances, as the quadratic around the model without
-    effects has it, and per residual at least `decide.SIZE_RMS` on average over a segment.
+    effects has it, and per residual at least `court.size` on average over a segment.
     """
     layout = court.layout
     nuisances = np.flatnonzero(around.where(layout.nuisances))
@@ -173,7 +183,7 @@ def _minimum_detectable(
             if power <= 0.0:
                 continue
             rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
-            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), decide.SIZE_RMS * np.sqrt(rows / power))
+            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), court.size * np.sqrt(rows / power))
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
     return {effect: _physical_size(problem, court, around, *found) for effect, found in sizes.items()}

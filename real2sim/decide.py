@@ -19,12 +19,16 @@ unknowns is about chi-squared with k degrees of freedom, less what is lost by fi
 12 unknowns tried, 10 nats keep the false-alarm rate of the whole search below 1 %."""
 SPREAD = 3.0
 """A gain, or the lead of a model over its rival, counts from this many standard deviations."""
-SIZE_RMS = 0.3
-"""Least RMS of an effect in the segment and signal that show it best [sigma]. Two correct simulations of one robot
-differ by this much through their integrators and time steps; statistics alone would call that a finding."""
+SIZE_RMS = 0.45
+"""Least RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two correct simulations of
+one robot were seen to differ by 0.15 to 0.4 through their integrators and time steps; statistics alone would call that
+a finding."""
 REMAINDER_SHARE = 0.4
 """A further effect must close at least this share of what the model without it leaves. A false one picks up a part of
 a misfit, a true one leaves noise."""
+FURTHER_SHARE = 0.01
+"""And at least this share of the whole gap: one further effect a tenth as strong as the others. Less is within what
+two correct simulations of those others differ by."""
 COLLINEAR = 0.95
 """Cosine from which two effects count as inseparable, by the schema of run logs."""
 CLOSED_SHARE = (0.75, 0.9, 0.95)
@@ -63,6 +67,8 @@ class Court:
     split: Split
     cells: Cells
     rng: np.random.Generator
+    size: float
+    """Least RMS of an effect [sigma of a residual]."""
 
     def score(self, fit: Fit) -> Scored:
         """Held-out cost and remainder of a fit."""
@@ -85,7 +91,7 @@ class Court:
 
         Cells count alike, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
         """
-        shows = self.cells.shows(np.maximum(null.structure, before.structure), SIZE_RMS)
+        shows = self.cells.shows(np.maximum(null.structure, before.structure), self.size)
         left = float(before.structure[shows].sum())
         return 1.0 - float(after.structure[shows].sum()) / left if left > 0.0 else 0.0
 
@@ -110,10 +116,12 @@ def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
 def _replaces(court: Court, null: Scored, held: Scored, rival: Scored, dispersion: float) -> bool:
     if not court.lead(held, rival, dispersion):
         return False
-    if held.fit.model and court.closed(null, held, rival) < REMAINDER_SHARE:
-        return False
+    if held.fit.model:
+        more = court.closed(null, null, rival) - court.closed(null, null, held)
+        if court.closed(null, held, rival) < REMAINDER_SHARE or more < FURTHER_SHARE:
+            return False
     sizes = [largest_rms(court, rival.fit, effect) for effect in rival.fit.model]
-    return min(sizes) >= SIZE_RMS
+    return min(sizes) >= court.size
 
 
 def largest_rms(court: Court, fit: Fit, effect: str) -> float:

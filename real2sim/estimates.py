@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from real2sim import bootstrap
-from real2sim.decide import SIZE_RMS, Court
+from real2sim.decide import Court
 from real2sim.findings import FoundEffect, Interval
 from real2sim.fit import Fit
 from real2sim.problem import Candidate, Floats, Indices, Problem
@@ -21,6 +21,8 @@ MODEL_ERROR = 0.02
 effect disagree on it, e.g. a smooth and a sharp law of friction."""
 PRESENT = 3.0
 """An effect is present at a place from this many standard errors."""
+PRESENT_SHARE = 0.1
+"""And from this share of its RMS at the place that shows it best: joints are coupled, and their models too."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,13 +82,15 @@ def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Pla
     return found
 
 
-def group(problem: Problem, places: list[Place]) -> list[Group]:
+def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
     Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. Where none
     agrees, all places at which the effect is present, with one value if they agree on it, else each with its own.
+    `least` is the RMS from which an effect is present.
     """
     everywhere = list(range(len(places)))
+    present = present_at(problem, places, least)
     kinds = {problem.candidates[place.candidate].where for place in places}
     tiers: list[list[list[int]]] = [
         [everywhere],
@@ -95,22 +99,27 @@ def group(problem: Problem, places: list[Place]) -> list[Group]:
         [[i] for i in everywhere],
     ]
     for tier in tiers:
-        misfits = [_misfit(problem, places, members) for members in tier]
+        misfits = [_misfit(places, members, present) for members in tier]
         best = int(np.argmax(misfits))
         if misfits[best] > CONSISTENT:
             return [_pool([places[i] for i in tier[best]])]
-    present = [i for i in everywhere if is_present(problem, places[i])] or [int(np.argmax([p.rms for p in places]))]
     members = [places[i] for i in present]
     if len(members) > 1 and _agreement(members) > CONSISTENT:
         return [_pool(members)]
     return [_pool([place]) for place in members]
 
 
-def is_present(problem: Problem, place: Place) -> bool:
-    """Whether an effect at a place is larger than chance and than what simulations differ by."""
-    sized = _sized(problem.candidates[place.candidate])
-    error = np.sqrt(np.diag(place.covariance))[sized]
-    return place.rms >= SIZE_RMS and bool(np.any(np.abs(place.value[sized]) > PRESENT * error))
+def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
+    """At which places an effect is larger than chance and than what simulations differ by; at least one."""
+    largest = int(np.argmax([place.rms for place in places]))
+    least = max(least, PRESENT_SHARE * places[largest].rms)
+    found = []
+    for i, place in enumerate(places):
+        sized = _sized(problem.candidates[place.candidate])
+        error = np.sqrt(np.diag(place.covariance))[sized]
+        if place.rms >= least and np.any(np.abs(place.value[sized]) > PRESENT * error):
+            found.append(i)
+    return found or [largest]
 
 
 def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
@@ -175,8 +184,9 @@ def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
 
 
 def _weights(places: list[Place], share: float) -> list[Floats]:
-    """Inverse covariances of estimates, with errors of the model that are a share of the largest value added."""
-    largest = np.max([np.abs(place.value) for place in places], axis=0)
+    """Inverse covariances of estimates, with errors of the model that are a share of the surest value added."""
+    surest = max(places, key=lambda place: place.rms)
+    largest = np.abs(surest.value)
     return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
 
 
@@ -189,11 +199,9 @@ def _agreement(places: list[Place]) -> float:
     return float(stats.chi2.sf(square, freedom)) if freedom else 1.0
 
 
-def _misfit(problem: Problem, places: list[Place], members: list[int]) -> float:
+def _misfit(places: list[Place], members: list[int], present: list[int]) -> float:
     """Probability of estimates as far from a pattern as these: one value at its members, absent elsewhere."""
-    if not any(is_present(problem, places[i]) for i in members):
-        return 0.0
-    if any(is_present(problem, places[i]) for i in range(len(places)) if i not in members):
+    if not set(present) <= set(members):
         return 0.0
     return _agreement([places[i] for i in members])
 

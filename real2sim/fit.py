@@ -10,14 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from real2sim.layout import Layout, Model
+from real2sim.layout import STEP, Layout, Model
 from real2sim.problem import Floats, Indices, Problem
 from real2sim.quadratic import Quadratic, bounded_minimum
 from real2sim.split import Split
 
-STEP = 0.25
-"""Finite differences step by this fraction of an unknown's scale: small against what matters, large against noise of
-the simulation's arithmetic."""
 BATCH = 64
 """Sets of unknowns in one call of a problem: bounds its memory."""
 CONVERGED_NATS = 0.5
@@ -71,7 +68,9 @@ def slopes(
     evaluate: Evaluator, layout: Layout, unknowns: Floats, residuals: Floats, columns: Indices, stage: str
 ) -> Floats:
     """Jacobian by finite differences away from the nearer bound, shape (blocks, columns, m)."""
-    step = STEP * layout.scale[columns] * np.where(_is_near_top(layout, unknowns, columns), -1.0, 1.0)
+    here = unknowns[:, columns]
+    step = np.where(here == 0.0, layout.first[columns], STEP * layout.scale[columns])
+    step = np.where(here + step > layout.high[columns], -step, step)
     sets = np.repeat(unknowns[np.newaxis], len(columns), axis=0)
     for i, column in enumerate(columns):
         sets[i, :, column] += step[:, i]
@@ -96,6 +95,11 @@ def refine(
             break
         residuals = evaluate(stage, np.array([trial for _, trial in active]))
         for (state, trial), r in zip(active, residuals, strict=True):
+            state.learn(trial, r)
+    shared = [(state, trial) for state in states if (trial := state.share()) is not None]
+    if shared:
+        residuals = evaluate(stage, np.array([trial for _, trial in shared]))
+        for (state, trial), r in zip(shared, residuals, strict=True):
             state.learn(trial, r)
     return [state.fit for state in states]
 
@@ -126,12 +130,23 @@ class _Descent:
                 trial[block, self.fit.columns] = here + change
         return None if self._is_done.all() else trial
 
+    def share(self) -> Floats | None:
+        """The median of the blocks' unknowns in all of them, as one block may be stuck where others are not."""
+        if len(self.fit.unknowns) == 1 or not len(self.fit.columns):
+            return None
+        self._is_done[:] = False
+        trial = self.fit.unknowns.copy()
+        trial[:, self.fit.columns] = np.median(self.fit.unknowns[:, self.fit.columns], axis=0)
+        return trial
+
     def learn(self, trial: Floats, residuals: Floats) -> None:
         """Takes the residuals of a trial: corrects the Jacobian, moves where the cost fell."""
         unknowns, kept = self.fit.unknowns.copy(), self.fit.residuals.copy()
         jacobian = self.fit.jacobian.copy()
         for block in np.flatnonzero(~self._is_done):
             change = (trial - self.fit.unknowns)[block, self.fit.columns]
+            if not change.any():
+                continue
             weighted = change / self._scale**2
             missed = residuals[block] - kept[block] - change @ jacobian[block]
             jacobian[block] += np.outer(weighted, missed) / (weighted @ change)
@@ -142,8 +157,3 @@ class _Descent:
             else:
                 self._damping[block] = min(max(self._damping[block] * 10.0, 0.5), 1e4)
         self.fit = replace(self.fit, unknowns=unknowns, residuals=kept, jacobian=jacobian)
-
-
-def _is_near_top(layout: Layout, unknowns: Floats, columns: Indices) -> Indices:
-    room = layout.high[columns] - unknowns[:, columns]
-    return np.asarray(room < STEP * layout.scale[columns])

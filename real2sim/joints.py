@@ -55,6 +55,7 @@ class JointProblem(Problem):
         self._motion = motion_of(self._rows, self._robot, kp, kd)
         self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
         self._averaged = max(1, round(SAMPLE_S / self._rows.dt_s))
+        self.samples_per_residual = float(self._averaged)
         self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
         self.segments = segments_of(log)
         self._place_samples()

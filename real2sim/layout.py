@@ -7,6 +7,10 @@ import numpy as np
 
 from real2sim.problem import Candidate, Floats, Indices, Problem
 
+STEP = 0.25
+"""Finite differences step by this fraction of an unknown's scale: small against what matters, large against noise of
+the simulation's arithmetic."""
+
 Model = tuple[str, ...]
 """Effects that a model has besides the claimed ones, sorted; () is the claimed model itself."""
 
@@ -22,6 +26,9 @@ class Layout:
     low: Floats
     high: Floats
     scale: Floats
+    first: Floats
+    """Shape (unknowns,): by how much finite differences step from 0, half of the smallest value that fits start from.
+    Some effects show nothing below the time step of a simulation, so a fraction of the scale would not do."""
 
     @classmethod
     def of(cls, problem: Problem) -> "Layout":
@@ -34,6 +41,7 @@ class Layout:
             low=np.array([unknown.low for unknown in unknowns]),
             high=np.array([unknown.high for unknown in unknowns]),
             scale=np.array([unknown.scale for unknown in unknowns]),
+            first=np.array([_first_step(c, i) for c in problem.candidates for i in range(len(c.unknowns))]),
         )
 
     @property
@@ -63,6 +71,13 @@ class Layout:
         """Shapes from which fits of a candidate start, without repetition; 0 where an unknown is no shape."""
         shapes = [np.where(self.is_shape[self.of_candidate(index)], s, 0.0) for s in self.candidates[index].starts]
         return list({tuple(shape): shape for shape in shapes}.values())
+
+
+def _first_step(candidate: Candidate, index: int) -> float:
+    sizes = [abs(start[index]) for start in candidate.starts if start[index] != 0.0]
+    if candidate.is_nuisance or candidate.unknowns[index].is_shape or not sizes:
+        return STEP * candidate.unknowns[index].scale
+    return 0.5 * min(sizes)
 
 
 def model_of(effects: Iterable[str]) -> Model:

@@ -88,6 +88,8 @@ class Problem(ABC):
     signal: Indices
     time_s: Floats
     untestable: dict[str, str]
+    samples_per_residual: float = 1.0
+    """Samples of the log that a residual averages: by its square root an effect stands out more than in one sample."""
 
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:

@@ -69,11 +69,13 @@ class _Search:
             split=self._split,
             cells=Cells.of(self._problem, self._split.is_fit),
             rng=np.random.default_rng(self._seed),
+            size=decide.SIZE_RMS * self._problem.samples_per_residual**0.5,
         )
         if self._is_worth_fitting():
             self._fit_singles()
-            self._fit_larger(self._best(1), size=2)
-            self._fit_larger(self._best(2), size=LARGEST)
+            for size in range(2, LARGEST + 1):
+                if self._leaves_more(court, self._best(size - 1)):
+                    self._fit_larger(self._best(size - 1), size)
         return conclude.findings(self._problem, court, self._evaluate, self._fits, self._library_quadratic)
 
     def _fit_null(self) -> None:
@@ -107,7 +109,7 @@ class _Search:
             point[:, columns] = shape
             for column in columns[~layout.is_shape[columns]]:
                 moved = point.copy()
-                moved[:, column] += _step(layout, column)
+                moved[:, column] += layout.first[column]
                 sets.append(moved)
                 owners.append(column)
         if not sets:
@@ -116,7 +118,7 @@ class _Search:
         best = np.full((blocks, len(layout.scale)), -1.0)
         seen = self._split.is_fit
         for moved, column, r in zip(sets, owners, change, strict=True):
-            slope = r / _step(layout, column)
+            slope = r / layout.first[column]
             power = np.einsum("bm,bm->b", slope[:, seen], slope[:, seen])
             cross = np.einsum("bm,bm->b", slope[:, seen], null.residuals[:, seen])
             promise = np.where(power > 0.0, cross**2 / np.maximum(power, 1e-300), 0.0)
@@ -134,6 +136,11 @@ class _Search:
         null = quadratic.where(self._layout.nuisances)
         gain = 0.5 * (quadratic.fit_cost(null) - quadratic.fit_cost(np.ones_like(null)))
         return gain > decide.GAIN_NATS
+
+    def _leaves_more(self, court: decide.Court, model: Model) -> bool:
+        """Whether a fit leaves enough for another effect."""
+        structure = court.cells.structure(self._fits[model].residuals)
+        return court.cells.largest_rms(structure) > court.size
 
     def _fit_singles(self) -> None:
         """Each effect alone; the best again with fresh derivatives, by their shapes too."""
@@ -225,9 +232,3 @@ class _Search:
         here = self._fits[model]
         unknowns = np.where(np.isin(every, here.columns), here.unknowns, self._rest)
         return Quadratic.of(self._layout, self._split, every, unknowns, here.residuals, self._library(model))
-
-
-def _step(layout: Layout, column: int) -> float:
-    """Step of a finite difference from 0."""
-    up = layout.high[column] >= fit.STEP * layout.scale[column]
-    return float(fit.STEP * layout.scale[column] * (1.0 if up else -1.0))
