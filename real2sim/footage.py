@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Mount
+from render.camera import moved_camera
 from render.embree import EmbreeRenderer
 from saltus import go1
 from saltus.depth import D435I, Intrinsics
@@ -80,7 +80,7 @@ def film(
         joints: [rad], shape (n, 12).
         rng: Of the noise and of what effects draw.
     """
-    renderer = EmbreeRenderer(terrain, camera.intrinsics, Mount(), threads=1)
+    renderer = EmbreeRenderer(terrain, *moved_camera(profile.view_chain, camera.intrinsics), threads=1)
     depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0
