@@ -44,7 +44,7 @@ class CameraStage(Stage):
         scene, start = self._camera, float(rng.uniform(0, 1000))
         path = scene.path
         t = np.arange(0, path.segments[-1].end_s, 0.01)
-        joints = {"t": t + start}
+        joints: dict[str, Floats] = {"t": t + start}
         for number, joint in enumerate(JOINTS):
             joints[f"q_{joint}"] = STAND[number] + rng.normal(0, 3e-4, len(t))
         for number, joint in enumerate(JOINTS):
@@ -96,7 +96,7 @@ def _base(path: Path, start: float, rng: np.random.Generator) -> dict[str, Float
     zero = np.zeros_like(t)
     columns = [x, zero, z, np.cos(pitch / 2), zero, np.sin(pitch / 2), zero, np.gradient(x, t), zero, np.gradient(z, t)]
     noise = [3e-4, 3e-4, 3e-4, 0.0, 2e-4, 0.0, 2e-4, 0.005, 0.005, 0.005]
-    table = {"t": t + start}
+    table: dict[str, Floats] = {"t": t + start}
     for name, values, sigma in zip(BASE, columns, noise, strict=True):
         table[name] = values + sigma * rng.normal(size=len(t))
     return table

@@ -48,8 +48,7 @@ def damage(files: RunFiles, name: str, rng: np.random.Generator) -> str:
 
 def _keep(name: str, rows: int, rng: np.random.Generator) -> np.ndarray:
     if name == "rows_doubled":
-        doubled = np.repeat(np.arange(rows), 1 + (rng.uniform(size=rows) < 0.1))
-        return doubled
+        return np.repeat(np.arange(rows), 1 + (rng.uniform(size=rows) < 0.1))
     gone = np.zeros(rows, dtype=bool)
     for _ in range(12):
         start = int(rng.uniform(0.05, 0.9) * rows)

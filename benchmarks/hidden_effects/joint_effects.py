@@ -25,6 +25,7 @@ def _none(rng: np.random.Generator) -> dict[str, float]:
 
 
 def draw_sign(rng: np.random.Generator) -> dict[str, float]:
+    """Shape of an effect that goes either way."""
     return {"sign": float(rng.choice([-1, 1]))}
 
 
@@ -110,7 +111,7 @@ def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
 
 
 def largest(setting: Setting, peak: Peak) -> float:
-    """Largest size that a real robot could have; of a saturation that at which more command still gives more torque."""
+    """Largest size that a real robot could have; of a saturation that at which more command still gives more."""
     if setting.effect != "torque_saturation":
         return FAMILIES[setting.effect].largest
     curves = lost_curve(setting.sized(np.inf), peak)[np.isin(JOINTS, setting.where)]

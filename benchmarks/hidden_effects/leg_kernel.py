@@ -49,6 +49,7 @@ class Leg:
 
 @wp.func
 def rotation_x(a: float) -> wp.mat33:
+    """Rotation about the first axis."""
     c = wp.cos(a)
     s = wp.sin(a)
     return wp.mat33(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c)
@@ -56,6 +57,7 @@ def rotation_x(a: float) -> wp.mat33:
 
 @wp.func
 def rotation_y(a: float) -> wp.mat33:
+    """Rotation about the second axis."""
     c = wp.cos(a)
     s = wp.sin(a)
     return wp.mat33(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c)
@@ -115,6 +117,7 @@ def simulate(
     steps_per_tick: int,
     out: wp.array(dtype=float, ndim=4),
 ):
+    """Writes position, velocity and believed torque of a leg at every row, shape (variants, rows, 12, 3)."""
     variant, number = wp.tid()
     number = leg_numbers[number]
     leg = legs[number]

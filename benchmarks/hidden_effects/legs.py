@@ -44,7 +44,7 @@ def simulate(rig: Rig, variants: list[Hidden], legs: tuple[int, ...] = (0, 1, 2,
     rows = len(rig.command)
     steps = round(rig.control_dt / STEP_S)
     out = np.zeros((len(variants), rows, 12, 3), dtype=np.float32)
-    arrivals = [_arrivals(rig, rows, steps, hidden, seed) for hidden in variants]
+    arrivals = [_arrivals(rows, steps, hidden, seed) for hidden in variants]
     device = "cpu"
     result = wp.array(out, dtype=float, device=device)
     wp.launch(
@@ -73,11 +73,11 @@ def mean_delay(rig: Rig, hidden: Hidden, seed: int = 0) -> tuple[Floats, Floats]
     """Mean time [s] from the sending of a packet to its first use by a drive, for commands and feed-forward; (12,)."""
     rows, steps = len(rig.command), round(rig.control_dt / STEP_S)
     sent = np.arange(rows) * steps
-    late = [(arrival - sent)[:, 1:].mean(axis=1) * STEP_S for arrival in _arrivals(rig, rows, steps, hidden, seed)]
+    late = [(arrival - sent)[:, 1:].mean(axis=1) * STEP_S for arrival in _arrivals(rows, steps, hidden, seed)]
     return late[0], late[1] - late[0]
 
 
-def _arrivals(rig: Rig, rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Step at which each packet has arrived, and at which its feed-forward part may be used; int32 (12, rows)."""
     rng = np.random.default_rng(seed)
     sent = np.arange(rows) * steps

@@ -13,7 +13,7 @@ REACH = np.tile([0.55, 0.8, 0.6], 4)
 PUSH = np.tile([3.0, 4.0, 4.0], 4)
 """Largest feed-forward torque [Nm]: kept where the position loop holds the joint near its place."""
 
-Motion = Callable[[Floats, Floats, np.random.Generator], tuple[Floats, Floats]]
+Motion = Callable[[Floats, float, np.random.Generator], tuple[Floats, Floats]]
 """From times in a segment (n,) and its length to offsets of joints and of feed-forward torque in parts of their
 largest, each (n, 12)."""
 
@@ -28,7 +28,7 @@ class Segment:
     condition: str
 
 
-def linear_chirp(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def linear_chirp(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Sine of rising frequency, smaller as it gets faster."""
     top, phase = rng.uniform(8, 13), rng.uniform(0, 2 * np.pi, 12)
     frequency = 0.2 + (top - 0.2) * t / length
@@ -37,7 +37,7 @@ def linear_chirp(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[F
     return 0.5 * envelope[:, None] * np.sin(angle[:, None] + phase), np.zeros((len(t), 12))
 
 
-def log_chirp(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def log_chirp(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Sine whose frequency grows by a factor per second, falling in every second joint."""
     low, high = 0.3, rng.uniform(9, 15)
     rate = np.log(high / low) / length
@@ -49,7 +49,7 @@ def log_chirp(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floa
     return 0.5 * rising[:, None] * falling * rng.uniform(0.7, 1, 12), np.zeros((len(t), 12))
 
 
-def triangle(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def triangle(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Slow ramps up and down."""
     cycles = rng.integers(1, 3)
     x = cycles * t / length
@@ -57,7 +57,7 @@ def triangle(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Float
     return -0.45 * wave[:, None] * rng.choice([-1, 1], 12), np.zeros((len(t), 12))
 
 
-def wander(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def wander(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """A sum of slow sines that have no common period."""
     total = np.zeros((len(t), 12))
     for _ in range(4):
@@ -65,7 +65,7 @@ def wander(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats,
     return 0.18 * _window(t, length)[:, None] * total, np.zeros((len(t), 12))
 
 
-def steps(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def steps(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Jumps there and back."""
     hold = rng.uniform(0.35, 0.55)
     level = np.array([0.0, 1.0, 0.0, -1.0])[(t / hold).astype(int) % 4]
@@ -73,7 +73,7 @@ def steps(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, 
     return 0.6 * level[:, None] * rng.choice([-1, 1], 12), np.zeros((len(t), 12))
 
 
-def random_steps(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def random_steps(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Jumps to levels drawn anew each time, each joint at its own moments."""
     out = np.zeros((len(t), 12))
     for joint in range(12):
@@ -84,7 +84,7 @@ def random_steps(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[F
     return out, np.zeros((len(t), 12))
 
 
-def hold_ladder(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def hold_ladder(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Rungs that are held, reached by short ramps."""
     rungs = np.concatenate([[0.0], rng.permutation([-0.8, -0.4, 0.4, 0.8]), [0.0]])
     x = t / length * (len(rungs) - 1)
@@ -92,7 +92,7 @@ def hold_ladder(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Fl
     return eased[:, None] * rng.choice([-1, 1], 12), np.zeros((len(t), 12))
 
 
-def torque_stairs(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def torque_stairs(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Feed-forward torque in stairs, against the position loop."""
     count = 6
     levels = np.concatenate([[0.0], rng.uniform(-1, 1, count - 2), [0.0]])
@@ -100,21 +100,21 @@ def torque_stairs(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[
     return np.zeros((len(t), 12)), push[:, None] * rng.choice([-1, 1], 12)
 
 
-def torque_sweep(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def torque_sweep(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Feed-forward torque as a square wave that gets faster."""
     angle = 2 * np.pi * (0.7 * t + 0.5 * rng.uniform(0.8, 1.6) * t**2)
     push = np.sign(np.sin(angle[:, None] + rng.uniform(0, 2 * np.pi, 12))) * (t < length - 0.3)[:, None]
     return np.zeros((len(t), 12)), 0.8 * push
 
 
-def bits(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def bits(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Small jumps at random moments in both directions: all frequencies at once."""
     slots = (t / 0.06).astype(int)
     levels = rng.choice([-1.0, 1.0], (slots[-1] + 1, 12))
     return 0.16 * levels[slots] * (t < length - 0.3)[:, None], np.zeros((len(t), 12))
 
 
-def sine(t: Floats, length: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def sine(t: Floats, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """One frequency."""
     frequency = rng.uniform(0.7, 1.4)
     wave = np.sin(2 * np.pi * frequency * t[:, None] + rng.uniform(0, 2 * np.pi, 12))
@@ -177,7 +177,7 @@ def _choose(rng: np.random.Generator, tuning: bool, quiet: bool) -> list[str]:
 
 
 def _segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.Generator) -> Floats:
-    length = np.float64(rows * dt - REST_S)
+    length = rows * dt - REST_S
     t = np.arange(rows) * dt
     moving = t < length
     offset, push = motion(t[moving], length, rng)
@@ -191,7 +191,7 @@ def _segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.G
     return np.stack([position, velocity, forward], axis=-1)
 
 
-def _window(t: Floats, length: Floats) -> Floats:
+def _window(t: Floats, length: float) -> Floats:
     edge = 0.3
     return np.asarray(np.clip(np.minimum(t, length - t) / edge, 0, 1), dtype=float)
 

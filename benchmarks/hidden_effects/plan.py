@@ -1,9 +1,9 @@
 """Which runs there are: drawn once from a seed, balanced over effects."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,8 @@ Kind = Literal["joints", "camera", "body", "imu"]
 Category = Literal["none", "one", "two", "outside", "damaged"]
 
 KINDS: dict[Kind, float] = {"joints": 0.55, "camera": 0.25, "body": 0.12, "imu": 0.08}
+Name = TypeVar("Name", bound=str)
+
 CATEGORIES: dict[Category, float] = {"none": 0.20, "one": 0.45, "two": 0.20, "outside": 0.10, "damaged": 0.05}
 QUIET_PART = 0.12
 """Part of the runs with one effect whose motion is too small to show most effects."""
@@ -75,7 +77,7 @@ class Run:
 def make_plan(seed: int, count: int, kinds: tuple[Kind, ...] = tuple(KINDS)) -> tuple[Run, ...]:
     """Plans `count` runs, in an order that says nothing."""
     rng = np.random.default_rng(seed)
-    categories = _split({name: part for name, part in CATEGORIES.items()}, count, rng)
+    categories = _split(CATEGORIES, count, rng)
     runs = []
     effects = _Deck(rng)
     for category in CATEGORIES:
@@ -121,13 +123,13 @@ def _run(category: Category, kind: Kind, number: int, deck: _Deck, rng: np.rando
         category=category,
         effects=effects,
         multiples=tuple(float(str(deck.deal(category, "size", effect, cards=multiples))) for effect in effects),
-        quiet=category == "one" and kind == "joints" and rng.uniform() < QUIET_PART * 1 / KINDS["joints"],
+        quiet=category == "one" and kind == "joints" and rng.uniform() < QUIET_PART / KINDS["joints"],
         damage=damage,
         seed=int(rng.integers(2**31)),
     )
 
 
-def _split(shares: dict, count: int, rng: np.random.Generator) -> list:
+def _split(shares: Mapping[Name, float], count: int, rng: np.random.Generator) -> list[Name]:
     """Names in shares of a whole, rounded so that they sum up to `count`, shuffled."""
     names = list(shares)
     wanted = np.array([shares[name] for name in names])

@@ -25,7 +25,7 @@ def cast(
     if ray[2] < -1.0e-6:
         nearest = -start[2] / ray[2]
     for box in range(low.shape[0]):
-        enter = float(1.0e-4)
+        enter = float(1.0e-4)  # noqa: UP018 - tells the compiler that it changes
         leave = float(NOTHING)
         for axis in range(3):
             if wp.abs(ray[axis]) < 1.0e-9:

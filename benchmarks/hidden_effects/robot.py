@@ -1,11 +1,12 @@
 """The robot that the logs claim, as a table of its own (unitree_ros, rotor masses lumped into the links)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 LEGS = ("FR", "FL", "RR", "RL")
 KINDS = ("hip", "thigh", "calf")

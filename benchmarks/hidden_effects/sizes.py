@@ -75,4 +75,4 @@ def outside_of(own: Floats, library: Floats) -> float:
     """Part of a signature's energy that no mixture of the library's signatures explains."""
     basis, _ = np.linalg.qr(library.T)
     rest = own - basis @ (basis.T @ own)
-    return float(rest @ rest / max(own @ own, 1e-12))
+    return float(rest @ rest) / max(float(own @ own), 1e-12)

@@ -1,6 +1,7 @@
 """What a run needs of its kind: a scene, places for its effects, and files."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 
@@ -39,5 +40,10 @@ def make_stage(run: Run, tuning: bool) -> Stage:
     from benchmarks.hidden_effects.camera_stage import CameraStage
     from benchmarks.hidden_effects.joint_stage import JointStage
 
-    stages = {"joints": JointStage, "camera": CameraStage, "body": BodyStage, "imu": BodyStage}
+    stages: dict[str, Callable[[Run, bool], Stage]] = {
+        "joints": JointStage,
+        "camera": CameraStage,
+        "body": BodyStage,
+        "imu": BodyStage,
+    }
     return stages[run.kind](run, tuning)

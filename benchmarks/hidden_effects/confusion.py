@@ -1,0 +1,49 @@
+"""Which effects are taken for which: a matrix as a table and as a picture."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+
+from benchmarks.hidden_effects.plan import LIBRARY
+from benchmarks.hidden_effects.score import Case
+
+OTHER = ("several", "set", "unexplained", "no_gap", "bad_log", "error")
+
+
+def matrix(cases: list[Case]) -> tuple[list[str], list[str], np.ndarray]:
+    """Names of rows (what is true), of columns (what was said), and how often; shape (rows, columns)."""
+    effects = [name for names in LIBRARY.values() for name in names]
+    rows = [*effects, "none", "outside", "damaged"]
+    columns = [*effects, *OTHER]
+    counts = np.zeros((len(rows), len(columns)), dtype=int)
+    for case in cases:
+        category = case.truth["category"]
+        if category == "two" or (category == "one" and not case.counts()):
+            continue
+        row = case.true_names[0] if category == "one" else category
+        named = case.named
+        said = case.said
+        if said == "named":
+            said = named[0] if len(named) == 1 else "several"
+        counts[rows.index(row), columns.index(said)] += 1
+    return rows, columns, counts
+
+
+def write_confusion(cases: list[Case], directory: Path) -> None:
+    """Writes confusion.csv and confusion.html."""
+    rows, columns, counts = matrix(cases)
+    with (directory / "confusion.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["true", *columns])
+        writer.writerows([name, *line] for name, line in zip(rows, counts.tolist(), strict=True))
+    shown = np.where(counts > 0, counts, np.nan)
+    figure = go.Figure(
+        go.Heatmap(
+            z=shown, x=columns, y=rows, text=np.where(counts > 0, counts, "").astype(str), texttemplate="%{text}"
+        )
+    )
+    figure.update_layout(width=1100, height=950, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
+    figure.update_traces(colorscale="Blues", showscale=False, xgap=1, ygap=1)
+    figure.write_html(directory / "confusion.html", include_plotlyjs="cdn")

@@ -1,0 +1,60 @@
+"""Lets an identifier look at every log, and seals what it says before anyone opens the truth."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+Find = Callable[[Path, Path], None]
+"""From the directory of a log and one for results; writes verdict.json there."""
+LIMIT_S = 600.0
+"""What one log may take: the time that sixty seconds of log may take on two cores."""
+
+
+def identify(logs: Path, verdicts: Path, find: Find, jobs: int) -> None:
+    """Writes a verdict for every log that has none yet, then the hashes of all.
+
+    A log that cannot be finished gets the verdict "error", which counts as wrong.
+    """
+    names = sorted(path.name for path in logs.iterdir() if (path / "meta.json").exists())
+    open_ = [name for name in names if not (verdicts / name / "verdict.json").exists()]
+    print(f"{len(names) - len(open_)} of {len(names)} verdicts are there", flush=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = {pool.submit(_look, find, logs / name, verdicts / name): name for name in open_}
+        for number, future in enumerate(as_completed(futures), start=len(names) - len(open_) + 1):
+            print(f"{number}/{len(names)} {futures[future]}: {future.result()}", flush=True)
+    hashes = {name: digest(verdicts / name / "verdict.json") for name in names}
+    (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1))
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def command(log: Path, out: Path) -> None:
+    """Finds with the project's command line, in a process of its own on one core."""
+    call = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", str(log), "--out", str(out), "--json"]
+    done = subprocess.run(
+        call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
+    )
+    if not (out / "verdict.json").exists():
+        raise RuntimeError(f"exit code {done.returncode}: {done.stderr[-2000:]}")
+
+
+def _look(find: Find, log: Path, out: Path) -> str:
+    out.mkdir(parents=True, exist_ok=True)
+    start = time.monotonic()
+    try:
+        find(log, out)
+    except Exception as error:  # whatever stops an identifier must not stop the benchmark
+        (out / "verdict.json").write_text(json.dumps({"verdict": "error", "message": str(error)}))
+    seconds = time.monotonic() - start
+    (out / "seconds.json").write_text(json.dumps(seconds))
+    said = json.loads((out / "verdict.json").read_text())
+    return f"{said['verdict']} {[effect['name'] for effect in said.get('effects', [])]} {seconds:.0f} s"
