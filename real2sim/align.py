@@ -5,10 +5,11 @@ an offset of clocks and a latency are the same number: such offsets are relative
 have stamped could part them. Between columns of one table there is one clock, and the offset is a true delay.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
@@ -20,11 +21,13 @@ Floats = NDArray[np.float64]
 SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
 GRID_S = 0.005
 ITERATIONS = 8
+SMOOTH_S = 0.02  # either way; a body turns and heaves at a few hertz
 BLOCK_S = 2.0  # whose offsets are compared with each other: longer than the memory of any motion
 MIN_BLOCKS = 3
 MIN_POWER = 1e-3  # of the best block; a block at rest tells nothing
 MIN_CORRELATION = 0.5  # below it, the two streams do not show the same motion
 DEPTH_GRID = 8  # rows and columns of an image that are compared
+TOLD_DRIFT = 1e-5  # 1 ms in two minutes; quartz clocks differ by more
 POSES_S = 0.01  # between poses at which images are foretold; the motion of a body is slower
 MIN_VALID = 0.8  # of the images of a pixel
 NEAR_RANGE = 0.9  # of the camera's range
@@ -52,7 +55,11 @@ class ClockOffset:
         first, last = (1e3 * end for end in self.ci90_s)
         late = f"{self.stream} is {1e3 * self.offset_s:.1f} ms ({first:.1f} to {last:.1f}) behind {self.reference}"
         low, high = self.drift_ci90
-        drifts = f", drifts by {1e3 * self.drift:.2f} ms per s" if low > 0 or high < 0 else ""
+        drifts = (
+            f", drifts by {1e3 * self.drift:.2f} ms per s"
+            if (low > 0 or high < 0) and abs(self.drift) > TOLD_DRIFT
+            else ""
+        )
         return late + drifts + (" (clock and latency cannot be told apart)" if self.is_relative else "")
 
 
@@ -89,6 +96,7 @@ def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> Clock
 
     Each channel may have its own scale and mean. The interval comes from how blocks of the log disagree.
     """
+    stream, reference = _smooth(stream), _smooth(reference)
     low, high = SEARCH_S
     inside = (stream.time_s > reference.time_s[0] + high) & (stream.time_s < reference.time_s[-1] + low)
     time_s, values = stream.time_s[inside], stream.values[inside]
@@ -118,6 +126,15 @@ def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> Clock
         drift_ci90=(drift - drift_spread, drift + drift_spread),
         is_relative=is_relative,
     )
+
+
+def _smooth(motion: Motion) -> Motion:
+    """The same without noise that is faster than motions are.
+
+    Between noisy samples a line is less noisy than at them, and an offset would be drawn to halfway.
+    """
+    half = round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
+    return replace(motion, values=uniform_filter1d(motion.values, 2 * half + 1, axis=0))
 
 
 def _explained(reference: Floats, values: Floats) -> float:
