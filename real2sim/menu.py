@@ -61,13 +61,13 @@ def _chirps(highest_hz: float) -> tuple[Section, ...]:
 
 def _tour() -> tuple[Section, ...]:
     """Everything that a held robot can show, each motion twice; the first once more at the end."""
-    chirp = _chirps(10.0)
+    chirp = repeated("chirp", 3, lambda: motions.sweep(4.0, 0.3, 10.0, 0.35))
     return _both(
         chirp[:2],
-        repeated("slow triangle", 2, lambda: motions.triangle(4.0, 0.3, 0.25)),
-        repeated("small steps", 2, lambda: motions.steps(2.5, 0.6, 0.3)),
-        repeated("large steps", 2, lambda: motions.steps(2.5, 0.6, (0.35, 0.35, 0.55))),
-        repeated("hold ladder", 2, lambda: motions.hold_ladder(4.0, 0.5, 4)),
+        repeated("slow triangle", 2, lambda: motions.triangle(3.0, 0.4, 0.25)),
+        repeated("small steps", 2, lambda: motions.steps(2.0, 0.5, 0.2)),
+        repeated("large steps", 2, lambda: motions.steps(2.0, 0.5, (0.35, 0.35, 0.55))),
+        repeated("hold ladder", 2, lambda: motions.hold_ladder(3.0, 0.5, 3)),
         chirp[2:],
     )
 

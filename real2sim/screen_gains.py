@@ -18,9 +18,11 @@ FF_DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025)  # of the feed-forwa
 SEEN_ERROR = 0.01  # rad RMS: a noise of 2 mrad makes kp 4 % too small
 SEEN_RATE = 0.3  # rad/s RMS: a noise of 0.05 rad/s makes kd 3 % too small
 SEEN_TORQUE = 1.0  # Nm RMS, from which on noise (0.5 at most) cannot hide what a torque follows
+SEEN_OVER_LEFT = 2.0  # torque over what is left: less, and a false delay may explain as much as the true one
 KP_OFF, KD_OFF = 0.12, 0.2  # of the claim; healthy logs with strong effects stay within 0.03
 MIN_KD = 0.3  # Nm s/rad: claims of less are judged like this one
 LEFT, LEFT_SHARE = 0.5, 0.1  # Nm, or share of the RMS: more, and the drive follows another encoder than the logged one
+HALF_PLAY = 0.009  # rad, half of 1 degree of backlash: the law sees the motor's side, the log the joint's
 SENSELESS = 0.4  # share of the variance below which the torque belongs to other columns
 
 
@@ -93,21 +95,22 @@ def _regress(columns: list[Floats], torque: Floats) -> _Fit:
 
 
 def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
-    if fit.torque > SEEN_TORQUE and fit.explained < SENSELESS:
+    left = fit.torque * (1 - fit.explained) ** 0.5
+    if fit.torque > SEEN_TORQUE and fit.explained < SENSELESS and left > LEFT + kp * HALF_PLAY:
         text = f"q, q_des and gains explain {fit.explained:.0%} of tau_est of {name}: the columns are not of one joint"
         yield Fault(name="torque_unexplained", text=text)
         return
-    left = fit.torque * (1 - fit.explained) ** 0.5
-    if left > max(LEFT, LEFT_SHARE * fit.torque) or fit.error < SEEN_ERROR or kp * fit.error < left:
+    if left > max(LEFT, LEFT_SHARE * fit.torque) or fit.error < SEEN_ERROR or fit.torque < SEEN_OVER_LEFT * left:
         return
-    if fit.kp < 0:
+    doubt = KP_OFF + HALF_PLAY / fit.error
+    if fit.kp < kp * (KP_OFF - doubt):
         text = f"tau_est of {name} pushes away from q_des (kp {fit.kp:.3g}, claimed {kp:.3g}): a sign is flipped"
         yield Fault(name="flipped_sign", text=text)
         return
-    if abs(fit.kp - kp) > KP_OFF * kp:
+    if abs(fit.kp - kp) > doubt * kp:
         text = f"tau_est of {name} shows kp {fit.kp:.3g}, meta.json claims {kp:.3g}"
         yield Fault(name="wrong_gains", text=text)
-    elif fit.rate > SEEN_RATE and abs(fit.kd - kd) > KD_OFF * max(kd, MIN_KD):
+    elif abs(fit.kp - kp) < KP_OFF * kp and fit.rate > SEEN_RATE and abs(fit.kd - kd) > KD_OFF * max(kd, MIN_KD):
         text = f"tau_est of {name} shows kd {fit.kd:.3g}, meta.json claims {kd:.3g}"
         yield Fault(name="wrong_gains", text=text)
     if fit.feedforward_seen > SEEN_TORQUE and fit.feedforward < -0.5:

@@ -57,15 +57,21 @@ class Find:
 class Bar:
     """A progress bar whose text is the stage."""
 
+    def __init__(self) -> None:
+        self._bar: tqdm[None] | None = None
+
     def __enter__(self) -> "Bar":
-        self._bar = tqdm(total=1.0, file=sys.stderr, bar_format="{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}")
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()
 
     def at(self, stage: str, share: float) -> None:
-        """Shows a stage and the share of all that is done."""
+        """Shows a stage and the share that is done; the bar comes with the first."""
+        if self._bar is None:
+            shape = "{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}"
+            self._bar = tqdm(total=1.0, file=sys.stderr, bar_format=shape)
         self._bar.set_description_str(stage, refresh=False)
         self._bar.update(min(share, 1.0) - self._bar.n)
 
@@ -173,6 +179,44 @@ def _described(experiment: "Experiment") -> dict[str, object]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Demo:
+    """Hides an effect in a robot, finds it in a log of an experiment, adds it to the simulator and looks again."""
+
+    seed: int = 0
+    """Which effect, where and how large."""
+    out: Path | None = None
+    """Folder for logs, verdicts, patch and profile; a new one under runs/ where it is not given."""
+    json: Json = False
+    """Print one JSON object on the last line."""
+
+    def run(self) -> int:
+        """0 where what was hidden was found and the second look finds no gap, else 1."""
+        from real2sim.demonstration import demonstrate
+        from real2sim.words import sentence
+        from saltus.effects.profile import profile_to_toml
+
+        directory = run_directory("real2sim-demo", self.out)
+        with Bar() as bar:
+            shown = demonstrate(directory, seed=self.seed, progress=bar.at)
+        print(f"hidden:\n{profile_to_toml(shown.hidden)}")
+        print(f"found: {sentence(shown.found.verdict)}")
+        print(f"with the patch: {sentence(shown.again.verdict)}")
+        print(f"{directory}: logs, found, again, profile.toml")
+        if self.json:
+            print_json(
+                {
+                    "hidden": [effect.name for effect in shown.hidden.actuator],
+                    "found": shown.found.verdict.to_dict(),
+                    "again": shown.again.verdict.to_dict(),
+                    "profile": str(directory / "profile.toml"),
+                }
+            )
+        names = {effect.name for effect in shown.found.verdict.effects}
+        is_found = names == {effect.name for effect in shown.hidden.actuator}
+        return 0 if is_found and shown.again.verdict.verdict == "no_gap" else 1
+
+
+@dataclass(frozen=True, kw_only=True)
 class Benchmark:
     """Hidden effects: generates logs of a simulator that shares no code with this one, identifies them, scores."""
 
@@ -203,6 +247,7 @@ class Real2sim:
             Annotated[Find, subcommand("find")]
             | Annotated[Apply, subcommand("apply")]
             | Annotated[Experiments, subcommand("experiments")]
+            | Annotated[Demo, subcommand("demo")]
             | Annotated[Benchmark, subcommand("benchmark")]
         ]
     ]

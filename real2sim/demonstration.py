@@ -1,0 +1,124 @@
+"""The whole loop on a simulated robot: an effect is hidden, an experiment run, the effect found, applied, and gone.
+
+Whoever finds it sees run logs only: of the robot that made them it knows what a real robot's owner knows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from real2sim.experiments import run
+from real2sim.menu import Experiment, experiment_named
+from real2sim.pipeline import Judgement, Progress, find
+from saltus import go1
+from saltus.effects.armature import Armature
+from saltus.effects.backlash import Backlash
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.effect import Effect
+from saltus.effects.encoder_bias import EncoderBias
+from saltus.effects.profile import IDEAL, Profile, profile_to_toml
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.viscous_friction import ViscousFriction
+from saltus.errors import SaltusError
+from saltus.run_log import write_run_log
+
+FIRST = "joint_tour"
+ROUNDS = 2
+"""Experiments at most: the first, and the one that tells the effects of a set apart."""
+KINDS = ("all joints", "hip", "thigh", "calf")
+
+_Draw = Callable[[np.random.Generator, np.ndarray], Effect[Any]]
+
+
+def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, ...]:
+    return tuple(np.where(where, value, null).tolist())
+
+
+# Sizes of robots of the Go1's class (published figures), in the upper half of what is found on them.
+_HIDDEN: tuple[_Draw, ...] = (
+    lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),
+    lambda rng, at: ViscousFriction(coefficient=_spread(at, rng.uniform(0.1, 0.3))),
+    lambda rng, at: Armature(added=_spread(at, rng.uniform(0.003, 0.008))),
+    lambda rng, at: Backlash(width=_spread(at, rng.uniform(0.01, 0.02))),
+    lambda rng, at: EncoderBias(bias=_spread(at, rng.uniform(0.02, 0.05))),
+    lambda rng, _: CommandDelay(delay=rng.uniform(0.003, 0.010)),
+    lambda rng, _: _saturation(rng.uniform(0.35, 0.5), rng.uniform(0.6, 0.75)),
+)
+
+
+def _saturation(knee: float, plateau: float) -> TorqueSaturation:
+    """A saturation of all joints, as shares of their torque limits."""
+    return TorqueSaturation(
+        knee=tuple((knee * go1.TORQUE_LIMIT).tolist()), plateau=tuple((plateau * go1.TORQUE_LIMIT).tolist())
+    )
+
+
+def hidden_robot(seed: int) -> Profile:
+    """A robot with one effect, drawn by the seed: which, where, and how large."""
+    rng = np.random.default_rng([seed, 6])
+    draw = _HIDDEN[rng.integers(len(_HIDDEN))]
+    kind = rng.integers(len(KINDS))
+    where = np.full(12, True) if kind == 0 else np.arange(12) % 3 == kind - 1
+    return Profile(actuator=(draw(rng, where),))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Demonstration:
+    """What a demonstration came to."""
+
+    hidden: Profile
+    """The robot's effects."""
+    experiments: tuple[Experiment, ...]
+    found: Judgement
+    """Before the patch."""
+    profile: Profile
+    """With the patch."""
+    again: Judgement
+    """After it, on the same logs."""
+
+
+def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -> Demonstration:
+    """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
+
+    Args:
+        out: Folder for logs and results; it exists.
+        seed: Which effect, where and how large; and of the sensors' noise.
+        progress: Told the stage and the share of it that is done.
+
+    Raises:
+        SaltusError: nothing that could be applied was found.
+    """
+    tell = progress or (lambda _stage, _share: None)
+    hidden = hidden_robot(seed)
+    experiments = [experiment_named(FIRST)]
+    for _ in range(ROUNDS):
+        _record(experiments[-1], hidden, seed, out, tell)
+        logs = [out / "logs" / experiment.name for experiment in experiments]
+        found = find(logs, _folder(out / "found"), seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
+        proposed = found.verdict.next_experiment
+        if found.verdict.verdict != "set" or proposed is None or proposed.name == experiments[-1].name:
+            break
+        if len(experiments) < ROUNDS:
+            experiments.append(experiment_named(proposed.name))
+    profile = found.patch.applied_to(IDEAL)
+    if profile == IDEAL:
+        raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
+    (out / "profile.toml").write_text(profile_to_toml(profile))
+    again = find(
+        logs, _folder(out / "again"), profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x)
+    )
+    return Demonstration(hidden=hidden, experiments=tuple(experiments), found=found, profile=profile, again=again)
+
+
+def _record(experiment: Experiment, hidden: Profile, seed: int, out: Path, tell: Progress) -> None:
+    log = run(experiment, hidden, seed=seed, progress=lambda share: tell(f"run {experiment.name}", share))
+    write_run_log(log, out / "logs" / experiment.name)
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir(parents=True, exist_ok=True)
+    return path
