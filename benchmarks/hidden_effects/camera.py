@@ -36,7 +36,7 @@ LIBRARY = {
 }
 OUTSIDE = {
     "lens_distortion": Family(usual=0.02, largest=0.8, shape=draw_sign),
-    "rolling_shutter": Family(usual=0.01, largest=0.1),
+    "rolling_shutter": Family(usual=0.01, largest=0.033),
     "depth_ripple": Family(usual=0.002, largest=0.05, shape=lambda rng: {"period": float(rng.uniform(0.1, 0.3))}),
     "tilt_drift": Family(usual=0.003, largest=0.1, shape=lambda rng: {"cycles": float(rng.integers(1, 4))}),
     "skewed_depth": Family(usual=0.01, largest=0.2, shape=draw_sign),

@@ -16,8 +16,8 @@ from benchmarks.hidden_effects.tables import write
 
 OUTSIDE_PART = 0.5
 """Least part of an outside effect's energy that no mixture of the library's effects may explain."""
-WILD = 6.0
-"""Residual in parts of a proportional one, from which a size is not used."""
+WILD, FAINT = 3.0, 0.7
+"""Residual in parts of a proportional one, from which a size is not used, and up to which, outside the library."""
 DRAWS = 6
 """How often an effect is drawn anew when it cannot be seen, or when the library explains it."""
 
@@ -59,6 +59,7 @@ def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:
         ],
         **findings,
     }
+    truth.mkdir(parents=True, exist_ok=True)
     (truth / f"{run.name}.json").write_text(json.dumps(record, indent=1))
     return run.name
 
@@ -93,9 +94,10 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
         setting = stage.scene.draw(effect, stage.where(effect, rng), rng)
         sigma = sizes.one_sigma(stage.sizing, [setting], sizes.ROUGH)[0]
         multiple = run.multiples[run.effects.index(effect)]
-        if not multiple * sigma <= stage.scene.largest(setting) or _wild(
-            stage.sizing, setting, sigma * multiple, multiple
-        ):
+        if not multiple * sigma <= stage.scene.largest(setting):
+            continue
+        part = _part_of_proportional(stage.sizing, setting, sigma, multiple)
+        if part > WILD or (run.category == "outside" and part < FAINT):
             continue
         if run.category == "outside" and _unexplained(stage.scene, setting.sized(sigma), rng) < OUTSIDE_PART:
             continue
@@ -103,10 +105,10 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
     return setting
 
 
-def _wild(scene: Scene, setting: Setting, size: float, multiple: float) -> bool:
-    """Whether an effect of this size is out of all proportion, as where it makes a position loop swing."""
-    base, with_it = scene.respond([(), (setting.sized(size),)])
-    return sizes.best_rms(scene, with_it - base, setting.where) > WILD * multiple
+def _part_of_proportional(scene: Scene, setting: Setting, sigma: float, multiple: float) -> float:
+    """Residual in parts of that which grows with the size: large where it makes a position loop swing."""
+    base, with_it = scene.respond([(), (setting.sized(sigma * multiple),)])
+    return sizes.best_rms(scene, with_it - base, setting.where) / multiple
 
 
 def _library(scene: Scene, where: tuple[str, ...], rng: np.random.Generator) -> list[Setting]:

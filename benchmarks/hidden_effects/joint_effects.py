@@ -111,7 +111,7 @@ def hidden(settings: tuple[Setting, ...], peak: Peak) -> Hidden:
 
 
 def largest(setting: Setting, peak: Peak) -> float:
-    """Largest size that a real robot could have; of a saturation that at which more command still gives more."""
+    """Largest size that a real robot could have; of a saturation that at which more command gives more."""
     if setting.effect != "torque_saturation":
         return FAMILIES[setting.effect].largest
     curves = lost_curve(setting.sized(np.inf), peak)[np.isin(JOINTS, setting.where)]
@@ -120,7 +120,7 @@ def largest(setting: Setting, peak: Peak) -> float:
 
 
 def no_load(size: float) -> float:
-    """No-load speed in parts of the fastest motion: the residual grows with about the third power of what is cut off."""
+    """No-load speed in parts of the fastest motion: the residual grows with about the third power of the cut."""
     return 1.1 * (1.0 - size**0.4)
 
 

@@ -83,9 +83,9 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
     sent = np.arange(rows) * steps
     total = np.zeros((12, rows))
     results = []
+    # rounded up or down by chance: otherwise a delay would come in whole steps
+    chance = rng.uniform(size=rows)
     for delay in (hidden.command_delay, hidden.forward_delay):
-        # rounded up or down by chance: otherwise a delay would come in whole steps
-        chance = rng.uniform(size=rows)
         spread = rng.normal(size=rows)
         if delay is not None:
             total = total + np.maximum(delay[:, None] * (1 + JITTER * spread), 0.0)

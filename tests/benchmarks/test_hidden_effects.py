@@ -1,0 +1,332 @@
+import dataclasses
+import itertools
+import json
+from collections import Counter
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.hidden_effects import identify, joint_effects, mjcf, plan, score, sizes, stances
+from benchmarks.hidden_effects.body import BodyScene
+from benchmarks.hidden_effects.camera import CameraScene
+from benchmarks.hidden_effects.damage import DAMAGES, damage
+from benchmarks.hidden_effects.generate import generate_run
+from benchmarks.hidden_effects.joints import JointScene
+from benchmarks.hidden_effects.legs import Hidden, Rig, mean_delay, simulate
+from benchmarks.hidden_effects.robot import JOINTS, LOWER, STAND, UPPER
+from benchmarks.hidden_effects.scene import Setting
+from benchmarks.hidden_effects.tables import RunFiles, joint_columns
+
+CAMERA = ("camera",)
+LEG = JOINTS[:3]
+
+
+@pytest.fixture(scope="module")
+def joint_scene():
+    scene = JointScene(3, tuning=True, quiet=False, legs=(0,))
+    # three segments are enough for laws
+    rows = round(scene.segments[3].start_s / scene.rig.control_dt)
+    scene.rig = dataclasses.replace(scene.rig, command=scene.rig.command[:rows])
+    scene.segments = scene.segments[:3]
+    scene._index()
+    return scene
+
+
+@pytest.fixture(scope="module")
+def camera_scene():
+    return CameraScene(2, tuning=True, static=False, flat=False)
+
+
+def swing(rows: int) -> np.ndarray:
+    t = np.arange(rows) * 0.002
+    command = np.zeros((rows, 12, 3))
+    command[:, :, 0] = STAND + 0.3 * np.sin(2 * np.pi * 2 * t)[:, None] * np.tile([1, -0.7, 0.7], 4)
+    command[:, :, 2] = 0.5 * np.sin(7 * t)[:, None]
+    return command
+
+
+def test_legs_move_as_another_integrator_moves_them():
+    rig = Rig(command=swing(400), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=16)
+    model = mujoco.MjModel.from_xml_string(mjcf.model_text(free=False, timestep=0.0005, integrator="RK4"))
+    data = mujoco.MjData(model)
+    data.qpos[:] = STAND
+    expected = np.zeros((400, 12, 3))
+    for k, row in enumerate(rig.command):
+        torque = 30.0 * (row[:, 0] - data.qpos) + (row[:, 1] - data.qvel) + row[:, 2]
+        expected[k] = np.stack([data.qpos, data.qvel, torque], axis=-1)
+        data.ctrl[:] = torque
+        mujoco.mj_step(model, data, nstep=4)
+    # a fifth of the noise of each signal
+    assert np.all(np.abs(simulate(rig, [Hidden()])[0] - expected) < 0.2 * np.array([1e-3, 0.05, 0.2]))
+
+
+@pytest.mark.parametrize("kind", ["command", "forward"])
+@pytest.mark.parametrize("delay", [3e-4, 2.1e-3, 7e-3])
+def test_packets_are_late_by_their_delay(kind, delay):
+    rig = Rig(command=swing(4000), kp=np.full(12, 30.0), kd=np.full(12, 1.0), control_dt=0.002, tick_steps=4)
+    hidden = Hidden(**{f"{kind}_delay": np.full(12, delay)})
+    late = mean_delay(rig, hidden)
+    assert np.allclose(late[kind == "forward"], delay, atol=2e-5)
+    assert np.all(late[kind == "command"] == 0)
+
+
+def test_effects_of_joints_grow_from_nothing(joint_scene):
+    rng = np.random.default_rng(0)
+    settings = [joint_scene.draw(effect, LEG, rng) for effect in joint_scene.library]
+    tiny = joint_scene.respond([(), *[(s.sized(0.0),) for s in settings]])
+    assert np.all(tiny == tiny[0])
+    found = sizes.one_sigma(joint_scene, settings)
+    for setting, sigma in zip(settings, found, strict=True):
+        base, one, more = joint_scene.respond(
+            [
+                (),
+                (setting.sized(min(sigma, joint_scene.largest(setting))),),
+                (setting.sized(min(1.6 * sigma, joint_scene.largest(setting))),),
+            ]
+        )
+        if np.isfinite(sigma):
+            assert sizes.best_rms(joint_scene, one - base, LEG) == pytest.approx(1.0, rel=0.15), setting.effect
+            if 1.6 * sigma < joint_scene.largest(setting):
+                assert sizes.best_rms(joint_scene, more - base, LEG) > 1.15, setting.effect
+
+
+def test_an_effect_at_one_joint_hardly_moves_another_leg(joint_scene):
+    setting = Setting(effect="torque_gain", size=0.2, where=("RL_calf",), shape={"sign": -1.0})
+    base, with_it = joint_scene.respond([(), (setting,)])
+    assert np.all(base == with_it)
+
+
+@pytest.mark.parametrize("table", [0.0, 1.0])
+@pytest.mark.parametrize("size", [0.06, 0.1, 0.3])
+def test_saturation_loses_what_its_parameters_say(table, size):
+    peak = joint_effects.Peak(speed=np.full(12, 10.0), torque=np.full(12, 15.0))
+    shape = {"onset": 0.3, "table": table, "power": 1.5}
+    setting = Setting(effect="torque_saturation", size=size, where=("FR_calf",), shape=shape)
+    size = min(size, joint_effects.largest(setting, peak))
+    setting = setting.sized(size)
+    loss = joint_effects.lost_curve(setting, peak)[2]
+    truth = joint_effects.parameters(setting, peak)
+    command = np.linspace(0, 35.55, len(loss))
+    assert np.all(np.diff(command - loss) > 0)
+    assert truth["plateau"] == pytest.approx(35.55 * (1 - size))
+    assert np.interp(truth["knee"], command, loss) == pytest.approx(0.05 * truth["knee"], rel=0.1)
+
+
+@pytest.mark.parametrize("tuning", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_commands_stay_within_the_joints(tuning, seed):
+    scene = JointScene(seed, tuning=tuning, quiet=False, legs=(0,))
+    position = scene.rig.command[..., 0]
+    assert np.all(position > LOWER)
+    assert np.all(position < UPPER)
+    counts = Counter(segment.condition for segment in scene.segments)
+    assert len(counts) >= 4
+    assert min(counts.values()) >= 2
+
+
+def test_effects_of_the_camera_are_what_they_are_called(camera_scene):
+    def depth(effect: str, size: float, **shape: float) -> np.ndarray:
+        setting = Setting(effect=effect, size=size, where=CAMERA, shape=shape)
+        return camera_scene.frames((setting,), None).depth
+
+    plain = camera_scene.frames((), None).depth
+    seen = plain > 0
+    assert np.allclose(depth("depth_scale", 0.02, sign=1.0)[seen], 1.02 * plain[seen], rtol=1e-5)
+    assert np.allclose(depth("depth_bias", 0.01, sign=-1.0)[seen], plain[seen] - 0.01, atol=1e-5)
+    holes = depth("edge_holes", 2.0)
+    assert np.all(holes[holes > 0] == plain[holes > 0])
+    assert (holes == 0).sum() > (plain == 0).sum()
+    filled = depth("hole_fill", 3.0)
+    assert np.all(filled[seen] == plain[seen])
+    assert (filled == 0).sum() < (plain == 0).sum()
+    clipped = depth("range_clip", 0.3)
+    assert clipped.max() == pytest.approx(0.7 * camera_scene.farthest)
+    smeared = depth("temporal_smear", 0.6)
+    both = (smeared[9] > 0) & (smeared[10] > 0) & seen[10]
+    assert np.allclose(smeared[10][both], (0.4 * plain[10] + 0.6 * smeared[9])[both], atol=1e-5)
+
+
+def test_a_late_camera_shows_what_was(camera_scene):
+    late = camera_scene.frames((Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0}),), None)
+    assert np.allclose(late.arrival - late.capture, camera_scene.latency + 0.02)
+    x, z, pitch = camera_scene.path.at(late.capture)
+    assert np.isfinite([x, z, pitch]).all()
+    assert camera_scene.parameters(Setting(effect="camera_latency", size=0.02, where=CAMERA, shape={"sign": 1.0})) == {
+        "latency": camera_scene.latency + 0.02
+    }
+
+
+def test_a_floor_alone_cannot_tell_scale_from_height():
+    scene = CameraScene(1, tuning=True, static=True, flat=True)
+    settings = [
+        Setting(effect="depth_scale", size=0.01, where=CAMERA, shape={"sign": 1.0}),
+        Setting(effect="camera_height", size=0.0035, where=CAMERA, shape={"sign": 1.0}),
+    ]
+    marks = sizes.signatures(scene, settings)
+    assert sizes.nearest(marks[0], marks[1:])[0] > 0.95
+
+
+def test_a_heavier_body_stands_lower_and_imu_effects_leave_it_alone(monkeypatch):
+    monkeypatch.setattr(stances, "TUNING", {"hold": stances.hold, "rock": stances.rock})
+    scene = BodyScene(0, tuning=True, imu=False)
+    scene.position, scene.velocity = scene.position[:1500], scene.velocity[:1500]
+    scene._ideal = scene._simulate({})
+    plain = scene.read(())
+    heavy = scene.read((Setting(effect="payload_mass", size=1.0, where=("trunk",)),))
+    late = scene.read((Setting(effect="imu_latency", size=0.01, where=("trunk",)),))
+    assert heavy["z"].mean() < plain["z"].mean() - 2e-4
+    assert (heavy["load"] - plain["load"]).sum(axis=1).mean() == pytest.approx(9.81, rel=0.15)
+    assert np.all(late["rpy"] == plain["rpy"])
+    assert np.allclose(late["gyro"][100:], plain["gyro"][95:-5])
+    assert np.linalg.norm(plain["acc"], axis=1).mean() == pytest.approx(9.81, rel=0.02)
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_damage_changes_a_log(name):
+    rng = np.random.default_rng(0)
+    t = np.arange(2000) * 0.002
+    measured, command = rng.normal(size=(2000, 12, 3)), swing(2000)
+    files = RunFiles(meta={"kp": [30.0] * 12}, tables={"joints": joint_columns(t, measured, command)})
+    before = {column: values.copy() for column, values in files.tables["joints"].items()}
+    assert damage(files, name, rng)
+    after = files.tables["joints"]
+    same = all(len(before[c]) == len(after[c]) and np.all(before[c] == after[c]) for c in before)
+    assert not same or files.meta["kp"] != [30.0] * 12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_has_its_shares_and_every_effect(seed):
+    runs = plan.make_plan(seed, 220)
+    counts = Counter(run.category for run in runs)
+    assert counts == {"none": 44, "one": 99, "two": 44, "outside": 22, "damaged": 11}
+    everything = {name for names in plan.LIBRARY.values() for name in names}
+    assert len(everything) == 34
+    assert {effect for run in runs if run.category == "one" for effect in run.effects} == everything
+    assert len({run.name for run in runs}) == len(runs)
+    multiples = Counter(run.multiples[0] for run in runs if run.category == "one")
+    assert set(multiples) == set(plan.MULTIPLES)
+    assert runs == plan.make_plan(seed, 220)
+
+
+@pytest.mark.parametrize("count", [1, 7, 24, 200])
+def test_shares_sum_up(count):
+    assert len(plan.make_plan(0, count)) == count
+
+
+def test_a_log_repeats_and_tells_nothing_but_what_was_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr(JointScene, "library", ("torque_gain", "viscous_friction"))
+    run = next(r for r in plan.make_plan(1, 60, ("joints",)) if r.effects == ("torque_gain",))
+    for place in ("a", "b"):
+        generate_run(run, tmp_path / place / "logs", tmp_path / place / "truth", tuning=True)
+    first, second = (tmp_path / place / "logs" / run.name for place in ("a", "b"))
+    assert sorted(path.name for path in first.iterdir()) == ["joints.parquet", "meta.json"]
+    for path in first.iterdir():
+        assert path.read_bytes() == (second / path.name).read_bytes()
+    said = (first / "meta.json").read_text()
+    assert not [name for names in plan.LIBRARY.values() for name in names if name in said]
+    truth = json.loads((tmp_path / "a" / "truth" / f"{run.name}.json").read_text())
+    assert truth["multiples"][0] == pytest.approx(run.multiples[0])
+    assert "viscous_friction" in truth["rivals"][0]
+
+
+def truth_of(name: str, category: str, effects: list[str], multiple: float = 3.0) -> dict:
+    return {
+        "name": name, "kind": "joints", "category": category, "quiet": False, "damage": "",
+        "effects": [{"name": e, "where": ["FR_calf"], "params": PARAMS[e], "size": 1.0} for e in effects],
+        "multiples": [multiple] * len(effects), "shown_rms": [multiple] * len(effects),
+        "rivals": [{"armature": 0.5} for _ in effects],
+    }  # fmt: skip
+
+
+PARAMS = {
+    "torque_gain": {"gain": 0.9}, "command_delay": {"delay": 0.004}, "coulomb_friction": {"torque": 0.3},
+    "hum": {"size": 1.0}, "backlash": {"width": 0.01},
+}  # fmt: skip
+
+
+def say_the_truth(truth: dict) -> dict:
+    verdicts = {"none": "no_gap", "outside": "unexplained", "damaged": "bad_log"}
+    kind = verdicts.get(truth["category"], "named")
+    effects = [
+        {
+            "name": e["name"],
+            "where": e["where"],
+            "params": {p: {"value": v, "ci90": [v - 1, v + 1], "unit": ""} for p, v in e["params"].items()},
+        }
+        for e in truth["effects"]
+    ]
+    return {"verdict": kind, "effects": effects if kind == "named" else [], "sets": [], "gap": {"closed": 0.9}}
+
+
+@pytest.fixture
+def truths() -> list[dict]:
+    names = (f"{number:02x}" for number in itertools.count())
+    one = [
+        truth_of(next(names), "one", [e]) for e in ("torque_gain", "command_delay", "coulomb_friction", "backlash") * 4
+    ]
+    two = [truth_of(next(names), "two", ["torque_gain", "backlash"]) for _ in range(3)]
+    other = [truth_of(next(names), "none", []) for _ in range(4)]
+    return [*one, *two, *other, truth_of(next(names), "outside", ["hum"]), truth_of(next(names), "damaged", [])]
+
+
+def scored(tmp_path: Path, truths: list[dict], say) -> dict:
+    logs, truth, verdicts = tmp_path / "logs", tmp_path / "truth", tmp_path / "verdicts"
+    truth.mkdir()
+    for one in truths:
+        (logs / one["name"]).mkdir(parents=True)
+        (logs / one["name"] / "meta.json").write_text("{}")
+        (truth / f"{one['name']}.json").write_text(json.dumps(one))
+    by_name = {one["name"]: one for one in truths}
+
+    def find(log: Path, out: Path) -> None:
+        (out / "verdict.json").write_text(json.dumps(say(by_name[log.name])))
+
+    identify.identify(logs, verdicts, find, jobs=1)
+    return score.table(score.read_cases(verdicts, truth))
+
+
+def test_who_knows_the_truth_scores_full(tmp_path, truths):
+    table = scored(tmp_path, truths, say_the_truth)
+    for row in ("exact_name_one_effect", "named_or_in_set", "both_names_of_a_pair", "outside_says_unexplained",
+                "damaged_says_bad_log", "right_place", "intervals_hold_truth"):  # fmt: skip
+        assert table[row]["value"] == 1.0, row
+    for row in ("false_alarm_without_effect", "confident_and_wrong", "median_parameter_error", "median_delay_error_s"):
+        assert table[row]["value"] == 0.0, row
+    assert table["shuffled_truth_exact_name"]["value"] < 0.5
+
+
+@pytest.mark.parametrize("always", ["no_gap", "named", "error"])
+def test_who_always_says_the_same_does_not(tmp_path, truths, always):
+    effects = [{"name": "torque_gain", "where": "all", "params": {}}] if always == "named" else []
+    table = scored(tmp_path, truths, lambda _: {"verdict": always, "effects": effects})
+    assert table["exact_name_one_effect"]["value"] == (0.25 if always == "named" else 0.0)
+    assert table["false_alarm_without_effect"]["value"] == (0.0 if always == "no_gap" else 1.0)
+    assert table["outside_says_unexplained"]["value"] == 0.0
+    assert (table["confident_and_wrong"]["value"] > 0.5) == (always == "named")
+
+
+def test_a_verdict_that_changed_after_it_was_sealed_is_refused(tmp_path, truths):
+    scored(tmp_path, truths, say_the_truth)
+    (tmp_path / "verdicts" / "00" / "verdict.json").write_text('{"verdict": "no_gap"}')
+    with pytest.raises(RuntimeError, match="00"):
+        score.read_cases(tmp_path / "verdicts", tmp_path / "truth")
+
+
+def test_a_finder_that_breaks_is_an_error_not_the_end(tmp_path, truths):
+    def broken(truth: dict) -> dict:
+        raise ValueError(truth["name"])
+
+    assert scored(tmp_path, truths, broken)["exact_name_one_effect"]["value"] == 0.0
+
+
+@pytest.mark.parametrize(("hits", "count"), [(0, 10), (10, 10), (50, 100), (194, 200)])
+def test_wilson_holds_the_share(hits, count):
+    low, high = score.wilson(hits, count)
+    assert 0 <= low <= hits / count <= high + 1e-12
+    assert high <= 1 + 1e-12
+    # the interval's ends are where the share is 1.96 standard errors away
+    for end in (low, high):
+        if 1e-12 < end < 1 - 1e-12:
+            assert abs(hits / count - end) == pytest.approx(score.Z95 * np.sqrt(end * (1 - end) / count), rel=1e-6)
