@@ -29,7 +29,8 @@ class Driver:
     """E.g. "tau"."""
     unit: str
     values: Floats
-    """Shape (n,), with sign."""
+    """Shape (n,), with sign; for a regime 1 within it, else 0."""
+    is_regime: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,8 +139,8 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
 def _clues(channel: Channel) -> list[_Clue]:
     found = []
     for clues in (
-        [_proportional(channel, driver) for driver in channel.drivers],
-        [_beyond(channel, driver) for driver in channel.drivers],
+        [_proportional(channel, driver) for driver in channel.drivers if not driver.is_regime],
+        [_beyond(channel, driver) for driver in channel.drivers if driver.unit or driver.is_regime],
     ):
         told = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.sure > MIN_SURE]
         if told:
@@ -166,7 +167,7 @@ def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
     """The size of the driver beyond which the residual's power is concentrated."""
     size, power = np.abs(driver.values), channel.residual**2
     best: tuple[float, float] | None = None
-    for threshold in np.unique(np.quantile(size, QUANTILES)):
+    for threshold in [0.5] if driver.is_regime else np.unique(np.quantile(size, QUANTILES)):
         above = size > threshold
         if not 0 < above.sum() < len(above):
             continue
@@ -216,12 +217,12 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
     if first.kind == "proportional":
         sign = "with" if slope > 0 else "against"
         text = f"{where}: {signal} is off by {rms:.1f} sigma, {share:.0%} of it {sign} {driver.name}"
-        text += f" ({slope:+.2g} sigma per{unit or ' unit'})"
+        text += f" ({slope:+.2g} sigma per{unit})" if unit else ""
     else:
         threshold = float(np.median([clue.threshold for clue in clues]))
         elsewhere = float(np.median([clue.elsewhere for clue in clues]))
-        text = f"{where}: {signal} is off by {slope:.1f} sigma where |{driver.name}| is above {threshold:.3g}{unit}, "
-        text += f"by {elsewhere:.1f} elsewhere"
+        regime = driver.name if driver.is_regime else f"where |{driver.name}| is above {threshold:.3g}{unit}"
+        text = f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
     return Statement(
         signal=signal, places=named, driver=driver.name, share=share, sure=min(c.sure for c in clues), text=text
     )

@@ -59,10 +59,11 @@ def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
         ("dq", "rad/s", dq),
         ("ddq", "rad/s2", np.gradient(smooth, joints.time_s)),
         ("the direction of motion", "", direction),
-        ("reversals", "", (since < REVERSAL_S).astype(np.float64)),
         ("q", "rad", q - np.mean(q)),
     )
-    return [Driver(name=n, unit=u, values=np.interp(time_s, joints.time_s, v)) for n, u, v in signals]
+    drivers = [Driver(name=n, unit=u, values=np.interp(time_s, joints.time_s, v)) for n, u, v in signals]
+    turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))
+    return [*drivers, Driver(name="just after reversals", unit="", values=turning, is_regime=True)]
 
 
 def _rate(joints: JointTable, joint: int) -> Floats:

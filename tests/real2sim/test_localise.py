@@ -56,6 +56,16 @@ def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
     assert threshold == pytest.approx(15, abs=1.5)
 
 
+def test_a_regime_is_said_as_one() -> None:
+    rng = np.random.default_rng(5)
+    turning = (np.arange(ROWS) % 100 < 15).astype(float)
+    driver = Driver(name="just after reversals", unit="", values=turning, is_regime=True)
+    residual = rng.normal(size=ROWS) * (1 + 3 * turning)
+    (said,) = localise([Channel(signal="q", place="FR_hip", residual=residual, drivers=(driver,))])
+    assert said.text.startswith("FR_hip: q is off by 3.9 sigma")
+    assert "just after reversals, by 1.0 elsewhere" in said.text
+
+
 def test_nothing_is_said_of_noise_even_if_it_is_coloured() -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -95,5 +105,5 @@ def test_drivers_of_a_log_are_those_of_its_motion() -> None:
     assert log.joints.tau_est is not None
     np.testing.assert_allclose(drivers["tau"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
     assert set(np.unique(np.sign(drivers["the direction of motion"]))) == {-1.0, 0.0, 1.0}
-    assert 0 < np.mean(drivers["reversals"]) < 0.5
+    assert 0 < np.mean(drivers["just after reversals"]) < 0.5
     assert np.corrcoef(np.gradient(drivers["dq"], times), drivers["ddq"])[0, 1] > 0.5
