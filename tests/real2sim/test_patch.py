@@ -1,0 +1,155 @@
+"""Patches: what a verdict says of a robot is what its profile holds after the patch."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from real2sim.findings import Findings, FoundEffect, Interval
+from real2sim.menu import EXPERIMENTS
+from real2sim.next_experiment import next_experiment, separations
+from real2sim.patch import Applicability, Evidence, Patch, as_knee, evidence_of, patch_from_toml
+from real2sim.pipeline import resolved
+from saltus import go1
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.profile import GO1, IDEAL, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.errors import ConfigError
+
+CALVES = ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
+REACH = Applicability(torque_nm=20.0, duration_s=24.0)
+
+
+def found(name: str, where: str | tuple[str, ...], **values: float) -> FoundEffect:
+    params = {key: Interval(value=v, ci90=(0.9 * v, 1.1 * v), unit="") for key, v in values.items()}
+    return FoundEffect(name=name, where=where, params=params)
+
+
+def patch(*effects: FoundEffect) -> Patch:
+    return Patch(effects=effects, evidence=(Evidence(log="a", sha256="0" * 64),), range=REACH)
+
+
+ONE_OF_EACH_PART = (
+    found("coulomb_friction", CALVES, torque=0.3),
+    found("command_delay", "all", delay=0.004),
+    found("torque_saturation", ("FR_calf",), knee=14.0, plateau=25.0),
+    found("battery_sag", "all", loss_at_end=0.1),
+    found("camera_latency", "camera", latency=0.06),
+    found("imu_bias", "imu", roll=0.01, pitch=-0.01),
+    found("payload_mass", "trunk", mass=1.2),
+)
+
+
+def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
+    whole = patch(*ONE_OF_EACH_PART)
+    assert patch_from_toml(whole.to_toml()) == whole
+    profile = whole.applied_to(IDEAL)
+    assert profile_from_toml(profile_to_toml(profile)) == profile
+    names = {e.name for part in (profile.actuator, profile.camera, profile.imu, profile.body) for e in part}
+    assert names == {effect.name for effect in ONE_OF_EACH_PART}
+
+
+def test_values_stand_at_the_joints_that_were_named_and_nowhere_else() -> None:
+    profile = patch(found("coulomb_friction", CALVES, torque=0.3), found("coulomb_friction", ("FR_hip",), torque=0.1))
+    (friction,) = profile.applied_to(IDEAL).actuator
+    assert isinstance(friction, CoulombFriction)
+    expected = np.tile([0.0, 0.0, 0.3], 4)
+    expected[0] = 0.1
+    np.testing.assert_array_equal(friction.torque, expected)
+
+
+def test_a_patch_composes_with_what_the_profile_has() -> None:
+    base = Profile(actuator=(CoulombFriction(torque=0.2), CommandDelay(delay=0.002)))
+    profile = patch(found("coulomb_friction", ("RL_hip",), torque=0.5)).applied_to(base)
+    assert {effect.name for effect in profile.actuator} == {"coulomb_friction", "command_delay"}
+    friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
+    np.testing.assert_array_equal(friction.torque, np.where(np.array(go1.JOINTS) == "RL_hip", 0.5, 0.2))
+    assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(GO1).actuator == GO1.actuator
+
+
+def test_an_empty_patch_changes_nothing() -> None:
+    assert patch().applied_to(GO1) == GO1
+
+
+def test_a_sag_lasts_as_long_as_the_log_that_showed_it() -> None:
+    (sag,) = patch(found("battery_sag", "all", loss_at_end=0.1)).applied_to(IDEAL).actuator
+    assert getattr(sag, "duration_s") == 24.0  # noqa: B009 - the effect's type is not known here
+
+
+def test_a_curve_and_its_knee_and_plateau_deliver_alike_where_they_are_defined() -> None:
+    curve = TorqueSaturation(curve=GO1_CURVE)
+    knee = as_knee(curve)
+    limit = np.asarray(go1.TORQUE_LIMIT)
+    np.testing.assert_allclose(knee.delivered(limit), curve.delivered(limit), rtol=1e-9)
+    at_knee = np.where(np.isfinite(knee.knee), knee.knee, 1.0)
+    np.testing.assert_allclose(knee.delivered(at_knee), curve.delivered(at_knee), rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("effect", "hint"),
+    [
+        (found("coulomb_frictoin", "all", torque=0.1), "coulomb_friction"),
+        (found("coulomb_friction", "all", torqe=0.1), "torque"),
+        (found("coulomb_friction", ("FR_claf",), torque=0.1), "FR_calf"),
+        (found("command_delay", "all", delay=-3.0), "must lie within"),
+    ],
+    ids=str,
+)
+def test_what_this_version_does_not_know_is_refused_with_the_nearest(effect: FoundEffect, hint: str) -> None:
+    with pytest.raises(ConfigError, match=hint):
+        patch(effect).applied_to(IDEAL)
+
+
+@pytest.mark.parametrize("text", ["x", "schema = 'saltus-run/1'", "schema = 'saltus-patch/1'\n[[effects]]\nwhere = 1"])
+def test_what_is_no_patch_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError):
+        patch_from_toml(text)
+
+
+def test_evidence_changes_with_every_byte_and_every_name(tmp_path: Path) -> None:
+    (tmp_path / "meta.json").write_text("{}")
+    (tmp_path / "joints.csv").write_text("t\n0\n")
+    first = evidence_of(tmp_path)
+    assert evidence_of(tmp_path) == first
+    (tmp_path / "joints.csv").write_text("t\n1\n")
+    second = evidence_of(tmp_path)
+    (tmp_path / "joints.csv").rename(tmp_path / "imu.csv")
+    assert len({first.sha256, second.sha256, evidence_of(tmp_path).sha256}) == 3
+
+
+def test_every_entry_of_the_measured_table_belongs_to_the_menu() -> None:
+    table = separations()
+    assert set(table) <= set(EXPERIMENTS)
+    for entry in table.values():
+        assert all(0.0 <= cosine <= 1.0 for cosine in entry.cosine.values())
+        assert all(seen.sigma >= 0.0 and seen.size >= 0.0 for seen in entry.visible.values())
+
+
+def test_latency_and_smear_on_one_sine_call_for_the_chirp() -> None:
+    rivals = (found("camera_latency", "camera", latency=0.05), found("temporal_smear", "camera", alpha=0.4))
+    proposed = next_experiment([("camera_latency", "temporal_smear")], rivals)
+    assert proposed is not None
+    assert proposed.name == "heave_and_pitch"
+    assert proposed.expected_separation > 10.0
+
+
+def test_scale_and_height_on_a_flat_floor_call_for_a_vertical_face() -> None:
+    proposed = next_experiment([("camera_height", "depth_scale")], ())
+    assert proposed is not None
+    assert EXPERIMENTS[proposed.name].terrain().edges_x.size
+
+
+def test_no_set_needs_no_experiment() -> None:
+    assert next_experiment((), ()) is None
+
+
+def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
+    unsure = Findings(problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),))
+    sure = Findings(problem="joints", verdict="named", effects=(found("command_delay", "all", delay=0.004),))
+    first, second = resolved((unsure, sure))
+    assert first.sets == ()
+    assert first.verdict == "named"
+    assert (second.sets, second.verdict, second.effects) == (sure.sets, sure.verdict, sure.effects)
+    (alone,) = resolved((unsure,))
+    assert (alone.sets, alone.verdict) == (unsure.sets, "set")

@@ -1,0 +1,92 @@
+"""`saltus real2sim`: from an experiment to a log, from a patch to a profile that every command takes by its name."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from real2sim.findings import FoundEffect, Interval
+from real2sim.patch import Applicability, Patch
+from saltus.cli.main import main
+from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.profile import GO1, load_profile
+from saltus.errors import ConfigError
+from saltus.run_log import read_run_log
+
+BAD = {
+    "no command": (["real2sim"], "find"),
+    "no such log": (["real2sim", "find", "missing"], "missing"),
+    "no log": (["real2sim", "find"], "run log"),
+    "unknown profile of find": (["real2sim", "find", "missing", "--profile", "g1"], "go1"),
+    "no such patch": (["real2sim", "apply", "missing.toml", "--profile", "mine"], "missing.toml"),
+    "unknown experiment": (["real2sim", "experiments", "--run", "joint_chrip"], "joint_chirp"),
+    "list and run": (["real2sim", "experiments", "--list", "--run", "drop"], "--list"),
+}
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SALTUS_PROFILES", raising=False)
+
+
+@pytest.fixture
+def patch(tmp_path: Path) -> Path:
+    friction = FoundEffect(
+        name="coulomb_friction",
+        where=("FR_calf",),
+        params={"torque": Interval(value=0.3, ci90=(0.28, 0.32), unit="Nm")},
+    )
+    path = tmp_path / "patch.toml"
+    path.write_text(Patch(effects=(friction,), evidence=(), range=Applicability()).to_toml())
+    return path
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_bad_input_is_one_line_that_helps_and_exit_code_2(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, hint = BAD[case]
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("saltus: ")
+    assert hint in captured.err
+
+
+def test_the_list_of_experiments_says_what_each_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["real2sim", "experiments", "--list", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert {"joint_chirp", "wall_two_ranges", "drop"} <= {entry["name"] for entry in table["experiments"]}
+    assert all(entry["shows"] and entry["limits"] and entry["duration_s"] > 0 for entry in table["experiments"])
+
+
+def test_an_experiment_leaves_a_run_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["real2sim", "experiments", "--run", "drop", "--profile", "ideal", "--out", "log", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    log = read_run_log(Path(said["log"]))
+    assert log.meta["base"] == "free"
+    assert said["seconds"] == pytest.approx(log.joints.time_s[-1] - log.joints.time_s[0])
+
+
+def test_a_patch_becomes_a_profile_that_is_found_by_name(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["real2sim", "apply", str(patch), "--profile", "mine", "--base", "go1", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said == {"profile": "mine", "file": "profiles/mine.toml", "added": ["coulomb_friction"]}
+    profile = load_profile("mine")
+    assert profile.camera == GO1.camera
+    assert set(GO1.actuator) < set(profile.actuator)
+    (friction,) = set(profile.actuator) - set(GO1.actuator)
+    assert isinstance(friction, CoulombFriction)
+    assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0, "a patch may be applied again"
+    assert load_profile("mine") == profile
+
+
+def test_profiles_that_are_shipped_are_not_overwritten(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["real2sim", "apply", str(patch), "--profile", "go1"]) == 2
+    assert "go1" in capsys.readouterr().err
+    assert load_profile("go1") == GO1
+
+
+def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None:
+    assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
+    with pytest.raises(ConfigError, match="mine"):
+        load_profile("mien")
