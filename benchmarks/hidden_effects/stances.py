@@ -33,7 +33,8 @@ def squat(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
 
 def rock(t: Floats, envelope: Floats, rng: np.random.Generator) -> Floats:
     """Nods faster and faster."""
-    wave = np.sin(2 * np.pi * (0.5 * t + 0.5 * rng.uniform(0.5, 0.7) * t**2)) * envelope
+    rise = (rng.uniform(1.6, 2.0) - 0.5) / t[-1]
+    wave = np.sin(2 * np.pi * (0.5 * t + 0.5 * rise * t**2)) * envelope
     return _legs(np.zeros((len(t), 4)), 0.07 * wave[:, None] * np.array(FRONT), np.zeros((len(t), 4)))
 
 
