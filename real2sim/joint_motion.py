@@ -41,6 +41,8 @@ class Rows:
     stretches: tuple[tuple[int, int], ...]
     """First row and end of each."""
     q: Floats
+    """Interpolated where it is missing."""
+    q_is_known: NDArray[np.bool_]
     q_des: Floats
     dq_des: Floats
     tau_ff: Floats
@@ -78,7 +80,7 @@ def uniform_rows(log: RunLog) -> Rows:
         return np.concatenate([_on_grid(table.time_s[s], values[s], grid, dt, held=held) for s, grid in parts])
 
     zeros = np.zeros((first, table.q.shape[1]))
-    q, q_des = put(table.q, held=False), put(table.q_des, held=True)
+    q, q_des = put(_whole(table.time_s, table.q), held=False), put(_whole(table.time_s, table.q_des), held=True)
     assert q is not None  # noqa: S101 - a log always has both
     assert q_des is not None  # noqa: S101
     dq_des, tau_ff = put(table.dq_des, held=True), put(table.tau_ff, held=True)
@@ -87,6 +89,7 @@ def uniform_rows(log: RunLog) -> Rows:
         time_s=np.concatenate(times),
         stretches=tuple(stretches),
         q=q,
+        q_is_known=np.isfinite(put(table.q, held=True)),  # type: ignore[arg-type]
         q_des=q_des,
         dq_des=zeros if dq_des is None else dq_des,
         tau_ff=zeros if tau_ff is None else tau_ff,
@@ -144,6 +147,16 @@ def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Wind
         length=length * every,
         position=np.array([q for q, _ in states])[:, branches],
         velocity=np.array([dq for _, dq in states])[:, branches],
+    )
+
+
+def _whole(time_s: Floats, values: Floats) -> Floats:
+    """Values with what is missing interpolated, for who needs some value everywhere."""
+    if np.isfinite(values).all():
+        return values
+    known = [np.isfinite(column) & np.isfinite(time_s) for column in values.T]
+    return np.stack(
+        [np.interp(time_s, time_s[k], column[k]) for k, column in zip(known, values.T, strict=True)], axis=1
     )
 
 

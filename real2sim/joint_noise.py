@@ -17,13 +17,16 @@ ORDER = 2
 """Of the autoregression: a corner frequency and what an average adds to it."""
 PIECE = 16
 """Samples of a piece whose energy is looked at: 0.25 s."""
-CURVE = 4
-"""Coefficients of the smooth curve that is taken from a piece where nothing is repeated."""
+LONG, CURVE = 64, 4
+"""Samples of the pieces, 1 s, and coefficients of the smooth curve that is taken from each where nothing is repeated:
+what effects leave in a slow motion goes, and of noise little more than a sixteenth."""
 SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
 QUIET_SHARE = 1.0 / 3.0
 """Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
 MOST = 0.9
 """Of the pieces, where nearly all are noise: repeats often differ in how they begin."""
+CLEARLY_LESS = 0.8
+"""Of a spread: two estimates of the same noise from a log of 30 s differ by less."""
 LARGEST_POLE = 0.98
 """Of the autoregression: it never believes in noise that lasts longer than a second."""
 
@@ -85,6 +88,22 @@ def whitening(pieces: Floats, floor: Floats, all_count: NDArray[np.bool_]) -> Wh
     return Whitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
 
 
+def quieter(repeats: Whitening, rough: Whitening, never: NDArray[np.bool_]) -> Whitening:
+    """What repeats say, but where they differ by more than noise: a battery that empties between them.
+
+    Args:
+        repeats: From what is commanded twice.
+        rough: From what is not smooth.
+        never: Where repeats are believed at any rate, shape of the last axes.
+    """
+    taken = (rough.spread < CLEARLY_LESS * repeats.spread) & ~never
+    return Whitening(
+        weights=np.where(taken, rough.weights, repeats.weights),
+        innovation=np.where(taken, rough.innovation, repeats.innovation),
+        spread=np.where(taken, rough.spread, repeats.spread),
+    )
+
+
 def _lag(pieces: Floats, lag: int) -> Floats:
     return np.asarray(np.mean(pieces[:, lag:] * pieces[:, : PIECE - lag], axis=(0, 1)))
 
@@ -99,12 +118,13 @@ def _quietest(pieces: int, count: int) -> float:
 
 def smooth_left_out(samples: Floats) -> Floats:
     """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...)."""
-    count = len(samples) // PIECE
-    pieces = samples[: count * PIECE].reshape(count, PIECE, *samples.shape[1:])
-    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, PIECE), CURVE - 1)
+    length = min(LONG, len(samples) // PIECE * PIECE)
+    count = len(samples) // length
+    long = samples[: count * length].reshape(count, length, *samples.shape[1:])
+    powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), CURVE - 1)
     smooth = powers @ np.linalg.pinv(powers)
-    rest = pieces - np.einsum("ij,pj...->pi...", smooth, pieces)
-    return np.asarray(rest * np.sqrt(PIECE / (PIECE - CURVE)))
+    rest = (long - np.einsum("ij,pj...->pi...", smooth, long)) * np.sqrt(length / (length - CURVE))
+    return np.asarray(rest.reshape(-1, PIECE, *samples.shape[1:]))
 
 
 def repeated(

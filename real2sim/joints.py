@@ -9,7 +9,7 @@ from real2sim.joint_candidates import JointCandidates
 from real2sim.joint_drives import Drives
 from real2sim.joint_excitation import encoder_steps, reached_by, untestable
 from real2sim.joint_motion import motion_of, uniform_rows, windows_of
-from real2sim.joint_noise import Whitening, repeated, smooth_left_out, whitening
+from real2sim.joint_noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from real2sim.joint_replay import Simulated, replay
 from real2sim.log import segments_of
 from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem
@@ -96,7 +96,14 @@ class JointProblem(Problem):
         """Measured minus simulated, shape (samples, signals, branches, joints, sets)."""
         made = [getattr(simulated, signal) for signal in self._signals]
         flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)
-        return np.asarray(self._measured[..., None] - flat)
+        apart = self._measured[..., None] - flat
+        apart[self._missing] = 0.0
+        return np.asarray(apart)
+
+    def _claimed_gap(self) -> Floats:
+        """What the claimed model leaves, shape (samples, signals, branches, joints)."""
+        nothing = np.zeros((1, len(self.blocks), self._candidates.count))
+        return self._apart(self._simulate(self._candidates.drives(nothing, self._motion.dt_s)))[..., 0]
 
     def _groups(self, unknowns: Floats) -> list[Any]:
         """Sets that need the same parts of the replay."""
@@ -116,7 +123,8 @@ class JointProblem(Problem):
         time_s = rows.time_s[within].mean(axis=1)
         self._signals = tuple(s for s in ("q", "dq", "tau_est") if getattr(rows, s) is not None)
         branches = self._robot.branches
-        signals = [getattr(rows, s)[within].mean(axis=1)[:, branches] for s in self._signals]
+        measured = {s: getattr(rows, s) for s in self._signals} | {"q": np.where(rows.q_is_known, rows.q, np.nan)}
+        signals = [measured[s][within].mean(axis=1)[:, branches] for s in self._signals]
         self._measured = np.stack(signals, axis=1)  # (samples, signals, branches, joints)
         self._missing = ~np.isfinite(self._measured) | self._after_a_stop()[:, None, :, None]
         self._measured = np.nan_to_num(self._measured)
@@ -135,7 +143,7 @@ class JointProblem(Problem):
         """
         windows, rows, robot = self._windows, self._rows, self._robot
         near = np.asarray((rows.q < robot.lower + STOP) | (rows.q > robot.upper - STOP))
-        of_leg = near[:, robot.branches].any(axis=2)
+        of_leg = np.asarray(near[:, robot.branches].any(axis=2))
         every, means = self._motion.every, windows.length // (self._motion.every * self._averaged)
         first = windows.start // every
         behind = np.zeros((len(first), means, of_leg.shape[1]), dtype=bool)
@@ -157,10 +165,12 @@ class JointProblem(Problem):
         rows, branches = self._rows, self._robot.branches
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
         pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
-        found = np.concatenate(pieces) if pieces else smooth_left_out(self._measured)
         # an encoder that hunts between two steps does so differently each time: there all pieces are noise
         is_coarse = np.array([step is not None for step in encoder_steps(rows)])[branches]
-        self._whitening: Whitening = whitening(found, floor, is_coarse)
+        rough = whitening(smooth_left_out(self._claimed_gap()), floor, is_coarse)
+        self._whitening: Whitening = (
+            quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough
+        )
 
 
 def _base_quaternion(log: RunLog) -> Sequence[float]:
