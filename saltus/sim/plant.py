@@ -24,6 +24,7 @@ GRAVITY = 9.81  # the engine's default, original
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
 HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
+HELD_TOLERANCE = 1e-16  # of the solver: the engine's 1e-8 times what the base is heavier than a leg is felt by
 STAND_DROP = -float(foot_position(go1.STAND_POSE)[0, 2]) + go1.FOOT_RADIUS
 """Height of the base above the ground when the soles touch it in `STAND_POSE` [m]; the legs give 1 cm under load."""
 
@@ -104,7 +105,7 @@ class Plant:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
             self.model.dof_armature[:6] = HELD_INERTIA
             # relative to a base that heavy, friction of a joint is small enough for the solver to leave it out
-            self.model.opt.tolerance = 0.0
+            self.model.opt.tolerance = HELD_TOLERANCE
         if body is not None and body.effects:
             claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
             scene.set_body(self.model, body.apply(claimed))
