@@ -9,6 +9,8 @@ from real2sim.split import Mask
 
 CHANCE = 4.0
 """Structure of white noise in a cell of n rows scatters by 1/sqrt(n); four times that is rare among 1000 cells."""
+RESIDUE = 1.5
+"""Structure of noise that is not quite white, in units of 1/sqrt(n): its mean over cells, as it counts from 0 only."""
 FEW = 10
 """Rows of a cell below which neighbours tell nothing, e.g. where a row is a count over a whole segment."""
 
@@ -66,6 +68,15 @@ class Cells:
     def shows(self, structure: Floats, least_rms: float) -> Mask:
         """Which cells show structure of at least this RMS that is no chance, shape of `structure`."""
         return np.asarray(structure > np.maximum(least_rms**2, CHANCE / np.sqrt(self.counts)))
+
+    def share_gone(self, before: Floats, after: Floats, shows: Mask) -> float:
+        """Share of the structure in some cells that is gone, less what chance leaves; 1 where there was none.
+
+        Cells count alike, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
+        """
+        total = float(before[shows].sum())
+        left = np.maximum(0.0, after - RESIDUE / np.sqrt(self.counts))
+        return 1.0 - float(left[shows].sum()) / total if total > 0.0 else 1.0
 
     def largest_rms(self, structure: Floats) -> float:
         """RMS of the structure in the cell that shows most, less what chance may add."""

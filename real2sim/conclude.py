@@ -114,9 +114,7 @@ def _rule(
 def _closed(court: Court, tested: Cells, before: Floats, after: Floats) -> float:
     """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
     structure = tested.structure(before)
-    shows = tested.shows(structure, court.size)
-    total = float(structure[shows].sum())
-    return 1.0 - float(tested.structure(after)[shows].sum()) / total if total > 0.0 else 1.0
+    return tested.share_gone(structure, tested.structure(after), tested.shows(structure, court.size))
 
 
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:

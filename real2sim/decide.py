@@ -9,7 +9,7 @@ from real2sim import bootstrap
 from real2sim.cells import Cells
 from real2sim.findings import Confusion
 from real2sim.fit import Fit
-from real2sim.layout import Layout
+from real2sim.layout import Layout, Model
 from real2sim.problem import Floats
 from real2sim.split import TEST, Split
 
@@ -31,7 +31,7 @@ FURTHER_SHARE = 0.01
 two correct simulations of those others differ by."""
 COLLINEAR = 0.95
 """Cosine from which two effects count as inseparable, by the schema of run logs."""
-CLOSED_SHARE = (0.75, 0.9, 0.95)
+CLOSED_SHARE = (0.75, 0.95, 0.99)
 """A model of one, two, three effects that closes less of the gap than this does not explain it: the more effects, the
 easier is it to imitate another."""
 REMAINDER_RMS = 0.5
@@ -87,13 +87,9 @@ class Court:
         return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
 
     def closed(self, null: Scored, before: Scored, after: Scored) -> float:
-        """Share of the structure left by `before` that `after` removes, in the cells where the null shows any.
-
-        Cells count alike, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
-        """
+        """Share of the structure left by `before` that `after` removes, in the cells where any shows."""
         shows = self.cells.shows(np.maximum(null.structure, before.structure), self.size)
-        left = float(before.structure[shows].sum())
-        return 1.0 - float(after.structure[shows].sum()) / left if left > 0.0 else 0.0
+        return self.cells.share_gone(before.structure, after.structure, shows)
 
 
 def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
@@ -106,30 +102,37 @@ def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
     held = null
     for size in range(1, max(len(each.fit.model) for each in scored) + 1):
         rivals = sorted((each for each in scored if len(each.fit.model) == size), key=lambda each: each.total)
-        for rival in rivals[:SET_SIZE]:
-            if _replaces(court, null, held, rival, dispersion):
+        for rival in rivals[: SET_SIZE if size > 1 else 1]:
+            if _replaces(court, scored, held, rival, dispersion):
                 held = rival
                 break
     return held
 
 
-def _replaces(court: Court, null: Scored, held: Scored, rival: Scored, dispersion: float) -> bool:
+def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Scored, dispersion: float) -> bool:
     if not court.lead(held, rival, dispersion):
         return False
     if held.fit.model:
+        null = next(each for each in scored if not each.fit.model)
         more = court.closed(null, null, rival) - court.closed(null, null, held)
         if court.closed(null, held, rival) < REMAINDER_SHARE or more < FURTHER_SHARE:
             return False
-    sizes = [largest_rms(court, rival.fit, effect) for effect in rival.fit.model]
-    return min(sizes) >= court.size
+    fits = {each.fit.model: each.fit for each in scored}
+    return all(largest_rms(court, fits, rival.fit, effect) >= court.size for effect in rival.fit.model)
 
 
-def largest_rms(court: Court, fit: Fit, effect: str) -> float:
-    """RMS of an effect in the cell that shows it best [sigma], linearised at the fit."""
-    columns = court.layout.of_effects([effect])
-    columns = columns[~court.layout.is_shape[columns]]
-    own = np.flatnonzero(np.isin(fit.columns, columns))
-    trace = np.einsum("bk,bkm->bm", fit.unknowns[:, fit.columns[own]], fit.jacobian[:, own])
+def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
+    """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
+
+    Against the fit of the model without it, where there is one: what the other effects cannot take over.
+    """
+    rest = tuple(name for name in fit.model if name != effect)
+    if rest in fits:
+        trace = fit.residuals - fits[rest].residuals
+    else:
+        columns = court.layout.of_effects([effect])
+        own = np.flatnonzero(np.isin(fit.columns, columns[~court.layout.is_shape[columns]]))
+        trace = np.einsum("bk,bkm->bm", fit.unknowns[:, fit.columns[own]], fit.jacobian[:, own])
     return float(np.sqrt(court.cells.power(trace).max()))
 
 

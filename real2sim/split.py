@@ -5,8 +5,8 @@ The rule:
 1. A condition with two or more segments that look like repeats - the claimed model leaves similar gaps in all of them -
    gives its last segment to the test.
 2. Where segments of a condition differ, e.g. one motion at several amplitudes, or where there is only one, each is cut
-   into pieces of at least `PIECE_S`, and every third piece is a test. An effect that only the largest amplitude shows
-   is then seen by fit and test alike. Where all segments are too short for three pieces, every third segment is.
+   into pieces, and every third piece is a test. An effect that only the largest amplitude shows is then seen by fit and
+   test alike.
 3. All else is for fitting. Hypotheses are compared by cross-validation in which each fold holds out one segment, or one
    piece of those that were cut.
 """
@@ -22,7 +22,9 @@ from real2sim.problem import Floats, Indices, Problem
 Mask = NDArray[np.bool_]
 
 PIECE_S = 2.0
-"""Longer than what a joint under PD control remembers, so that pieces are independent."""
+"""Duration of a piece of a long segment: far longer than what a joint under PD control remembers."""
+SHORTEST_PIECE_S = 0.5
+"""Duration down to which a short segment is still cut into three."""
 CHUNK_S = 0.5
 """Stretch over which residuals may be correlated; the unit of the bootstrap and of robust covariances. Two periods of
 the slowest oscillation of a leg under a Go1's gains, about 4 Hz."""
@@ -74,7 +76,8 @@ def split(problem: Problem, residuals: Floats) -> Split:
             test += [i == members[-1] for i in members]
             continue
         for i in members:
-            cut = _cut(problem.time_s[rows[i]], PIECE_S)
+            time_s = problem.time_s[rows[i]]
+            cut = _cut(time_s, float(np.clip(np.ptp(time_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)))
             pieces += [(rows[i][part], i) for part in cut]
             test += [len(cut) >= 3 and k % 3 == 2 for k in range(len(cut))]
     if not any(test):  # many short segments that differ: something must judge

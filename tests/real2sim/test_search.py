@@ -1,0 +1,116 @@
+import itertools
+
+import numpy as np
+import pytest
+from linear_problem import WHERES, LinearProblem
+from one_joint import WHERES as JOINTS
+from one_joint import OneJoint
+
+from real2sim.search import search
+
+BLOCKS = ("FR", "FL")
+
+
+def everywhere(effect: str, *values: float) -> dict[tuple[str, str, str], tuple[float, ...]]:
+    return {(effect, where, block): values for where, block in itertools.product(JOINTS, BLOCKS)}
+
+
+def sizes(effect: str, size: float) -> dict[tuple[str, str, str], float]:
+    return {(effect, where, block): size for where, block in itertools.product(WHERES, BLOCKS)}
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.5])
+def test_noise_alone_is_no_gap(colour: float) -> None:
+    rulings = [search(LinearProblem({}, seed=seed, colour=colour)).verdict for seed in range(25)]
+    assert rulings.count("no_gap") == len(rulings)
+
+
+def test_every_effect_of_a_linear_problem_is_named() -> None:
+    for i in range(6):
+        findings = search(LinearProblem(sizes(f"e{i}", 2.5), seed=i, colour=0.3))
+        assert findings.verdict == "named"
+        assert [(effect.name, effect.where) for effect in findings.effects] == [(f"e{i}", "all")]
+
+
+def test_intervals_hold_the_truth() -> None:
+    held = []
+    for seed in range(20):
+        findings = search(LinearProblem(sizes("e3", 2.5) | sizes("e5", 2.0), seed=seed, colour=0.4))
+        found = {effect.name: effect.params["size"].ci90 for effect in findings.effects}
+        held += [found[name][0] <= size <= found[name][1] for name, size in (("e3", 2.5), ("e5", 2.0))]
+    assert np.mean(held) >= 0.8
+
+
+@pytest.mark.parametrize(
+    ("where", "block", "place"), [("hip", "FL", "FL_hip"), ("thigh", "FR", "FR_thigh"), ("thigh", "FL", "FL_thigh")]
+)
+def test_an_effect_at_one_place_is_found_there(where: str, block: str, place: str) -> None:
+    findings = search(LinearProblem({("e4", where, block): 3.0}))
+    assert [(effect.name, effect.where) for effect in findings.effects] == [("e4", (place,))]
+
+
+def test_effects_of_different_size_are_told_place_by_place() -> None:
+    findings = search(LinearProblem({("e4", "hip", "FR"): 6.0, ("e4", "thigh", "FL"): 3.0}))
+    found = {effect.where: effect.params["size"].value for effect in findings.effects}
+    assert found == {("FR_hip",): pytest.approx(6.0, rel=0.1), ("FL_thigh",): pytest.approx(3.0, rel=0.1)}
+
+
+@pytest.mark.parametrize(("alike", "verdict"), [(0.98, "set"), (0.8, "named")])
+def test_collinear_effects_are_a_set(alike: float, verdict: str) -> None:
+    findings = search(LinearProblem(sizes("e1", 3.0), alike=alike))
+    assert findings.verdict == verdict
+    assert findings.sets == ((("e1", "e2"),) if verdict == "set" else ())
+    assert findings.confusion.between("e1", "e2") == pytest.approx(alike, abs=0.03)
+
+
+def test_the_smallest_detectable_effect_is_at_the_edge_of_detection() -> None:
+    smallest = search(LinearProblem({})).minimum_detectable["e3"].value
+    assert search(LinearProblem({("e3", "hip", "FR"): 3.0 * smallest})).verdict == "named"
+    assert search(LinearProblem({("e3", "hip", "FR"): 0.3 * smallest})).verdict == "no_gap"
+
+
+SINGLES = {
+    "command_delay": (0.004,),
+    "actuator_lag": (0.006,),
+    "viscous_friction": (0.1,),
+    "coulomb_friction": (0.25,),
+    "torque_saturation": (0.3, 7.0),
+}
+
+
+@pytest.mark.parametrize("effect", SINGLES)
+def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
+    findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4))
+    assert [(found.name, found.where) for found in findings.effects] == [(effect, "all")]
+    values = [interval.value for interval in findings.effects[0].params.values()]
+    assert values == pytest.approx(SINGLES[effect], rel=0.05)
+    after, floor = (sum(getattr(gap, name) for gap in findings.gaps) for name in ("after", "floor"))
+    assert after == pytest.approx(floor, rel=0.1)
+
+
+@pytest.mark.parametrize("effect", ["torque_gain", "armature"])
+def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
+    size = {"torque_gain": -0.1, "armature": 0.003}[effect]
+    assert search(OneJoint(everywhere(effect, size), colour=0.4)).sets == (("armature", "torque_gain"),)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(("command_delay", 0.006), ("viscous_friction", 0.1)), (("command_delay", 0.005), ("actuator_lag", 0.005))],
+)
+def test_pairs_are_named_though_one_hides_the_other(first: tuple[str, float], second: tuple[str, float]) -> None:
+    findings = search(OneJoint(everywhere(*first) | everywhere(*second), colour=0.4))
+    named = {effect.name for effect in findings.effects} | {name for names in findings.sets for name in names}
+    assert named == {first[0], second[0]}
+
+
+def test_what_is_not_in_the_library_stays_unexplained() -> None:
+    assert search(OneJoint({}, ripple=0.3, colour=0.4)).verdict == "unexplained"
+
+
+@pytest.mark.parametrize("effect", ["command_delay", "coulomb_friction"])
+def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
+    findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4, without=(effect,)))
+    assert findings.verdict == "unexplained"
+    assert not findings.effects
+    assert not findings.sets

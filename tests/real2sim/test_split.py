@@ -1,0 +1,37 @@
+import numpy as np
+from linear_problem import LinearProblem
+from one_joint import OneJoint
+
+from real2sim.split import TEST, split
+
+
+def test_the_last_of_repeats_is_the_test() -> None:
+    problem = LinearProblem({})
+    parts = split(problem, problem.residuals(np.zeros((1, 2, len(problem.candidates))))[0])
+    assert sorted(set(parts.segment[parts.fold == TEST])) == [1, 3, 5]
+    assert sorted(set(parts.segment[parts.fold != TEST])) == [0, 2, 4]
+
+
+def test_amplitudes_are_each_in_fit_and_test() -> None:
+    problem = OneJoint({("viscous_friction", "hip", "FR"): (0.3,)})
+    residuals = np.ones((2, len(problem.time_s)))
+    residuals[:, problem.segment == 1] *= 4.0  # the large chirp
+    parts = split(problem, residuals)
+    for segment in (0, 1):
+        folds = parts.fold[parts.segment == segment]
+        assert (folds == TEST).any() == (folds != TEST).any()
+
+
+def test_every_residual_is_in_one_chunk_of_its_own_segment() -> None:
+    problem = OneJoint({})
+    parts = split(problem, np.ones((2, len(problem.time_s))))
+    assert np.array_equal(parts.segment[parts.chunk], problem.segment)
+    for chunk in range(len(parts.fold)):
+        assert np.ptp(problem.time_s[parts.chunk == chunk]) < 1.01
+
+
+def test_folds_are_segments_or_pieces_that_do_not_mix() -> None:
+    problem = OneJoint({})
+    parts = split(problem, np.ones((2, len(problem.time_s))))
+    for fold in parts.folds:
+        assert len(set(parts.segment[parts.fold == fold])) == 1

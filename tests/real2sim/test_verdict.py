@@ -1,0 +1,69 @@
+import pytest
+
+from real2sim.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
+from real2sim.problem import Estimate
+from real2sim.verdict import Gap, NextExperiment, Verdict, merge
+
+EFFECT = FoundEffect(
+    name="torque_saturation",
+    where=("FR_calf",),
+    params={"knee": Interval(value=14.2, ci90=(13.6, 14.9), unit="Nm")},
+)
+
+
+def findings(problem: str, verdict: ProblemRuling, **more: object) -> Findings:
+    gap = SignalGap(signal="q", residuals=100, before=5.0, after=1.5, floor=1.0)
+    return Findings(problem=problem, verdict=verdict, gaps=(gap,), **more)  # type: ignore[arg-type]
+
+
+def test_a_verdict_survives_json() -> None:
+    verdict = Verdict(
+        verdict="set",
+        effects=(EFFECT,),
+        sets=(("actuator_lag", "command_delay"),),
+        next_experiment=NextExperiment(name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0),
+        untestable={"backlash": "no reversal of load"},
+        gap=Gap(before=4.0, after=1.5, floor=1.0),
+        minimum_detectable={"coulomb_friction": Estimate(value=0.04, unit="Nm")},
+    )
+    assert Verdict.from_json(verdict.to_json()) == verdict
+
+
+def test_json_has_the_keys_of_the_schema() -> None:
+    data = Verdict(verdict="named", effects=(EFFECT,), gap=Gap(before=5.0, after=2.0, floor=1.0)).to_dict()
+    assert set(data) == {
+        "verdict",
+        "effects",
+        "sets",
+        "next_experiment",
+        "untestable",
+        "gap",
+        "minimum_detectable",
+        "log_faults",
+    }
+    assert data["effects"][0]["params"]["knee"] == {"value": 14.2, "ci90": [13.6, 14.9], "unit": "Nm"}
+    assert data["gap"]["closed"] == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize(
+    ("rulings", "merged"),
+    [
+        (("no_gap", "no_gap"), "no_gap"),
+        (("named", "no_gap"), "named"),
+        (("named", "set"), "set"),
+        (("unexplained", "set"), "unexplained"),
+        ((), "no_gap"),
+    ],
+)
+def test_the_least_sure_part_rules(rulings: tuple[ProblemRuling, ...], merged: str) -> None:
+    assert merge([findings(f"p{i}", ruling) for i, ruling in enumerate(rulings)]).verdict == merged
+
+
+def test_a_damaged_log_is_judged_by_nothing_else() -> None:
+    verdict = merge([findings("joints", "named", effects=(EFFECT,))], ["t runs backwards"])
+    assert verdict == Verdict(verdict="bad_log", log_faults=("t runs backwards",))
+
+
+def test_the_gap_is_that_of_sensors_that_show_one() -> None:
+    verdict = merge([findings("joints", "named", effects=(EFFECT,)), findings("imu", "no_gap")])
+    assert verdict.gap == Gap(before=5.0, after=1.5, floor=1.0)
