@@ -21,7 +21,7 @@ from saltus.effects.effect import map_arrays
 class KorniaWindows:
     """`render.stereo.windows.Windows` for images of three dimensions.
 
-    Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a CPU, take 15 to 40
+    Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a CPU, take 8 to 49
     times as long there as sums over windows of 1, 2, 4, ... samples.
     """
 
