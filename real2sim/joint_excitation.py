@@ -49,12 +49,21 @@ def untestable(log: RunLog, rows: Rows, reached: Sequence[Reached]) -> dict[str,
     return why
 
 
-def reached_by(rows: Rows, kp: Floats, kd: Floats, branches: Indices) -> tuple[Reached, ...]:
-    """How far the log goes at each place of the legs; gains of shape (joints,)."""
+def reached_by(
+    rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]
+) -> tuple[Reached, ...]:
+    """How far the log goes at each place of the legs.
+
+    Args:
+        rows: Of the log.
+        kp: Shape (joints,).
+        kd: Shape (joints,).
+        branches: Joints of each leg, shape (branches, joints).
+        steps: What `encoder_steps` found.
+    """
     dq = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
     asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - dq) + rows.tau_ff)
     speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(dq), asked))
-    steps = encoder_steps(rows)
     return tuple(
         Reached(
             speed=float(speed[joints].max()),

@@ -8,6 +8,7 @@ import numpy as np
 from real2sim.joint_candidates import JointCandidates
 from real2sim.joint_drives import Drives
 from real2sim.joint_excitation import encoder_steps, reached_by, untestable
+from real2sim.joint_grid import Grid
 from real2sim.joint_motion import motion_of, uniform_rows, windows_of
 from real2sim.joint_noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from real2sim.joint_replay import Simulated, replay
@@ -60,7 +61,7 @@ class JointProblem(Problem):
         self.segments = segments_of(log)
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
-        reached = reached_by(self._rows, kp, kd, branches)
+        reached = reached_by(self._rows, kp, kd, branches, self._steps)
         self.untestable = untestable(log, self._rows, reached)
         self._candidates = JointCandidates(places, _torque_limits(branches), reached, tuple(self.untestable))
         self.candidates = self._candidates.listed
@@ -84,8 +85,11 @@ class JointProblem(Problem):
         drives = self._candidates.drives(unknowns, self._motion.dt_s)
         apart = self._apart(self._simulate(drives))
         white = self._whitening.white(apart, self._fresh)[self._kept]  # (samples, signals, branches, joints, sets)
+        if self._grid.exists:
+            grid = self._grid.residuals(drives.quantisation, drives.count)[self._kept]
+            white = np.concatenate([white, grid[:, None]], axis=1)
         white = np.clip(np.nan_to_num(white, nan=CLIP, posinf=CLIP, neginf=-CLIP), -CLIP, CLIP)
-        white[self._missing[self._kept]] = 0.0
+        white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         sets, blocks = unknowns.shape[:2]
         return white.transpose(4, 2, 1, 3, 0).reshape(sets, blocks, -1)
 
@@ -129,6 +133,8 @@ class JointProblem(Problem):
         self._missing = ~np.isfinite(self._measured) | self._after_a_stop()[:, None, :, None]
         self._measured = np.nan_to_num(self._measured)
         self._time = time_s
+        self._steps = encoder_steps(rows)
+        self._grid = Grid(rows, self._steps, within, branches)
         self._fresh = np.flatnonzero(np.diff(start, prepend=-size) != size)
         index = np.full(len(time_s), -1)
         for i, segment in enumerate(self.segments):
@@ -154,8 +160,9 @@ class JointProblem(Problem):
         return behind.reshape(-1, of_leg.shape[1])[self._sample]
 
     def _name_samples(self, places: Sequence[str]) -> None:
-        count = len(self._signals) * len(places)
-        self.signals = tuple(f"{signal}_{place}" for signal in self._signals for place in places)
+        kinds = (*self._signals, *(("grid",) if self._grid.exists else ()))
+        count = len(kinds) * len(places)
+        self.signals = tuple(f"{signal}_{place}" for signal in kinds for place in places)
         self.signal = np.repeat(np.arange(count), len(self._kept))
         self.segment = np.tile(self._segment, count)
         self.time_s = np.tile(self._time[self._kept], count)
@@ -166,7 +173,7 @@ class JointProblem(Problem):
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
         pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
         # an encoder that hunts between two steps does so differently each time: there all pieces are noise
-        is_coarse = np.array([step is not None for step in encoder_steps(rows)])[branches]
+        is_coarse = np.array([step is not None for step in self._steps])[branches]
         rough = whitening(smooth_left_out(self._claimed_gap()), floor, is_coarse)
         self._whitening: Whitening = (
             quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough

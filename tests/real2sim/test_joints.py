@@ -116,6 +116,7 @@ CASES = (
     hidden("stiction", (0.4, 0.3), breakaway=0.4, stribeck_velocity=0.3),
     hidden("armature", (0.002,), added=0.002),
     hidden("encoder_bias", (0.02,), bias=0.02),
+    hidden("encoder_quantisation", (1.0, 0.006), step=0.006),
     hidden("velocity_filter", (0.004,), time_constant=0.004),
 )
 
