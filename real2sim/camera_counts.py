@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from real2sim.camera_candidates import FLOOR, CameraEffects
-from real2sim.camera_data import AS_CLAIMED, CameraData, owners
+from real2sim.camera_data import AS_CLAIMED, WHOLE, CameraData, owners
 from real2sim.camera_edges import EdgeCounts, edge_counts
 from real2sim.camera_noise import log_variance
 from real2sim.problem import Floats, Indices
@@ -119,7 +119,7 @@ def count_edges(data: CameraData, looked: NDArray[np.int64]) -> EdgeCounts:
     grid = np.meshgrid(row, np.arange(width, dtype=np.int64), indexing="ij")
     model = replace(data.model, tangents=data.camera.tangents(grid[0].ravel(), grid[1].ravel()))
     predicted = model.predict(AS_CLAIMED, data.kept[looked]).reshape(len(looked), len(row), width)
-    return edge_counts(predicted, data.images_mm[np.ix_(looked, row)])
+    return edge_counts(predicted, data.images_mm[np.ix_(looked, row)], WHOLE * data.camera.range_m)
 
 
 def _lost_rows(data: CameraData) -> list[Row]:

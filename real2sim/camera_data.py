@@ -20,6 +20,7 @@ from saltus.run_log import RunLog
 
 MAX_FRAMES = 300  # looked at of a log: more say little that these do not, and cost as much
 WHOLE = 0.95  # of an end of the range: noise of 1 % of depth is not cut there
+GROSS = 0.5  # relative error of depth: another surface
 AS_CLAIMED = CameraEffects()
 
 
@@ -138,10 +139,14 @@ def _likeliest(
     ]
     if len(models) == 1:
         return models[0]
+    return min(models, key=lambda model: _misfit(model.predict(AS_CLAIMED, kept), measured, camera.range_m))
+
+
+def _misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
+    """Mean relative error, at most `GROSS`; a pixel that is invalid should be out of range, but may be a hole."""
     valid = measured > 0.0
-    scale = np.where(valid, measured, 1.0)
-    misfits = [np.mean(np.minimum(np.abs(m.predict(AS_CLAIMED, kept) - measured) / scale, 0.5)[valid]) for m in models]
-    return models[int(np.argmin(misfits))]
+    error = np.minimum(np.abs(predicted - measured) / np.where(valid, measured, 1.0), GROSS)
+    return float(np.mean(np.where(valid, error, 0.1 * GROSS * (predicted < WHOLE * range_m))))
 
 
 def _edge_of_scene(

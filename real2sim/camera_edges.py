@@ -10,6 +10,7 @@ from real2sim.problem import Floats
 WINDOW = 12  # px to the left of an edge in which holes and copies are counted: more than a matching window loses
 PAST_EDGE = 2  # px: where an edge is, is known to about a pixel
 JUMP = 0.08  # of the depth behind: a smaller step is bridged by a matching window
+MOST_HOLES = 0.3  # usual share: behind such edges nothing can be told
 AMBIENT = 3  # px at least, beyond the window, from which the usual share is known
 
 
@@ -25,23 +26,21 @@ class EdgeCounts:
     """Pixels that are exactly as their left neighbour [px], shape (edges,)."""
 
 
-def edge_counts(predicted_m: Floats, measured_mm: NDArray[np.uint16]) -> EdgeCounts:
-    """Counts in the rows of images, both of shape (images, rows, columns); predicted depth may be infinite."""
-    behind, before = predicted_m[..., :-1], predicted_m[..., 1:]
-    with np.errstate(invalid="ignore"):
-        edge = np.isfinite(behind) & (before < (1.0 - JUMP) * behind)
+def edge_counts(predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float) -> EdgeCounts:
+    """Counts in the rows of images, both of shape (images, rows, columns), where nothing is beyond the range."""
+    edge = predicted_m[..., 1:] < (1.0 - JUMP) * predicted_m[..., :-1]
     frame, row, column = np.nonzero(edge)
     column = column + 1  # the first pixel of the near object
     first, last = column - WINDOW, column + PAST_EDGE
-    alone = np.cumsum(np.pad(edge, ((0, 0), (0, 0), (1, 0))), axis=2)
     keep = (first >= AMBIENT) & (last <= measured_mm.shape[2])
-    frame, row, column, first, last = (a[keep] for a in (frame, row, column, first, last))
-    keep = alone[frame, row, last - 1] - alone[frame, row, np.maximum(first - 1, 0)] == 1
     frame, row, first, last = (a[keep] for a in (frame, row, first, last))
+    start = np.maximum(first - WINDOW, 0)
+    keep = _count(edge, frame, row, start, last - 1) == 1
+    keep &= _count(predicted_m >= range_m, frame, row, start, last) == 0
+    frame, row, first, last, start = (a[keep] for a in (frame, row, first, last, start))
     hole = measured_mm == 0
     copy = np.zeros_like(hole)
     copy[..., 1:] = (measured_mm[..., 1:] == measured_mm[..., :-1]) & ~hole[..., 1:]
-    start = np.maximum(first - WINDOW, 0)
     holes, copies = _count(hole, frame, row, first, last), _count(copy, frame, row, first, last)
     usual_holes, usual_copies = (
         np.mean(_count(marked, frame, row, start, first)) / max(float(np.mean(first - start)), 1.0)
@@ -49,6 +48,8 @@ def edge_counts(predicted_m: Floats, measured_mm: NDArray[np.uint16]) -> EdgeCou
         else 0.0
         for marked in (hole, copy)
     )
+    if usual_holes > MOST_HOLES:
+        return EdgeCounts(frame=frame[:0], holes=holes[:0], copies=copies[:0])
     # a pixel that the edge has taken is not lost or copied once more by the usual chance
     return EdgeCounts(
         frame=frame,

@@ -9,6 +9,7 @@ from real2sim.problem import Floats
 from saltus.run_log import DepthTable
 
 LATE = 1.6  # of the median gap between arrivals: from here on an image is missing where numbers do not tell
+PAUSE = 20.0  # of the median gap: from here on nothing was recorded
 MOSTLY_EQUAL = 0.5  # a scene without motion and noise repeats every image: then equality says nothing
 JITTER_S = 3e-4  # arrivals that scatter by less are as good as regular
 
@@ -65,7 +66,8 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
     step = np.diff(depth.frame_id)
     if np.all(step <= 1):  # numbers are given on arrival: only the clock shows a gap
         usual = np.median(gap_s)
-        step = np.where(gap_s > LATE * usual, np.round(gap_s / max(usual, 1e-9)), 1).astype(np.int64)
+        is_loss = (gap_s > LATE * usual) & (gap_s < PAUSE * usual)
+        step = np.where(is_loss, np.round(gap_s / max(usual, 1e-9)), 1).astype(np.int64)
     missing = np.maximum(step - 1, 0)
     after = np.repeat(np.arange(len(gap_s)), missing)
     share = (np.arange(len(after)) - np.repeat(np.cumsum(missing) - missing, missing) + 1.0) / (missing[after] + 1.0)

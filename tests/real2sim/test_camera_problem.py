@@ -245,13 +245,13 @@ def test_holes_and_copies_at_edges_are_counted(holes: int, copies: int) -> None:
     image[..., 40 - holes : 40] = 0
     first = 40 - holes - copies
     image[..., first : first + copies] = image[..., first - 1 : first]
-    counts = edge_counts(true, image)
+    counts = edge_counts(true, image, 3.0)
     assert counts.frame.size == 40
     assert np.mean(counts.holes) == pytest.approx(holes, abs=0.01)
     assert np.mean(counts.copies) == pytest.approx(copies, abs=0.6)  # noise makes equal pixels, too
 
 
 def test_no_edge_counts_on_flat_ground() -> None:
-    assert not edge_counts(np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16)).frame.size
+    assert not edge_counts(np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0).frame.size
     assert claimed_scenes("flat")[0].has_ground
     assert FLAT == ()
