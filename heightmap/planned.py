@@ -10,6 +10,7 @@ from heightmap.rollouts import Trajectory
 from policy.rollout import Rollout, RolloutStep
 from policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.config import TerrainConfig, TerrainKind
+from saltus.effects.profile import GO1, Profile
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -33,6 +34,8 @@ class PlannedBounding:
     time_limit_s: float = 8.0
     first_seed: int = 2_000_000
     """Of the trials; apart from those of evaluations."""
+    profile: Profile = GO1
+    """Hardware of the robots."""
 
     def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
         """Yields `count` trajectories: each robot's first trial, from its start to its end, failures included."""
@@ -48,7 +51,7 @@ class PlannedBounding:
     def _batch(self, rng: np.random.Generator, trials: list[Trial]) -> Iterator[Trajectory]:
         terrains = [make_terrain(_course(rng, self.hardest)) for _ in trials]
         planner = ScriptedPlanner(varied(rng, self.variation, len(trials)))
-        steps = list(Rollout(terrains, trials, planner, time_limit_s=self.time_limit_s).run())
+        steps = list(Rollout(terrains, trials, planner, profile=self.profile, time_limit_s=self.time_limit_s).run())
         running = np.array([step.running for step in steps])  # (ticks, robots)
         truth = [step.truth for step in steps]
         position = np.array([t.position_base_in_world for t in truth])

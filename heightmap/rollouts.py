@@ -8,10 +8,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from heightmap.shards import Episode, ShardRecord, write_shard
-from render.camera import Mount
+from render.camera import Mount, moved_camera
 from render.embree import EmbreeRenderer
 from saltus import go1, kinematics
-from saltus.depth import depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
+from saltus.effects.camera import ViewChain
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
@@ -44,7 +45,15 @@ class MotionSource(Protocol):
         ...
 
 
-def collect(directory: Path, source: MotionSource, *, count: int, seed: int, config: dict[str, Any]) -> ShardRecord:
+def collect(
+    directory: Path,
+    source: MotionSource,
+    *,
+    count: int,
+    seed: int,
+    config: dict[str, Any],
+    view: ViewChain | None = None,
+) -> ShardRecord:
     """Adds a round of `count` episodes to a dataset.
 
     Args:
@@ -53,14 +62,19 @@ def collect(directory: Path, source: MotionSource, *, count: int, seed: int, con
         count: Number of episodes.
         seed: Of everything that is drawn.
         config: What made them, for the manifest; plain JSON values.
+        view: Where cameras sit and how wide they look, where it is not as claimed.
     """
-    return write_shard(directory, episodes(source, np.random.default_rng(seed), count), seed=seed, config=config)
+    made = episodes(source, np.random.default_rng(seed), count, view)
+    return write_shard(directory, made, seed=seed, config=config)
 
 
-def episodes(source: MotionSource, rng: np.random.Generator, count: int) -> Iterator[Episode]:
+def episodes(
+    source: MotionSource, rng: np.random.Generator, count: int, view: ViewChain | None = None
+) -> Iterator[Episode]:
     """Lets `source` move `count` robots, takes their pictures and writes down the true heights."""
     for trajectory in source.trajectories(rng, count):
-        yield episode_of(trajectory, random_mount(rng))
+        camera, mount = moved_camera(view or ViewChain(), MODEL_CAMERA, random_mount(rng))
+        yield episode_of(trajectory, mount, camera=camera)
 
 
 def random_mount(rng: np.random.Generator) -> Mount:
@@ -77,12 +91,14 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floa
     return terrain.height_at(x) - position[..., 2:]
 
 
-def episode_of(trajectory: Trajectory, mount: Mount, threads: int | None = None) -> Episode:
+def episode_of(
+    trajectory: Trajectory, mount: Mount, threads: int | None = None, camera: Intrinsics = MODEL_CAMERA
+) -> Episode:
     """Takes the pictures of one robot with a camera that sits as `mount` says, and writes down the true heights."""
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     taken = np.arange(0, len(position), FRAME_TICKS)
-    camera = EmbreeRenderer(trajectory.terrain, mount=mount, threads=threads)
-    depth = camera.render_batch(position[taken], quaternion[taken], trajectory.joint_position[taken])
+    renderer = EmbreeRenderer(trajectory.terrain, camera, mount, threads=threads)
+    depth = renderer.render_batch(position[taken], quaternion[taken], trajectory.joint_position[taken])
     return Episode(
         terrain=trajectory.terrain.kind,
         proprioception=trajectory.proprioception.astype(np.float32),

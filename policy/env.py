@@ -26,6 +26,7 @@ from policy.randomisation import RandomisationConfig
 from policy.rewards import RewardConfig, RewardInputs, reward_terms
 from policy.views import Views
 from saltus import go1
+from saltus.effects.profile import load_profile
 from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
 from saltus.messages import ControllerMode
 from saltus.sim.engine import Engine
@@ -43,6 +44,8 @@ class EnvConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    profile: str = "go1"
+    """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +92,7 @@ class JumpEnv:
         self._ctrl = torch.as_tensor(engine.ctrl)
         self._law = LegController(solver=solver or BatchedSolver())
         self._estimator = Estimator()
-        self._drives = Drives(config.randomisation.feedforward_delay_s[1])
+        self._drives = Drives(config.randomisation.feedforward_delay_s[1], load_profile(config.profile))
         kinds = kinds_of_robots(config.curriculum, self.count)
         self.memory = blank_memory(kinds, self._drives.length, self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)

@@ -133,6 +133,8 @@ def _config(arguments: argparse.Namespace, device: str) -> TrainConfig:
         config = for_cpu() if device == "cpu" else for_gpu()
     if arguments.robots is not None:
         config = replace(config, robots=arguments.robots)
+    if arguments.profile:
+        config = replace(config, env=replace(config.env, profile=arguments.profile))
     return config if arguments.seed is None else replace(config, seed=arguments.seed)
 
 
@@ -146,6 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--config", type=Path, help="TOML file; default: that of the checkpoint, or the device's own")
     parser.add_argument("--robots", type=int, help="number of robots of each process")
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--profile", help="effects of the drives: ideal, go1, one of your own, or a TOML file")
     parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
     given = parser.parse_args(arguments)
     rank = _rank(given.device)

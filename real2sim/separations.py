@@ -123,12 +123,12 @@ def _short(value: float) -> float:
 
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named, and writes the table."""
-    table: dict[str, Any] = json.loads(TABLE.read_text()) if TABLE.exists() else {"experiments": {}}
+    measured: dict[str, Any] = json.loads(TABLE.read_text())["experiments"] if TABLE.exists() else {}
     for name in names or list(EXPERIMENTS):
-        table["experiments"][name] = measure(EXPERIMENTS[name])
-    order = [name for name in EXPERIMENTS if name in table["experiments"]]
-    table = {"source": "python -m real2sim.separations", "experiments": {n: table["experiments"][n] for n in order}}
-    TABLE.write_text(json.dumps(table, indent=1) + "\n")
+        measured[name] = measure(EXPERIMENTS[name])
+        order = [known for known in EXPERIMENTS if known in measured]
+        table = {"source": "python -m real2sim.separations", "experiments": {known: measured[known] for known in order}}
+        TABLE.write_text(json.dumps(table, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -96,17 +96,22 @@ class Collect:
     """How many episodes."""
     seed: int = 0
     """Seed of terrains, trials and motions."""
+    profile: str = "go1"
+    """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file."""
 
     def run(self) -> int:
         """Writes the shard, whole or not at all."""
         from heightmap.kinematic import KinematicBounding
         from heightmap.planned import PlannedBounding
         from heightmap.rollouts import MotionSource, collect
+        from saltus.effects.profile import load_profile
 
-        planned = PlannedBounding(first_seed=TRIALS * (1 + self.seed))
+        profile = load_profile(self.profile)
+        planned = PlannedBounding(first_seed=TRIALS * (1 + self.seed), profile=profile)
         source: MotionSource = planned if self.source == "planner" else KinematicBounding()
-        config = {"source": self.source, "episodes": self.episodes}
-        record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config)
+        config = {"source": self.source, "episodes": self.episodes, "profile": self.profile}
+        view = profile.view_chain
+        record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config, view=view)
         print(
             f"{self.out / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}"
         )

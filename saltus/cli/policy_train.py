@@ -28,6 +28,8 @@ class Train:
     """Number of robots."""
     seed: int | None = None
     """Of everything that is drawn."""
+    profile: str | None = None
+    """Effects of the drives: ideal, go1, one of your own, or a TOML file; that of the config where it is not given."""
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m policy.train."""
 

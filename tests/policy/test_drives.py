@@ -3,10 +3,14 @@ import pytest
 import torch
 
 from policy.drives import Drives
+from saltus import go1
 from saltus.effects.chain import ActuatorChain
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.profile import GO1
+from saltus.effects.profile import GO1, Profile
 from saltus.effects.torque_gain import TorqueGain
+from saltus.effects.viscous_friction import ViscousFriction
 from saltus.messages import JointCommand
 
 N = 5
@@ -31,3 +35,23 @@ def test_equals_the_effects_of_a_profile(delay_s, xp):
         one = line[:, 0, 0] * 0.0 + 1.0
         found, line = drives.step(command, q, dq, line, delay_s * one, 0.95 * one)
         np.testing.assert_allclose(found, expected.applied, atol=1e-9)
+
+
+def test_gain_and_friction_of_a_profile_act_and_what_needs_a_memory_is_said_to_be_missing(caplog):
+    friction = CoulombFriction(torque=0.3)
+    profile = Profile(
+        actuator=(friction, ViscousFriction(coefficient=0.2), TorqueGain(gain=0.8), CommandDelay(delay=0.01))
+    )
+    drives = Drives(0.012, profile)
+    assert "command_delay" in caplog.text
+    zero, one = np.zeros((1, 12)), np.ones((1, 12))
+    line = np.zeros((1, drives.length, 12))
+    command = JointCommand(position=10.0 * one, velocity=zero, kp=one, kd=zero, torque=zero)
+    fast, _ = drives.step(command, zero, 5.0 * one, line, np.zeros(1), np.ones(1))
+    np.testing.assert_allclose(fast, 0.8 * 10.0 - 0.3 - 0.2 * 5.0)
+    at_rest, _ = drives.step(command, zero, zero, line, np.zeros(1), np.ones(1))
+    np.testing.assert_allclose(at_rest, 8.0)
+    slow, _ = drives.step(command, zero, -1e-3 * one, line, np.zeros(1), np.ones(1))
+    assert np.all((slow > 8.0) & ((slow - 8.0) * go1.PHYSICS_DT < 1.001e-3 * go1.ARMATURE)), (
+        "friction turns no joint round"
+    )
