@@ -43,6 +43,8 @@ def search(problem: Problem, *, progress: Callable[[str, int], None] | None = No
         progress: Called with the name of a stage and how many simulations it is about to run.
         seed: Of the bootstrap.
     """
+    if not len(problem.time_s):
+        return Findings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
     return _Search(problem, progress, seed).run()
 
 

@@ -1,5 +1,7 @@
 """A problem whose residuals are linear in its unknowns: sines in two signals, seen in six segments."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,6 +66,15 @@ class LinearProblem(Problem):
 
     def residuals(self, unknowns: Floats) -> Floats:
         return np.asarray(self._measured - unknowns @ self._signatures)
+
+    def keep_rows(self, rows: Any) -> None:
+        """Forgets the other residuals."""
+        self.time_s, self.segment, self.signal = self.time_s[rows], self.segment[rows], self.signal[rows]
+        self._measured, self._signatures = self._measured[:, rows], self._signatures[:, rows]
+
+    def keep_unknowns(self, unknowns: slice) -> None:
+        """Forgets what the other unknowns do."""
+        self._signatures = self._signatures[unknowns]
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         return {candidate.unknowns[0].name: Estimate(value=float(values[0]), unit="Nm")}

@@ -114,3 +114,29 @@ def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
     assert findings.verdict == "unexplained"
     assert not findings.effects
     assert not findings.sets
+
+
+def test_a_problem_without_candidates_has_no_names() -> None:
+    problem = LinearProblem({}, effects=0)
+    assert search(problem).verdict == "no_gap"
+
+
+def test_a_gap_without_candidates_is_unexplained() -> None:
+    problem = LinearProblem(sizes("e3", 3.0))
+    problem.candidates = problem.candidates[-1:]
+    problem.keep_unknowns(slice(-1, None))
+    assert search(problem).verdict == "unexplained"
+
+
+def test_a_problem_without_residuals_has_no_gap() -> None:
+    problem = LinearProblem(sizes("e3", 3.0))
+    problem.keep_rows(slice(0, 0))
+    assert search(problem).verdict == "no_gap"
+
+
+def test_a_short_segment_is_enough_to_name_but_not_to_test() -> None:
+    problem = LinearProblem({("e0", "hip", "FR"): 5.0})
+    problem.keep_rows(np.flatnonzero(problem.time_s < 1.2))
+    findings = search(problem)
+    assert [effect.name for effect in findings.effects] == ["e0"]
+    assert not findings.gaps
