@@ -23,8 +23,8 @@ what effects leave in a slow motion goes, and of noise little more than a sixtee
 SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
 QUIET_SHARE = 1.0 / 3.0
 """Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
-MOST = 0.9
-"""Of the pieces, where nearly all are noise: repeats often differ in how they begin."""
+MOST = 0.7
+"""Of the pieces, where most are noise: repeats often differ in how they begin, over a piece or two."""
 CLEARLY_LESS = 0.8
 """Of a spread: two estimates of the same noise from a log of 30 s differ by less."""
 LARGEST_POLE = 0.98
@@ -61,22 +61,23 @@ class Whitening:
         return out
 
 
-def whitening(pieces: Floats, floor: Floats, all_count: NDArray[np.bool_]) -> Whitening:
+def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> Whitening:
     """The autoregression of pieces of noise.
 
     Args:
         pieces: Shape (pieces, PIECE, ...); the quietest count.
         floor: Smallest standard deviation to believe in, shape (...).
-        all_count: Where nearly all pieces count, broadcast with `floor`.
+        most_count: Where most pieces count, broadcast with `floor`.
     """
     energy = np.mean(pieces**2, axis=1)
     count = max(1, int(np.ceil(QUIET_SHARE * len(pieces))))
     order = np.argsort(energy, axis=0)
     quiet = np.take_along_axis(pieces, order[:count][:, None], axis=0)
-    most = np.take_along_axis(pieces, order[: max(1, int(MOST * len(pieces)))][:, None], axis=0)
-    lags = [np.where(all_count, _lag(most, i), _lag(quiet, i)) for i in range(ORDER + 1)]
+    many = max(1, int(MOST * len(pieces)))
+    most = np.take_along_axis(pieces, order[:many][:, None], axis=0)
+    lags = [np.where(most_count, _lag(most, i), _lag(quiet, i)) for i in range(ORDER + 1)]
     # the quietest of many pieces have less energy than all have
-    scale = np.where(all_count, 1.0, _quietest(len(pieces), count))
+    scale = np.where(most_count, _quietest(len(pieces), many), _quietest(len(pieces), count))
     variance = np.maximum(lags[0] / scale, floor**2)
     first, second = (lag / np.maximum(lags[0], 1e-300) for lag in lags[1:])
     first = np.clip(first, -LARGEST_POLE, LARGEST_POLE)

@@ -116,9 +116,10 @@ CASES = (
     hidden("stiction", (0.4, 0.3), breakaway=0.4, stribeck_velocity=0.3),
     hidden("armature", (0.002,), added=0.002),
     hidden("encoder_bias", (0.02,), bias=0.02),
-    hidden("encoder_quantisation", (1.0, 0.006), step=0.006),
     hidden("velocity_filter", (0.004,), time_constant=0.004),
 )
+
+COARSE = hidden("encoder_quantisation", (1.0, 0.006), step=0.006)
 
 
 def name_of(case: Hidden) -> str:
@@ -145,7 +146,7 @@ def test_residuals_of_the_right_model_are_white(correlation: float) -> None:
         assert abs(np.mean(one[:, 1:] * one[:, :-1])) < (0.15 if correlation == 0.0 else 0.35)
 
 
-@pytest.mark.parametrize("case", CASES, ids=name_of)
+@pytest.mark.parametrize("case", (*CASES, COARSE), ids=name_of)
 def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = JointProblem(noisy(motion(case.effect)))
     truth = {case.effect.name: case.unknowns}
@@ -171,6 +172,14 @@ def test_fits_find_the_truth(case: Hidden) -> None:
         slopes = (flat_residuals[1:] - flat_residuals[0]) / step[:, None]
         value[free] -= np.linalg.solve(slopes @ slopes.T, slopes @ flat_residuals[0])
     np.testing.assert_allclose(value, case.unknowns, rtol=0.05)
+
+
+def test_the_step_of_an_encoder_is_read_from_its_angles() -> None:
+    coarse, fine = (JointProblem(noisy(motion(*effects))) for effects in ((COARSE.effect,), ()))
+    starts = [c.starts for c in coarse.candidates if c.effect == "encoder_quantisation"]
+    assert all(step == pytest.approx(0.006, rel=1e-3) for place in starts for _, step in place)
+    assert "grid_calf" in coarse.signals
+    assert "grid_calf" not in fine.signals
 
 
 def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
