@@ -146,7 +146,7 @@ def test_residuals_of_the_right_model_are_white(correlation: float) -> None:
         assert abs(np.mean(one[:, 1:] * one[:, :-1])) < (0.15 if correlation == 0.0 else 0.35)
 
 
-@pytest.mark.parametrize("case", (*CASES, COARSE), ids=name_of)
+@pytest.mark.parametrize("case", [*CASES, COARSE], ids=name_of)
 def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = JointProblem(noisy(motion(case.effect)))
     truth = {case.effect.name: case.unknowns}
