@@ -28,7 +28,7 @@ DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in r
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
 RENEW = wp.constant(STEPS_PER_INERTIA)
-PRESLIDING = wp.constant(3.0e-4)  # rad until a bristle gives way: a third of an encoder's noise
+PRESLIDING = wp.constant(6.0e-5)  # rad until a bristle gives way: far less than an encoder sees
 FASTEST = wp.constant(300.0)  # rad/s: ten times what the joints can do
 HEAT_S = wp.constant(6.0)  # time constant of a motor's windings and housing, order of magnitude
 
