@@ -22,6 +22,8 @@ SEEN_OVER_LEFT = 2.0  # torque over what is left: less, and a false delay may ex
 KP_OFF, KD_OFF = 0.12, 0.2  # of the claim; healthy logs with strong effects stay within 0.03
 MIN_KD = 0.3  # Nm s/rad: claims of less are judged like this one
 LEFT, LEFT_SHARE = 0.5, 0.1  # Nm, or share of the RMS: more, and the drive follows another encoder than the logged one
+FAINT_TORQUE = 0.5  # Nm: beyond it the sign of a torque is no noise
+SURE = 10.0  # standard errors of samples that were independent; noise of drives lasts for a few samples
 HALF_PLAY = 0.009  # rad, half of 1 degree of backlash: the law sees the motor's side, the log the joint's
 SENSELESS = 0.4  # share of the variance below which the torque belongs to other columns
 
@@ -32,7 +34,7 @@ def gain_faults(log: RunLog) -> list[Fault]:
         return []
     names = log.meta["joints"]
     kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), (len(names),)) for key in ("kp", "kd"))
-    fits = _fits(log.joints, log.joints.tau_est)
+    fits = _fits(log.joints, log.joints.tau_est, kp, kd)
     return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
 
 
@@ -43,6 +45,8 @@ class _Fit:
     explained: float
     """Share of the torque's variance."""
     kp: float
+    doubt: float
+    """How far kp may be off by chance."""
     kd: float
     feedforward: float
     """Weight of the feed-forward torque, 1 in a healthy log."""
@@ -53,7 +57,7 @@ class _Fit:
     feedforward_seen: float
 
 
-def _fits(joints: JointTable, torque: Floats) -> list[_Fit]:
+def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_Fit]:
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     dq = np.gradient(joints.q, joints.time_s, axis=0) if joints.dq is None else joints.dq
     best: dict[int, _Fit] = {}
@@ -61,7 +65,8 @@ def _fits(joints: JointTable, torque: Floats) -> list[_Fit]:
         held = _rows_in_force(joints.time_s, joints.time_s[rows] - delay)
         error = joints.q_des[held] - joints.q[rows]
         rate = -dq[rows] if joints.dq_des is None else joints.dq_des[held] - dq[rows]
-        columns = [error, rate, np.ones_like(error)]
+        # Play shifts what the drive sees by half its width, to the side to which it pushes
+        columns = [error, rate, np.tanh((kp * error + kd * rate) / FAINT_TORQUE), np.ones_like(error)]
         if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
             late = [_rows_in_force(joints.time_s, joints.time_s[rows] - delay - d) for d in FF_DELAYS_S]
             columns += [joints.tau_ff[index] for index in late]
@@ -80,17 +85,19 @@ def _rows_in_force(time_s: Floats, when_s: Floats) -> NDArray[np.intp]:
 def _regress(columns: list[Floats], torque: Floats) -> _Fit:
     matrix = np.stack(columns)
     square = matrix @ matrix.T
-    solution = np.linalg.lstsq(square, matrix @ torque, rcond=1e-10)[0]
-    variance = float(np.var(torque))
+    inverse = np.linalg.pinv(square, rcond=1e-10, hermitian=True)
+    solution = inverse @ (matrix @ torque)
+    left, variance = float(np.var(torque - solution @ matrix)), float(np.var(torque))
     return _Fit(
-        explained=1 - float(np.var(torque - solution @ matrix)) / max(variance, 1e-12),
+        explained=1 - left / max(variance, 1e-12),
         kp=float(solution[0]),
+        doubt=SURE * float(np.sqrt(left * inverse[0, 0])),
         kd=float(solution[1]),
-        feedforward=float(solution[3:].sum()),
+        feedforward=float(solution[4:].sum()),
         error=float(np.std(columns[0])),
         rate=float(np.std(columns[1])),
         torque=variance**0.5,
-        feedforward_seen=float(np.std(columns[3])) if len(columns) > 3 else 0.0,
+        feedforward_seen=float(np.std(columns[4])) if len(columns) > 4 else 0.0,
     )
 
 
@@ -102,15 +109,18 @@ def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
         return
     if left > max(LEFT, LEFT_SHARE * fit.torque) or fit.error < SEEN_ERROR or fit.torque < SEEN_OVER_LEFT * left:
         return
-    doubt = KP_OFF + HALF_PLAY / fit.error
-    if fit.kp < kp * (KP_OFF - doubt):
+    if fit.kp < -fit.doubt:
         text = f"tau_est of {name} pushes away from q_des (kp {fit.kp:.3g}, claimed {kp:.3g}): a sign is flipped"
         yield Fault(name="flipped_sign", text=text)
         return
-    if abs(fit.kp - kp) > doubt * kp:
+    if abs(fit.kp - kp) > KP_OFF * kp + fit.doubt:
         text = f"tau_est of {name} shows kp {fit.kp:.3g}, meta.json claims {kp:.3g}"
         yield Fault(name="wrong_gains", text=text)
-    elif abs(fit.kp - kp) < KP_OFF * kp and fit.rate > SEEN_RATE and abs(fit.kd - kd) > KD_OFF * max(kd, MIN_KD):
+    elif (
+        abs(fit.kp - kp) < KP_OFF * kp
+        and fit.rate > SEEN_RATE
+        and abs(fit.kd - kd) > KD_OFF * max(kd, MIN_KD) + fit.doubt * kd / kp
+    ):
         text = f"tau_est of {name} shows kd {fit.kd:.3g}, meta.json claims {kd:.3g}"
         yield Fault(name="wrong_gains", text=text)
     if fit.feedforward_seen > SEEN_TORQUE and fit.feedforward < -0.5:

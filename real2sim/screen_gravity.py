@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 STATES = 200  # at which weights are computed, spread over the log
 MIN_WEIGHT = 0.5  # Nm: a hip of a Go1 holds 0.7
 AGREES = 0.5  # of the weight: how far the torque may be off its opposite
+OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
 MOVES = 0.2  # rad: friction holds a joint anywhere near its command, but not for all of a motion
 GAIN_RANGE = (0.6, 1.7)  # of torque to weight; drives that are 20 % off and friction stay within 0.75-1.35
 
@@ -35,8 +36,13 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     for joint in np.flatnonzero(opposite):
         text = f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs {weight[joint]:+.2f}: "
         yield Fault(name="against_gravity", text=text + "a flipped sign, or the columns of the leg on the other side")
+    off = np.abs(held - weight) > OFF_COMMAND
+    for joint in np.flatnonzero(off & ~opposite):
+        text = f"{names[joint]} stands off its command as if held by {held[joint]:+.1f} Nm, its weight needs "
+        text += f"{weight[joint]:+.1f}: a gear ratio, a zero or a name is wrong"
+        yield Fault(name="off_command", text=text)
     moving = heavy & ~opposite & (np.ptp(log.joints.q, axis=0) > MOVES)
-    if log.joints.tau_est is not None or moving.sum() < 2:
+    if off.any() or log.joints.tau_est is not None or moving.sum() < 2:
         return
     ratio = float(np.median(held[moving] / weight[moving]))
     if not GAIN_RANGE[0] < ratio < GAIN_RANGE[1]:
