@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.joint_drives import Drives
+from real2sim.joint_drives import Drives, lost
 from real2sim.problem import Candidate, Estimate, Floats, Unknown
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
@@ -49,8 +49,12 @@ KINDS = (
     ),
     Kind(
         effect="torque_saturation",
-        unknowns=(_size("loss", 0.0, 1.0, 0.05), _shape("corner", 1.0, 34.0, 0.5)),
-        starts=((0.4, 0.2), (0.4, 0.4), (0.4, 0.6), (0.4, 0.8)),
+        unknowns=(
+            _size("loss", 0.0, 1.0, 0.05),
+            _shape("corner", 1.0, 34.0, 0.5),
+            _shape("rounding", 0.05, 10.0, 0.5),
+        ),
+        starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
     Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),)),
     Kind(effect="battery_sag", unknowns=(_size("loss_at_end", 0.0, 0.7, 0.01),), starts=((0.1,),)),
@@ -131,7 +135,7 @@ class JointCandidates:
             values = get(effect)
             return None if values is None else values[0]
 
-        speed = get("torque_speed_limit")
+        speed, saturation = get("torque_speed_limit"), get("torque_saturation")
         return Drives(
             count=len(unknowns),
             dt_s=dt_s,
@@ -140,7 +144,7 @@ class JointCandidates:
             feedforward_delay=single("feedforward_delay"),
             lag=single("actuator_lag"),
             speed=None if speed is None else (speed[0], speed[1], speed[1] + speed[2]),
-            saturation=_pair(get("torque_saturation")),
+            saturation=None if saturation is None else (saturation[0], saturation[1], saturation[2]),
             gain=single("torque_gain"),
             sag=single("battery_sag"),
             viscous=single("viscous_friction"),
@@ -171,7 +175,7 @@ class JointCandidates:
                 corner, span = float(values[1]), float(values[2])
                 return {"corner": _estimate(corner, "rad/s"), "no_load": _estimate(corner + span, "rad/s")}
             case "torque_saturation":
-                return _saturation(first, float(values[1]), limit)
+                return _saturation(values, limit)
             case "torque_gain":
                 return {"gain": _estimate(1.0 + first, "")}
             case "stiction":
@@ -202,7 +206,7 @@ def _starts(kind: Kind, reached: Reached) -> tuple[tuple[float, ...], ...]:
         case "torque_speed_limit":
             return tuple((weight, a * reached.speed, b * reached.speed) for weight, a, b in kind.starts)
         case "torque_saturation":
-            return tuple((loss, corner * reached.torque) for loss, corner in kind.starts)
+            return tuple((loss, corner * reached.torque, rounding) for loss, corner, rounding in kind.starts)
         case "encoder_quantisation" if reached.steps:
             return tuple((1.0, step) for step in reached.steps)
     return kind.starts
@@ -222,10 +226,14 @@ UNITS = {
 """Of the effects whose only unknown is their parameter."""
 
 
-def _saturation(loss: float, corner: float, limit: float) -> dict[str, Estimate]:
-    knee = loss * corner / (loss - KNEE_LOSS) if loss > KNEE_LOSS else NO_KNEE
-    plateau = limit - loss * max(limit - corner, 0.0)
-    return {"knee": _estimate(min(knee, NO_KNEE), "Nm"), "plateau": _estimate(plateau, "Nm")}
+def _saturation(values: Floats, limit: float) -> dict[str, Estimate]:
+    """Knee and plateau of a rounded corner."""
+    torque = np.linspace(0.0, NO_KNEE, 20001)[1:]
+    missing = lost(torque, *values)
+    beyond = missing >= KNEE_LOSS * torque
+    knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE
+    plateau = limit - float(lost(np.array([limit]), *values)[0])
+    return {"knee": _estimate(knee, "Nm"), "plateau": _estimate(plateau, "Nm")}
 
 
 def _estimate(value: float, unit: str) -> Estimate:

@@ -41,8 +41,8 @@ class Drives:
     lag: Floats | None = None
     speed: tuple[Floats, Floats, Floats] | None = None
     """Weight, corner and no-load speed [rad/s]."""
-    saturation: tuple[Floats, Floats] | None = None
-    """Slope that is lost, and the torque [Nm] from which on."""
+    saturation: tuple[Floats, Floats, Floats] | None = None
+    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
     gain: Floats | None = None
     """Less 1."""
     sag: Floats | None = None
@@ -111,8 +111,7 @@ class Drives:
         if self.speed is not None:
             torque, memory.steepness = self._limited(torque, velocity, *self.speed)
         if self.saturation is not None:
-            slope, start = self.saturation
-            torque = torque - np.sign(torque) * (slope * np.maximum(np.abs(torque) - start, 0.0))
+            torque = torque - np.sign(torque) * lost(np.abs(torque), *self.saturation)
         if self.gain is not None:
             torque = torque * (1.0 + self.gain)
         if self.sag is not None:
@@ -138,6 +137,15 @@ class Drives:
         falls = (along > bound) & (share > 0.0) & (share < 1.0)
         steepness = np.where(falls, weight * self.limit / (no_load - corner), 0.0)
         return torque + weight * (allowed - along) * direction, steepness
+
+
+def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
+    """Torque [Nm] that saturation takes from a torque >= 0: none at 0, in the end `slope` times what is above `corner`.
+
+    The corner is rounded over a few times `rounding`: iron saturates little by little.
+    """
+    at_zero = np.logaddexp(0.0, -corner / rounding)
+    return np.asarray(slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero))
 
 
 def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:
