@@ -9,9 +9,11 @@ from real2sim.camera_counts import counted_rows
 from real2sim.camera_data import AS_CLAIMED, camera_data
 from real2sim.camera_shake import shake_of
 from real2sim.camera_testable import untestable_effects
+from real2sim.localise import Driver
 from real2sim.problem import Candidate, Estimate, Floats, Problem
 from saltus.run_log import RunLog
 
+RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
 LIMIT = 100.0  # of a residual, in units of noise (contract of a problem)
 LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
@@ -74,6 +76,19 @@ class CameraProblem(Problem):
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """See `Problem`."""
         return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx)
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """Where in the image, and how far away; for depth only, not for what is counted."""
+        data = self._data
+        _, pixel = self._at
+        seen = (
+            (RANGE, "m", data.predicted[self._at]),
+            (ROW, "px", data.grid.row[pixel].astype(np.float64)),
+            (COLUMN, "px", data.grid.column[pixel].astype(np.float64)),
+            ("distance to edges and holes", "px", data.grid.distance_to_others(data.known)[self._at]),
+        )
+        nothing = np.full(len(self._counts.kind), np.nan)
+        return tuple(Driver(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen)
 
     def _depth_residuals(self, effects: CameraEffects) -> Floats:
         predicted = self._data.model.predict(effects, self._data.kept)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from real2sim.problem import Floats
 
@@ -50,6 +51,15 @@ class PixelGrid:
     def of_images(self, images: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Values at the pixels, shape (images, pixels)."""
         return images[:, self.row, self.column]
+
+    def distance_to_others(self, chosen: NDArray[np.bool_]) -> Floats:
+        """Distance of chosen pixels to the nearest of the grid that is not [px], shape (images, pixels)."""
+        images = chosen.reshape(len(chosen), -1, self.columns)
+        rows, columns = images.shape[1:]
+        steps = (float(np.ptp(self.row)) / max(1, rows - 1), float(np.ptp(self.column)) / max(1, columns - 1))
+        apart = np.array([distance_transform_edt(image, steps) for image in images])
+        apart[images.all(axis=(1, 2))] = np.hypot(np.ptp(self.row), np.ptp(self.column))  # nothing to be near to
+        return apart.reshape(chosen.shape)
 
     def as_image(self, values: Floats) -> Floats:
         """Values of pixels in rows and columns, shape (..., rows, columns)."""

@@ -7,7 +7,7 @@ import numpy as np
 from real2sim import bootstrap, decide, estimates, signature
 from real2sim.cells import Cells
 from real2sim.decide import Court, Scored
-from real2sim.findings import Baselines, Findings, FoundEffect, ProblemRuling, Rung, SignalGap
+from real2sim.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
 from real2sim.fit import Evaluator, Fit
 from real2sim.layout import Model
 from real2sim.problem import Estimate, Floats, Problem
@@ -59,6 +59,7 @@ def findings(
         ladder=_ladder(court, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
+        residuals=Residuals(before=null.fit.residuals, after=final, is_test=~court.split.is_fit),
         remainder=tested.largest_rms(tested.structure(final)),
         minimum_detectable=_minimum_detectable(problem, court, library(()), fits[()], dispersion),
         untestable=problem.untestable,

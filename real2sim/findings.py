@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from real2sim.problem import Estimate, Floats
 
@@ -67,6 +68,18 @@ class Confusion:
         return float(self.cosine[self.effects.index(a), self.effects.index(b)])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """What two models leave of a log, whitened; shapes as in `real2sim.problem`."""
+
+    before: Floats
+    """By the model without effects, shape (blocks, m)."""
+    after: Floats
+    """With the values as they are reported, shape (blocks, m)."""
+    is_test: NDArray[np.bool_]
+    """Shape (m,): rows that no fit has seen."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Baselines:
     """What simpler ways would have named, for comparison only."""
@@ -93,6 +106,8 @@ class Findings:
     """Best first."""
     confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))
     gaps: tuple[SignalGap, ...] = ()
+    residuals: Residuals | None = None
+    """None where nothing was fitted."""
     remainder: float = 0.0
     """RMS of what the best model leaves above the noise, in the segment and signal that show it best [sigma]."""
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from real2sim.localise import Driver
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -106,3 +108,7 @@ class Problem(ABC):
     @abstractmethod
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units, for the candidate's unknowns, shape (its unknowns,)."""
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """What may drive residuals, besides columns of the log; values of shape (m,), NaN where it says nothing."""
+        return ()

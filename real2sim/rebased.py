@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from real2sim.localise import Driver
 from real2sim.patch import as_knee
 from real2sim.problem import Candidate, Estimate, Floats, Problem, Unknown
 from saltus import go1
@@ -46,6 +47,10 @@ class Rebased(Problem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         return self._inner.residuals(unknowns + self._offset)
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """See `Problem`."""
+        return self._inner.drivers()
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """See `Problem`: the whole of the effect, with what the profile has of it."""

@@ -1,5 +1,7 @@
 """What a run log says of the regime at every residual: the drivers that `localise` lays beside residuals."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,19 +16,32 @@ REVERSAL_S = 0.05  # after a reversal, in which play closes and friction turns o
 MOVING = 0.05  # rad/s, one sigma of dq: below it direction is noise
 
 
-def channels_of(problem: Problem, log: RunLog, residuals: Floats) -> tuple[Channel, ...]:
-    """Residuals of a problem, shape (blocks, m), one channel for each signal of each block, with their drivers."""
+def channels_of(
+    problem: Problem, log: RunLog, residuals: Floats, chosen: NDArray[np.bool_] | None = None
+) -> tuple[Channel, ...]:
+    """Residuals of a problem, one channel for each signal of each block, with their drivers.
+
+    Args:
+        problem: The problem.
+        log: Its log.
+        residuals: Shape (blocks, m).
+        chosen: Shape (m,): rows that count; all where it is not given.
+    """
     channels = []
+    own = problem.drivers()
+    counts = np.ones(len(problem.signal), dtype=bool) if chosen is None else chosen
     for block, places in enumerate(problem.places):
         for index, name in enumerate(problem.signals):
-            rows = np.flatnonzero(problem.signal == index)
+            rows = np.flatnonzero((problem.signal == index) & counts)
             rows = rows[np.argsort(problem.time_s[rows], kind="stable")]
             if not len(rows):
                 continue
             where = next((w for w in places if name.endswith(f"_{w}")), "")
             signal = name.removesuffix(f"_{where}") if where else name
             place = places[where] if where else problem.name
-            drivers = drivers_of(log, place, problem.time_s[rows])
+            seen = [replace(driver, values=driver.values[rows]) for driver in own]
+            known = tuple(driver for driver in seen if np.isfinite(driver.values).all())
+            drivers = drivers_of(log, place, problem.time_s[rows]) + known
             channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], drivers=drivers))
     return tuple(channels)
 
