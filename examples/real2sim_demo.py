@@ -1,0 +1,80 @@
+"""A robot with an effect hidden in it: found in its log, added to the simulator, and gone from the second look.
+
+    python examples/real2sim_demo.py [--seed 2] [--out runs/real2sim] [--picture real2sim.png]
+
+The picture needs matplotlib.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from real2sim.demonstration import Demonstration, demonstrate
+from real2sim.experiments import SensorNoise, run
+from real2sim.motions import Floats
+from real2sim.words import sentence
+from saltus import go1
+from saltus.effects.profile import IDEAL, Profile, profile_to_toml
+from saltus.run_log import RunLog, read_run_log
+
+
+def main() -> None:
+    """Runs the demonstration and says what it came to."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=2, help="which effect, where and how large")
+    parser.add_argument("--out", type=Path, default=Path("runs/real2sim"))
+    parser.add_argument("--picture", type=Path, help="PNG of one joint before and after")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    shown = demonstrate(options.out, seed=options.seed)
+    print(f"hidden:\n{profile_to_toml(shown.hidden)}")
+    print(f"found: {sentence(shown.found.verdict)}")
+    print(f"with the patch: {sentence(shown.again.verdict)}")
+    if options.picture:
+        draw(shown, read_run_log(options.out / "logs" / shown.experiments[0].name), options.picture)
+
+
+def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
+    """One joint as measured and as simulated with and without the patch, and the gap on segments unseen by any fit."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    without, patched = _simulated(shown, IDEAL), _simulated(shown, shown.profile)
+    miss = np.abs(without - log.joints.q)
+    joint = int(miss.mean(axis=0).argmax())
+    centre = int(np.convolve(miss[:, joint], np.ones(250), mode="same").argmax())
+    rows = slice(max(0, centre - 300), centre + 300)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.4), width_ratios=(3, 1), layout="constrained")
+    t = log.joints.time_s[rows]
+    left.plot(t, log.joints.q[rows, joint], ".", color="0.6", markersize=3, label="measured")
+    left.plot(t, without[rows, joint], color="#d1495b", label="simulated as claimed")
+    left.plot(t, patched[rows, joint], color="#1f5fa8", label="simulated with the patch")
+    left.set(xlabel="time [s]", ylabel=f"{go1.JOINTS[joint]} [rad]", title=_title(shown))
+    left.legend(frameon=False)
+    gap = shown.found.verdict.gap
+    if gap is not None:
+        right.bar(["before", "after", "noise"], [gap.before, gap.after, gap.floor], color=["#d1495b", "#1f5fa8", "0.6"])
+        right.set(yscale="log", title="gap, unseen segments")
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=130)
+
+
+def _title(shown: Demonstration) -> str:
+    effect = shown.found.verdict.effects[0]
+    value = next(iter(effect.params.values()))
+    low, high = value.ci90
+    return f"found: {effect.name}, {value.value:.3g} {value.unit} ({low:.3g} to {high:.3g})"
+
+
+def _simulated(shown: Demonstration, profile: Profile) -> Floats:
+    """Angles of a simulated robot without sensor noise that does the same."""
+    silent = SensorNoise(q_rad=0.0, dq_rad_s=0.0, tau_nm=0.0)
+    return run(shown.experiments[0], profile, noise=silent).joints.q
+
+
+if __name__ == "__main__":
+    main()
