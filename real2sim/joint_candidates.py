@@ -158,6 +158,10 @@ class JointCandidates:
             rate=single(LOOP_RATE),
         )
 
+    def columns(self, effect: str, joint: int) -> slice:
+        """Where the unknowns of an effect at the joint of a leg stand."""
+        return self._column[effect, joint]
+
     def has(self, effects: Sequence[str], unknowns: Floats) -> np.ndarray:
         """Which sets have one of the effects anywhere, shape (sets,)."""
         found = np.zeros(len(unknowns), dtype=bool)

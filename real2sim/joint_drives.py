@@ -43,6 +43,8 @@ class Drives:
     """Weight, corner and no-load speed [rad/s]."""
     saturation: tuple[Floats, Floats, Floats] | None = None
     """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
+    hinges: tuple[tuple[Floats, float], ...] = ()
+    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on."""
     gain: Floats | None = None
     """Less 1."""
     sag: Floats | None = None
@@ -112,6 +114,10 @@ class Drives:
             torque, memory.steepness = self._limited(torque, velocity, *self.speed)
         if self.saturation is not None:
             torque = torque - np.sign(torque) * lost(np.abs(torque), *self.saturation)
+        if self.hinges:
+            magnitude = np.abs(torque)
+            missing = sum(slope * np.maximum(magnitude - corner, 0.0) for slope, corner in self.hinges)
+            torque = torque - np.sign(torque) * missing
         if self.gain is not None:
             torque = torque * (1.0 + self.gain)
         if self.sag is not None:

@@ -1,6 +1,7 @@
 """The problem of the joints: which effects in drives and encoders make a held robot move as its log says."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,9 @@ class JointProblem(Problem):
     Args:
         log: With `meta["base"]` "fixed".
 
+    Attributes:
+        reached: How far the log goes at each place of the legs.
+
     Raises:
         RecordingError: a base that moves, or too few rows.
         ModelError: a robot that cannot be read or lacks a joint.
@@ -61,9 +65,9 @@ class JointProblem(Problem):
         self.segments = segments_of(log)
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
-        reached = reached_by(self._rows, kp, kd, branches, self._steps)
-        self.untestable = untestable(log, self._rows, reached)
-        self._candidates = JointCandidates(places, _torque_limits(branches), reached, tuple(self.untestable))
+        self.reached = reached_by(self._rows, kp, kd, branches, self._steps)
+        self.untestable = untestable(log, self._rows, self.reached)
+        self._candidates = JointCandidates(places, _torque_limits(branches), self.reached, tuple(self.untestable))
         self.candidates = self._candidates.listed
         self._name_samples(places)
         self._learn_noise()
@@ -77,12 +81,35 @@ class JointProblem(Problem):
                 out[part] = self._residuals(unknowns[part])
         return out
 
+    def residuals_with_hinges(self, unknowns: Floats, joint: int, corners: Floats, slopes: Floats) -> Floats:
+        """Residuals with a saturation in pieces at one place of all legs, shape (sets, blocks x m).
+
+        Args:
+            unknowns: Of all else, shape (blocks, unknowns).
+            joint: The place, counted from the base.
+            corners: Torque from which on each piece takes [Nm], shape (pieces,).
+            slopes: What share it takes, shape (sets, pieces).
+        """
+        same = np.repeat(unknowns[None], len(slopes), axis=0)
+        drives = self._candidates.drives(same, self._motion.dt_s)
+        at = np.zeros((self._robot.branches.shape[1], 1))
+        at[joint] = 1.0
+        hinges = tuple((slope * at, float(corner)) for slope, corner in zip(slopes.T, corners, strict=True))
+        return self._whitened(replace(drives, hinges=hinges)).reshape(len(slopes), -1)
+
+    def candidates_of(self, effect: str, place: str) -> tuple[slice, int]:
+        """Columns of an effect at a place, and which joint of a leg that is."""
+        joint = list(self.places[0]).index(place)
+        return self._candidates.columns(effect, joint), joint
+
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
         return self._candidates.physical(candidate, values)
 
     def _residuals(self, unknowns: Floats) -> Floats:
-        drives = self._candidates.drives(unknowns, self._motion.dt_s)
+        return self._whitened(self._candidates.drives(unknowns, self._motion.dt_s))
+
+    def _whitened(self, drives: Drives) -> Floats:
         apart = self._apart(self._simulate(drives))
         white = self._whitening.white(apart, self._fresh)[self._kept]  # (samples, signals, branches, joints, sets)
         if self._grid.exists:
@@ -90,8 +117,7 @@ class JointProblem(Problem):
             white = np.concatenate([white, grid[:, None]], axis=1)
         white = np.clip(np.nan_to_num(white, nan=CLIP, posinf=CLIP, neginf=-CLIP), -CLIP, CLIP)
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
-        sets, blocks = unknowns.shape[:2]
-        return white.transpose(4, 2, 1, 3, 0).reshape(sets, blocks, -1)
+        return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
     def _simulate(self, drives: Drives) -> Simulated:
         return replay(self._motion, self._windows, drives, self._averaged)

@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from real2sim.joint_drives import lost
 from real2sim.joints import JointProblem
 from real2sim.problem import Floats
+from real2sim.saturation_curve import saturation_curve
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
@@ -231,3 +232,22 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
     table = np.interp(torque, asked, given)
     fit = least_squares(lambda x: torque - lost(torque, *x) - table, x0=[0.4, 12.0, 1.0], bounds=(0.0, 40.0))
     assert np.max(np.abs((torque - lost(torque, *fit.x)) / table - 1.0)) < 0.05
+
+
+def test_the_dynamometers_table_from_a_log() -> None:
+    """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
+    problem = JointProblem(noisy(motion(TorqueSaturation(curve=GO1_CURVE), kp=70.0)))
+    assert problem.reached[2].torque > 35.0
+    columns = np.concatenate([np.r_[problem.candidates_of("torque_saturation", place)[0]] for place in PLACES])
+    value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)
+    fitted = unknowns(problem, {})
+    for _ in range(4):
+        tries = np.repeat(fitted[None], 10, axis=0)
+        tries[:, :, columns] = (value + np.concatenate([np.zeros((1, 9)), np.diag(step)]))[:, None]
+        r = problem.residuals(tries).reshape(10, -1)
+        slopes = (r[1:] - r[0]) / step[:, None]
+        value -= np.linalg.solve(slopes @ slopes.T, slopes @ r[0])
+    fitted[:, columns] = value
+    curve = np.array([(a, b) for a, b in saturation_curve(problem, fitted, "calf") if a <= 35.0])
+    asked, given = np.array(((0.0, 0.0), *GO1_CURVE)).T
+    np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)
