@@ -20,7 +20,7 @@ from real2sim.problem import Candidate, Estimate, Floats, Problem
 from saltus.effects.body import NOMINAL_FRICTION
 from saltus.errors import RecordingError
 from saltus.run_log import RunLog
-from saltus.sim.free import Box
+from saltus.sim.free import Box, Solver
 
 LARGEST = 100.0
 """Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
@@ -29,6 +29,13 @@ DRAWS = 16
 SCANNED = 8
 SMALLEST_LESS = 0.02
 """Coefficients this close to the claimed one are not told from it by scanning."""
+OTHER_SOLVERS = (
+    Solver(substeps=4),
+    Solver(impratio=1.0),
+    Solver(impedance=(0.9, 0.95)),
+    Solver(is_pyramidal=True),
+)
+"""Time step, and the engine's own defaults where the scene has others: a log does not claim how its contacts are."""
 SLIP_QUANTILE = 0.97
 """Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
 
@@ -55,7 +62,8 @@ class BodyProblem(Problem):
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
         self._claims = Claims(payload_kg=float(log.meta.get("payload_kg") or 0.0))
-        self._replay = Replay(self._windows, _boxes(log.meta["terrain"]), _span(log))
+        self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
+        self._replay = Replay(self._windows, self._terrain, self._span_s)
         self._index()
         self._prepare(log)
 
@@ -128,7 +136,9 @@ class BodyProblem(Problem):
         claimed = self._errors(self._replay.states(rig))
         claims = rig_of(self._names, self._claims, np.repeat(self._at_rest[None], len(moved[0]), axis=0))
         change = self._errors(self._replay.states(claims, *moved)) - claimed
-        return Whitening(noise, change[: len(single)], change[len(single) :], draws)
+        other = [Replay(windows, self._terrain, self._span_s, solver).states(rig) for solver in OTHER_SOLVERS]
+        solvers = self._errors(np.concatenate(other)) - claimed
+        return Whitening(noise, change[: len(single)], change[len(single) :], draws, solvers, windows.segment)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

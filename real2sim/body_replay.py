@@ -15,7 +15,7 @@ from real2sim.body_windows import (
 from real2sim.problem import Floats
 from saltus.effects.body import BodyModel
 from saltus.go1 import PHYSICS_DT, REDUCTION
-from saltus.sim.free import Box, FreeRobots
+from saltus.sim.free import OWN_SOLVER, Box, FreeRobots, Solver
 
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
@@ -57,13 +57,16 @@ class Replay:
         windows: Of the log.
         boxes: Its terrain.
         span_s: Start and end of the log, over which a battery empties.
+        solver: Of contacts.
     """
 
-    def __init__(self, windows: Windows, boxes: Sequence[Box], span_s: tuple[float, float]) -> None:
+    def __init__(
+        self, windows: Windows, boxes: Sequence[Box], span_s: tuple[float, float], solver: Solver = OWN_SOLVER
+    ) -> None:
         self._windows = windows
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
-        self._robots = FreeRobots(self._sets * self._count, boxes)
+        self._robots = FreeRobots(self._sets * self._count, boxes, solver=solver)
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
         self._age = (middle - span_s[0]) / max(span_s[1] - span_s[0], 1e-9)
 

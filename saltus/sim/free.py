@@ -1,6 +1,7 @@
 """Many copies of one robot on one ground, put into given states and driven by given torques: short replays of a log."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -19,12 +20,30 @@ GROUND_SIZE = 100.0  # half edge length of flat ground [m]: wherever motion capt
 OWN_GROUND = 1e-3  # boxes of which one has its top below this [m] bring their own ground
 
 
+@dataclass(frozen=True, kw_only=True)
+class Solver:
+    """How contacts and time are computed; the defaults are the scene's own."""
+
+    impratio: float = scene.CONTACT_IMPRATIO
+    """Ratio of frictional to normal stiffness."""
+    impedance: tuple[float, float] = scene.CONTACT_SOLIMP[:2]
+    """Of contacts, at the first touch and deep down."""
+    is_pyramidal: bool = False
+    """Whether the cone of friction has four sides."""
+    substeps: int = 1
+    """Steps of the engine in one of `PHYSICS_DT`."""
+
+
+OWN_SOLVER = Solver()
+
+
 class FreeRobots:
     """`count` robots without drives, on the same boxes; only trunk, knees and feet are solid.
 
     Args:
         count: Number of robots.
         boxes: On flat ground at height 0, or, where one of them is no higher than that, in its place.
+        solver: Of contacts.
         threads: Of the physics; 0 is one for each core.
 
     Attributes:
@@ -32,9 +51,10 @@ class FreeRobots:
         qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Live, shape (count, 18).
     """
 
-    def __init__(self, count: int, boxes: Sequence[Box] = (), *, threads: int = 1) -> None:
+    def __init__(self, count: int, boxes: Sequence[Box] = (), *, solver: Solver = OWN_SOLVER, threads: int = 1) -> None:
         self.count = count
-        self._model = _compiled(boxes)
+        self._model = _compiled(boxes, solver)
+        self._substeps = solver.substeps
         self._batch = Batch(self._model, nsim=count, nthread=threads)
         bind, expand = self._batch.bind, self._batch.expand
         self.qpos, self.qvel, self._ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
@@ -70,7 +90,7 @@ class FreeRobots:
     def step(self, torque: Floats) -> None:
         """Advances the first robots by `PHYSICS_DT` under joint torques [Nm], shape (n, 12)."""
         self._ctrl[: len(torque)] = torque
-        self._batch.step(np.arange(len(torque)))
+        self._batch.step(np.arange(len(torque)), nstep=self._substeps)
 
     @property
     def foot_force(self) -> Floats:
@@ -78,7 +98,7 @@ class FreeRobots:
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 
-def _compiled(boxes: Sequence[Box]) -> mujoco.MjModel:
+def _compiled(boxes: Sequence[Box], solver: Solver) -> mujoco.MjModel:
     # with a payload, so that what the engine derives from masses exists for every robot
     spec = scene.build_spec(flat.make(), payload_kg=1.0)
     ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
@@ -102,4 +122,9 @@ def _compiled(boxes: Sequence[Box]) -> mujoco.MjModel:
     for geom in spec.geoms:
         if geom.group == scene.ROBOT_GROUP and geom.name not in solid:
             geom.contype = geom.conaffinity = 0
+        geom.solimp[:2] = solver.impedance if geom.group == scene.ROBOT_GROUP else geom.solimp[:2]
+    spec.option.impratio = solver.impratio
+    spec.option.timestep = go1.PHYSICS_DT / solver.substeps
+    if solver.is_pyramidal:
+        spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     return spec.compile()

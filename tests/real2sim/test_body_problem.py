@@ -1,0 +1,77 @@
+"""Laws of the body problem, on logs of the plant."""
+
+import numpy as np
+import pytest
+from standing_robot import Motion, run_log
+
+from real2sim.body import BodyProblem
+from saltus.effects.com_offset import ComOffset
+from saltus.effects.effect import Effect
+from saltus.effects.foot_friction import FootFriction
+from saltus.effects.payload_mass import PayloadMass
+from saltus.errors import RecordingError
+
+SHORT = (
+    Motion(name="stand", duration_s=0.7),
+    Motion(name="squat", duration_s=1.3, frequency_hz=1.5, z=0.04),
+    Motion(name="pitch", duration_s=1.3, frequency_hz=1.5, pitch=0.15),
+)
+
+
+def at(problem: BodyProblem, **values: float) -> np.ndarray:
+    """Residuals, shape (m,), with some unknowns off 0; "__" stands for the dot in a name."""
+    unknowns = np.array([start for c in problem.candidates for start in c.starts[0]])
+    for name, value in values.items():
+        unknowns[problem.names.index(name.replace("__", "."))] = value
+    return problem.residuals(unknowns[None, None])[0, 0]
+
+
+@pytest.fixture(scope="module")
+def claimed() -> BodyProblem:
+    return BodyProblem(run_log(motions=SHORT))
+
+
+def test_residuals_are_noise_where_the_model_is_right(claimed: BodyProblem) -> None:
+    residuals = at(claimed)
+    assert 0.4 < np.mean(residuals**2) < 1.15
+    assert residuals.shape == claimed.segment.shape == claimed.signal.shape == claimed.time_s.shape
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value"),
+    [
+        (PayloadMass(mass=0.5), "payload_mass__mass", 0.5),
+        (ComOffset(x=0.01), "com_offset__x", 0.01),
+        (FootFriction(coefficient=0.1), "foot_friction__less", 0.7),
+    ],
+    ids=lambda value: str(getattr(value, "name", "")),
+)
+def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float) -> None:
+    problem = BodyProblem(run_log([effect], motions=SHORT))
+    gap, closed = np.mean(at(problem) ** 2), np.mean(at(problem, **{name: value}) ** 2)
+    assert gap > 1.5 * closed
+    assert closed < 1.2
+    assert np.mean(at(problem, **{name: 0.7 * value}) ** 2) > closed
+
+
+def test_sets_of_unknowns_do_not_mix(claimed: BodyProblem) -> None:
+    start = np.array([s for c in claimed.candidates for s in c.starts[0]])
+    sets = np.tile(start, (3, 1, 1))
+    sets[1, 0, claimed.names.index("payload_mass.mass")] = 1.0
+    sets[2, 0, claimed.names.index("command_delay.delay")] = 0.004
+    together = claimed.residuals(sets)
+    for one, alone in zip(sets, together, strict=True):
+        np.testing.assert_allclose(claimed.residuals(one[None])[0], alone, atol=1e-6)
+
+
+def test_a_stand_cannot_show_what_needs_slip_or_flight() -> None:
+    problem = BodyProblem(run_log(motions=SHORT[:1] * 2))
+    assert "base_inertia" in problem.untestable
+    assert "flight" in problem.untestable["base_inertia"]
+    assert "payload_mass" not in problem.untestable
+
+
+def test_without_a_measured_base_there_is_no_problem() -> None:
+    log = run_log(motions=SHORT[:1], base=False)
+    with pytest.raises(RecordingError, match=r"base\.csv"):
+        BodyProblem(log)
