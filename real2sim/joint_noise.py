@@ -25,6 +25,9 @@ QUIET_SHARE = 1.0 / 3.0
 """Of the pieces: those with least energy are taken to be noise alone, as the others also hold what effects do."""
 MOST = 0.7
 """Of the pieces, where most are noise: repeats often differ in how they begin, over a piece or two."""
+FAR_LESS = 0.5
+"""Of a spread: of noise, however slow, short pieces leave at least 0.55 of what long ones do (first-order noise with
+corners down to 0.3 Hz)."""
 CLEARLY_LESS = 0.8
 """Of a spread: two estimates of the same noise from a log of 30 s differ by less."""
 LARGEST_POLE = 0.98
@@ -118,13 +121,23 @@ def _quietest(pieces: int, count: int) -> float:
 
 
 def smooth_left_out(samples: Floats) -> Floats:
-    """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...)."""
-    length = min(LONG, len(samples) // PIECE * PIECE)
+    """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...).
+
+    Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a robot that never
+    rests, of which the claimed model says little.
+    """
+    long, short = (_rest(samples, length) for length in (min(LONG, len(samples) // PIECE * PIECE), PIECE))
+    short = short[: len(long)]
+    quiet = [np.quantile(np.mean(pieces**2, axis=1), QUIET_SHARE, axis=0) for pieces in (long, short)]
+    return np.where(quiet[1] < FAR_LESS**2 * quiet[0], short, long)
+
+
+def _rest(samples: Floats, length: int) -> Floats:
     count = len(samples) // length
-    long = samples[: count * length].reshape(count, length, *samples.shape[1:])
+    pieces = samples[: count * length].reshape(count, length, *samples.shape[1:])
     powers = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, length), CURVE - 1)
     smooth = powers @ np.linalg.pinv(powers)
-    rest = (long - np.einsum("ij,pj...->pi...", smooth, long)) * np.sqrt(length / (length - CURVE))
+    rest = (pieces - np.einsum("ij,pj...->pi...", smooth, pieces)) * np.sqrt(length / (length - CURVE))
     return np.asarray(rest.reshape(-1, PIECE, *samples.shape[1:]))
 
 
