@@ -34,10 +34,7 @@ def findings(
         library: Quadratic with the unknowns of all effects around a fit.
     """
     scored = [court.score(each) for each in fits.values()]
-    best = min(scored, key=lambda each: each.total)
-    dispersion = bootstrap.dispersion(
-        best.fit.quadratic(court.layout, court.split), np.ones(len(best.fit.columns), dtype=bool)
-    )
+    dispersion = _dispersion(court, scored)
     chosen = decide.choose(court, scored, dispersion)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
@@ -66,6 +63,12 @@ def findings(
         baselines=_baselines(court, around, scored),
         evaluations=evaluate.evaluations,
     )
+
+
+def _dispersion(court: Court, scored: Sequence[Scored]) -> float:
+    """Of the best model, whose residuals are nearest to noise."""
+    best = min(scored, key=lambda each: each.total).fit
+    return bootstrap.dispersion(best.quadratic(court.layout, court.split), np.ones(len(best.columns), dtype=bool))
 
 
 def _report(problem: Problem, court: Court, fit: Fit, effect: str) -> list[estimates.Group]:

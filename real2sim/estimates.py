@@ -9,7 +9,7 @@ from real2sim import bootstrap
 from real2sim.decide import Court
 from real2sim.findings import FoundEffect, Interval
 from real2sim.fit import Fit
-from real2sim.problem import Candidate, Floats, Indices, Problem
+from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem
 
 SAME = 0.1
 """Values at several places count as one when they differ by less than this share beyond their errors: what friction
@@ -137,14 +137,19 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
         where = names[0]
     elif len(names) == total:
         where = "all"
+    return FoundEffect(name=effect, where=where, params=_intervals(problem, one))
+
+
+def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
+    """Physical parameters with errors carried over by differences along the axes of the covariance."""
     candidate = problem.candidates[one.places[0].candidate]
     values = problem.physical(candidate, one.value)
     absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
-    errors = {}
+    variance = {}
     for name, null in problem.physical(candidate, absent).items():
         distance = abs(values[name].value - null.value)
         size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
-        errors[name] = (MODEL_ERROR * size) ** 2
+        variance[name] = (MODEL_ERROR * size) ** 2
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
     powers, axes = np.linalg.eigh(one.covariance)
@@ -152,24 +157,14 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
         reach = np.sqrt(max(0.0, power)) * axis
         above = problem.physical(candidate, np.clip(one.value + reach, low, high))
         below = problem.physical(candidate, np.clip(one.value - reach, low, high))
-        for name in errors:
-            errors[name] += (0.5 * (above[name].value - below[name].value)) ** 2
-    width = stats.norm.ppf(0.95)
-    return FoundEffect(
-        name=effect,
-        where=where,
-        params={
-            name: Interval(
-                value=float(at.value),
-                ci90=(
-                    float(at.value - width * errors[name] ** 0.5),
-                    float(at.value + width * errors[name] ** 0.5),
-                ),
-                unit=at.unit,
-            )
-            for name, at in values.items()
-        },
-    )
+        for name in variance:
+            variance[name] += (0.5 * (above[name].value - below[name].value)) ** 2
+    return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}
+
+
+def _interval(at: Estimate, error: float) -> Interval:
+    width = float(stats.norm.ppf(0.95)) * error
+    return Interval(value=float(at.value), ci90=(float(at.value - width), float(at.value + width)), unit=at.unit)
 
 
 def _sized(candidate: Candidate) -> Indices:

@@ -6,7 +6,7 @@ It knows problems (`real2sim.problem`), not robots. In steps:
 2. Derivatives by every unknown there; fit each effect alone.
 3. Derivatives by every unknown at the best single effect, where the quadratic stand-in shows which effects it lacks or
    should be swapped for: an effect that explains nothing alone may be half of the truth. Fit pairs; again at the best
-   pair, for swaps and a third effect.
+   pair, for swaps and a third effect. Eliminate from the largest again, one effect at a time.
 4. Compare all fitted models on held-out data and decide (`real2sim.decide`).
 5. State places, values and intervals (`real2sim.estimates`), what looks alike (`real2sim.signature`), and the gap on
    segments that no fit has seen.
@@ -174,6 +174,29 @@ class _Search:
         self._fits |= {each.model: each for each in fits}
         if fits:
             self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
+            self._eliminate(self._best(size))
+
+    def _eliminate(self, model: Model) -> None:
+        """Fits the model less each of its effects again, from its own values: they may lead out of a poor minimum."""
+        full = self._fits[model]
+        parts = [model_of(set(model) - {effect}) for effect in model]
+        points = []
+        for part in parts:
+            idle = self._layout.of_effects(set(model) - set(part))
+            unknowns = full.unknowns.copy()
+            unknowns[:, idle] = self._rest[:, idle]
+            points.append(unknowns)
+        residuals = self._evaluate("elimination", np.array(points))
+        starts = []
+        for part, unknowns, r in zip(parts, points, residuals, strict=True):
+            columns = self._layout.of_model(part)
+            jacobian = full.jacobian[:, np.isin(full.columns, columns)]
+            starts.append(Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian))
+        for each in fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination"):
+            if each.model not in self._fits or self._cost(each) < self._cost(self._fits[each.model]):
+                self._fits[each.model] = each
+                self._libraries.pop(each.model, None)
+                self._refit([each.model], "elimination")
 
     def _propose(self, leader: Model, size: int) -> list[Model]:
         """Models of `size` effects, and swaps in the leader, that would fit best by the quadratic at the leader."""
