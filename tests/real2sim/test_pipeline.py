@@ -1,0 +1,123 @@
+"""The whole way: hidden in a robot, found in its log, applied, and gone; one sensor's failure is its own."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from real2sim import motions, pipeline
+from real2sim.experiments import run
+from real2sim.menu import EXPERIMENTS
+from real2sim.patch import load_patch
+from real2sim.pipeline import examine, find, judge
+from real2sim.problem import Problem
+from real2sim.rebased import Rebased
+from real2sim.sensors import SENSORS
+from real2sim.verdict import Verdict
+from real2sim.words import sentence
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import IDEAL, Profile
+from saltus.effects.viscous_friction import ViscousFriction
+from saltus.errors import RecordingError
+from saltus.run_log import RunLog, write_run_log
+
+CALVES = (0.0, 0.0, 0.2) * 4
+STIFF = Profile(actuator=(ViscousFriction(coefficient=CALVES),))
+HELD = dataclasses.replace(
+    EXPERIMENTS["joint_chirp"],
+    sections=lambda: motions.repeated("chirp", 3, lambda: motions.sweep(2.0, 0.5, 8.0, 0.35)),
+)
+SEEING = dataclasses.replace(
+    EXPERIMENTS["heave_and_pitch"],
+    sections=lambda: motions.repeated("rock", 3, lambda: motions.body_chirp(2.0, 0.5, 4.0, pitch_rad=0.1)),
+)
+
+
+@pytest.fixture(scope="module")
+def held() -> RunLog:
+    return run(HELD, STIFF, seed=5)
+
+
+@pytest.fixture(scope="module")
+def seeing() -> RunLog:
+    return run(SEEING, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
+
+
+def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(held: RunLog, tmp_path: Path) -> None:
+    log, out, again = (tmp_path / name for name in ("log", "out", "again"))
+    write_run_log(held, log)
+    out.mkdir()
+    again.mkdir()
+    stages: list[float] = []
+    first = find([log], out, progress=lambda _stage, share: stages.append(share)).verdict
+    assert first.verdict == "named"
+    (effect,) = first.effects
+    assert effect.name == "viscous_friction"
+    assert effect.where == ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
+    assert effect.params["coefficient"].value == pytest.approx(0.2, rel=0.05)
+    assert "viscous_friction" in sentence(first)
+    assert stages == sorted(stages)
+    assert stages[-1] == 1.0
+    assert Verdict.from_json((out / "verdict.json").read_text()) == first
+    assert set(json.loads((out / "baselines.json").read_text())) == {"threshold", "lowest_training_error"}
+    profile = load_patch(out / "patch.toml").applied_to(IDEAL)
+    second = find([log], again, profile=profile).verdict
+    assert second.verdict == "no_gap"
+    assert load_patch(again / "patch.toml").applied_to(IDEAL) == IDEAL
+    assert "agrees" in sentence(second)
+
+
+def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) -> None:
+    inner = next(sensor for sensor in SENSORS if sensor.name == "joints").problem(held)
+    nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
+    with_effects = Rebased(inner, STIFF)
+    assert np.mean(with_effects.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(inner.residuals(nothing) ** 2) > 2.0
+    friction = next(c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf"))
+    assert with_effects.physical(friction, np.zeros(1))["coefficient"].value == pytest.approx(0.2)
+    np.testing.assert_array_equal(Rebased(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
+
+
+def test_an_effect_that_no_sensor_shows_is_untestable_and_says_why(held: RunLog) -> None:
+    verdict = judge((examine(held),), ()).verdict
+    assert verdict.untestable["camera_latency"] == "no depth images"
+    assert verdict.untestable["payload_mass"] == "the base is held"
+    assert "viscous_friction" not in verdict.untestable
+
+
+def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(log: RunLog) -> Problem:
+        raise ValueError("a bad day")
+
+    kept = {"camera"}
+    sensors = tuple(s if s.name in kept else dataclasses.replace(s, problem=broken) for s in SENSORS)
+    monkeypatch.setattr(pipeline, "SENSORS", sensors)
+    examined = examine(seeing)
+    verdict = judge((examined,), ()).verdict
+    assert len(examined.failures) == 2
+    assert any("a bad day" in fault for fault in verdict.log_faults)
+    assert "a bad day" in verdict.untestable["payload_mass"]
+    assert verdict.verdict in ("named", "set")
+    assert "camera_latency" in {e.name for e in verdict.effects} | {name for names in verdict.sets for name in names}
+    monkeypatch.setattr(pipeline, "SENSORS", tuple(dataclasses.replace(s, problem=broken) for s in SENSORS))
+    with pytest.raises(RecordingError, match="a bad day"):
+        judge((examine(seeing),), ())
+
+
+def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
+    degrees = dataclasses.replace(held, joints=dataclasses.replace(held.joints, q=np.rad2deg(held.joints.q)))
+    examined = examine(degrees)
+    judgement = judge((examined,), ())
+    assert judgement.verdict.verdict == "bad_log"
+    assert not examined.compared
+    assert not judgement.patch.effects
+    assert sentence(judgement.verdict).startswith("The log contradicts itself")
+
+
+def test_runs_of_different_rigs_are_compared_apart(held: RunLog, seeing: RunLog, tmp_path: Path) -> None:
+    for name, log in (("a", held), ("b", seeing), ("c", held)):
+        write_run_log(log, tmp_path / name)
+    groups = pipeline._groups([tmp_path / name for name in "abc"])
+    assert [[run.name for run in group] for group in groups] == [["a", "c"], ["b"]]
