@@ -105,7 +105,9 @@ def _commands(joints: JointTable, start_s: float, end_s: float) -> Floats:
 
 def _is_repeat(a: Floats, b: Floats) -> bool:
     rows = min(len(a), len(b))
-    if not rows or max(len(a), len(b)) - rows > 2:
+    rest = np.concatenate([a[rows:], b[rows:]])
+    # A stretch may end in a longer rest; two rows are rounding
+    if not rows or (len(rest) > 2 and np.any(np.ptp(rest, axis=0) > 0)):
         return False
     return bool(np.sqrt(np.mean((a[:rows] - b[:rows]) ** 2)) < SAME_COMMAND)
 
