@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from real2sim.problem import Floats
+from saltus.effects.actuator_lag import lag_weights
 from saltus.effects.velocity_filter import low_pass_weights
 
 Indices = NDArray[np.int64]
@@ -106,10 +107,10 @@ class Drives:
     def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, memory: Memory) -> Floats:
         """Torque on the motor's side of the play."""
         if self.lag is not None:
-            if memory.lagged is not None:
-                rest = np.exp(-self.dt_s / np.maximum(self.lag, 1e-3 * self.dt_s))
-                torque = torque + rest * (memory.lagged - torque)
-            memory.lagged = torque
+            start = torque if memory.lagged is None else memory.lagged
+            in_mean, at_end = lag_weights(self.lag, self.dt_s)
+            memory.lagged = torque + at_end * (start - torque)
+            torque = torque + in_mean * (start - torque)
         if self.speed is not None:
             torque, memory.steepness = self._limited(torque, velocity, *self.speed)
         if self.saturation is not None:

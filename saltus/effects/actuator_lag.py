@@ -14,7 +14,10 @@ from saltus.go1 import PHYSICS_DT
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorLag(Effect[Drive]):
-    """First-order lag: torque follows its target with `time_constant`, exactly discretised for a held target."""
+    """First-order lag: torque follows its target with `time_constant`.
+
+    Targets are held over a period; what is delivered is the mean over it, so that the impulse is exact.
+    """
 
     name: ClassVar[str] = "actuator_lag"
     site: ClassVar[Site] = "torque"
@@ -26,11 +29,8 @@ class ActuatorLag(Effect[Drive]):
 
     @cached_property
     def _weights(self) -> tuple[Constant, Constant]:
-        """Weights of the target and of the last torque."""
-        time_constant = np.asarray(self.time_constant, dtype=float)
-        # below a thousandth of a step the lag is none; it also keeps the division finite
-        rest = np.exp(-self.dt_s / np.maximum(time_constant, 1e-3 * self.dt_s))  # exp(-1000) is 0
-        return Constant(1.0 - rest), Constant(rest)
+        """Of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
+        return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
         """Empty: the first torque is taken to have been there for long."""
@@ -38,11 +38,19 @@ class ActuatorLag(Effect[Drive]):
         return ()
 
     def apply(self, signal: Drive, time_s: float, state: tuple[Any, ...]) -> tuple[Drive, tuple[Any, ...]]:
-        """Returns the lagged torque; the state is the last torque."""
+        """Returns the lagged torque; the state is that at the end of the period."""
         del time_s
         if not state:
             return signal, (signal.torque,)
-        new, rest = (weight.like(signal.torque) for weight in self._weights)
+        in_mean, at_end = (weight.like(signal.torque) for weight in self._weights)
         # (1 - r) x + r y, not x + r (y - x), is x to the bit where r is 0
-        torque = new * signal.torque + rest * state[0]
-        return replace(signal, torque=torque), (torque,)
+        mean = (1.0 - in_mean) * signal.torque + in_mean * state[0]
+        return replace(signal, torque=mean), ((1.0 - at_end) * signal.torque + at_end * state[0],)
+
+
+def lag_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weight of the lagged torque at the start of a period of `dt_s`: in the mean over the period, and at its end."""
+    periods = np.asarray(time_constant, dtype=float) / dt_s
+    # below a thousandth of a period the lag is none; it also keeps the division finite
+    at_end = np.exp(-1.0 / np.maximum(periods, 1e-3))  # exp(-1000) is 0
+    return periods * (1.0 - at_end), at_end
