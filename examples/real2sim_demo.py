@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from real2sim.demonstration import Demonstration, demonstrate
-from real2sim.experiments import SensorNoise, run
+from real2sim.experiments import run
+from real2sim.instruments import SensorNoise
 from real2sim.motions import Floats
 from real2sim.words import sentence
 from saltus import go1

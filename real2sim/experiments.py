@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from real2sim.footage import Camera, film
+from real2sim.instruments import Instruments, SensorNoise
 from real2sim.menu import Experiment
 from real2sim.motions import Floats, Section
 from saltus import go1
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.messages import JointCommand
-from saltus.run_log import SCHEMA, DepthTable, JointTable, RunLog, Table
+from saltus.run_log import SCHEMA, DepthTable, RunLog
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -28,22 +29,6 @@ TIME_DIGITS = 6  # of a clock that counts microseconds
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
 AHEAD_M = 0.6
 """Where the first edge lies at the start: the Go1's camera sees the ground from 0.5 to 2 m before the base."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensorNoise:
-    """Standard deviations of white noise, of the class of a Go1 whose base is tracked by motion capture."""
-
-    q_rad: float = 1e-3
-    dq_rad_s: float = 0.05
-    tau_nm: float = 0.2
-    gyro_rad_s: float = 0.01
-    acc_m_s2: float = 0.1
-    orientation_rad: float = 0.002
-    base_position_m: float = 0.0003
-    base_orientation_rad: float = 0.0005
-    velocity_m_s: float = 0.02
-    foot_n: float = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,14 +76,13 @@ def run(
     Raises:
         UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.
     """
-    sections = experiment.sections()
+    sections, terrain = experiment.sections(), experiment.terrain()
     for section in sections:
         experiment.limits.check_commands(section.commands, experiment.kp)
-    terrain = experiment.terrain()
     plant = _plant(experiment, profile, terrain, seed)
     tape = _move(plant, experiment, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])
-    log = _log(tape, experiment, sections, terrain, noise or SensorNoise(), rng)
+    log = _log(tape, experiment, sections, terrain, Instruments(noise or SensorNoise(), rng))
     if not experiment.camera:
         return log
     camera = camera or Camera()
@@ -183,55 +167,22 @@ def _log(
     experiment: Experiment,
     sections: tuple[Section, ...],
     terrain: Terrain,
-    noise: SensorNoise,
-    rng: np.random.Generator,
+    instruments: Instruments,
 ) -> RunLog:
     rows = tape.rows
     time_s = np.array([row.time_s for row in rows])
-
-    def column(name: str) -> Floats:
-        return np.array([getattr(row.state, name) for row in rows], dtype=np.float64)
-
-    def noisy(values: Floats, sigma: float) -> Floats:
-        return values + sigma * rng.standard_normal(values.shape)
-
-    def told(name: str) -> Floats:
-        return np.array([getattr(sections[row.section].commands, name)[row.tick] for row in rows])
-
-    joints = JointTable(
-        time_s=time_s,
-        q=noisy(column("joint_position"), noise.q_rad),
-        dq=noisy(column("joint_velocity"), noise.dq_rad_s),
-        q_des=told("q_des"),
-        dq_des=told("dq_des"),
-        tau_ff=told("tau_ff"),
-        tau_est=noisy(np.array([row.believed for row in rows]), noise.tau_nm),
-    )
+    states = [row.state for row in rows]
+    told = [(sections[row.section].commands, row.tick) for row in rows]
     meta = _meta(tape, experiment, terrain)
+    joints = instruments.joints(time_s, states, told, [row.believed for row in rows])
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
-    imu = np.concatenate(
-        [
-            _tilted(np.array([row.imu.quaternion for row in rows]), noise.orientation_rad, rng),
-            noisy(np.array([row.imu.angular_velocity for row in rows]), noise.gyro_rad_s),
-            noisy(np.array([row.imu.acceleration for row in rows]), noise.acc_m_s2),
-        ],
-        axis=1,
-    )
-    base = np.concatenate(
-        [
-            noisy(column("position_base_in_world"), noise.base_position_m),
-            _tilted(column("quaternion_base_in_world"), noise.base_orientation_rad, rng),
-            noisy(column("velocity_base_in_world"), noise.velocity_m_s),
-        ],
-        axis=1,
-    )
     return RunLog(
         meta=meta,
         joints=joints,
-        imu=Table(time_s=time_s, values=imu),
-        base=Table(time_s=time_s[::BASE_EVERY], values=base[::BASE_EVERY]),
-        feet=Table(time_s=time_s, values=noisy(column("foot_force"), noise.foot_n)),
+        imu=instruments.imu(time_s, [row.imu for row in rows]),
+        base=instruments.base(time_s[::BASE_EVERY], states[::BASE_EVERY]),
+        feet=instruments.feet(time_s, states),
     )
 
 
@@ -252,14 +203,6 @@ def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, An
         boxes = zip(terrain.box_center.tolist(), terrain.box_size.tolist(), strict=True)
         meta["terrain"] = [{"center": center, "size": size} for center, size in boxes]
     return meta
-
-
-def _tilted(quaternion: Floats, sigma_rad: float, rng: np.random.Generator) -> Floats:
-    """Quaternions (n, 4) turned by small random rotations."""
-    half = 0.5 * sigma_rad * rng.standard_normal((len(quaternion), 3))
-    w, v = quaternion[:, :1], quaternion[:, 1:]
-    turned = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
 def _depth(tape: _Tape, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator) -> DepthTable:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments import SensorNoise, run
+from real2sim.experiments import run
+from real2sim.instruments import SensorNoise
 from real2sim.menu import EXPERIMENTS, Experiment
 from real2sim.next_experiment import TABLE
 from real2sim.problem import Candidate, Floats, Problem, Unknown

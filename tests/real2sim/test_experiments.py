@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from real2sim import motions
-from real2sim.experiments import SensorNoise, run
+from real2sim.experiments import run
 from real2sim.footage import Camera
+from real2sim.instruments import SensorNoise
 from real2sim.menu import EXPERIMENTS, experiment_named
 from real2sim.safety import Limits, UnsafeMotionError
 from real2sim.screen import screen
