@@ -18,6 +18,7 @@ from real2sim.next_experiment import next_experiment
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
+from real2sim.report import write_report
 from real2sim.screen import screen
 from real2sim.search import search
 from real2sim.sensors import SENSORS, Sensor
@@ -75,6 +76,7 @@ def find(
     *,
     profile: Profile = IDEAL,
     seed: int = 0,
+    report: bool = True,
     progress: Progress | None = None,
 ) -> Judgement:
     """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
@@ -84,6 +86,7 @@ def find(
         out: Folder for the results; it exists.
         profile: Effects that the simulator has already, on top of what the logs claim.
         seed: Of bootstraps.
+        report: Whether to write report.html, which takes a second.
         progress: Told what is being done.
 
     Raises:
@@ -100,6 +103,10 @@ def find(
         examined.append(examine(load(group), profile=profile, seed=seed, progress=step))
     judgement = judge(tuple(examined), tuple(evidence_of(run) for run in runs))
     _write(judgement, out)
+    if report:
+        from real2sim.report import write_report
+
+        write_report(judgement, out / "report.html", profile=profile, seed=seed)
     return judgement
 
 

@@ -11,6 +11,8 @@ from saltus.run_log import JointTable, RunLog
 
 Floats = NDArray[np.float64]
 
+TIME = "time in the run"
+"""Name of the driver that every residual has."""
 SMOOTH_S = 0.02  # moving average before an acceleration is taken: noise of dq would drown it
 REVERSAL_S = 0.05  # after a reversal, in which play closes and friction turns over
 MOVING = 0.05  # rad/s, one sigma of dq: below it direction is noise
@@ -51,7 +53,7 @@ def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
     drivers = [Driver(name="a constant", unit="", values=np.ones(len(time_s)))]
     if place in log.meta["joints"]:
         drivers += _joint_drivers(log, log.meta["joints"].index(place), time_s)
-    drivers.append(Driver(name="time in the run", unit="s", values=time_s - float(log.joints.time_s[0])))
+    drivers.append(Driver(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
     if log.base is not None:
         for name, unit, column in (("height", "m", 2), ("vertical speed", "m/s", 9)):
             values = np.interp(time_s, log.base.time_s, log.base.values[:, column])
