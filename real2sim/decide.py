@@ -23,6 +23,8 @@ SIZE_RMS = 0.45
 """Least RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two correct simulations of
 one robot were seen to differ by 0.15 to 0.4 through their integrators and time steps; statistics alone would call that
 a finding."""
+TOGETHER = 2.0
+"""How much larger effects must be that are named together: weak ones imitate in pairs what no library holds."""
 REMAINDER_SHARE = 0.4
 """A further effect must close at least this share of what the model without it leaves. A false one picks up a part of
 a misfit, a true one leaves noise."""
@@ -118,7 +120,8 @@ def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Score
         if court.closed(null, held, rival) < REMAINDER_SHARE or more < FURTHER_SHARE:
             return False
     fits = {each.fit.model: each.fit for each in scored}
-    return all(largest_rms(court, fits, rival.fit, effect) >= court.size for effect in rival.fit.model)
+    least = court.size * (TOGETHER if len(rival.fit.model) > 1 else 1.0)
+    return all(largest_rms(court, fits, rival.fit, effect) >= least for effect in rival.fit.model)
 
 
 def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:

@@ -35,9 +35,9 @@ def test_every_effect_of_a_linear_problem_is_named() -> None:
 def test_intervals_hold_the_truth() -> None:
     held = []
     for seed in range(20):
-        findings = search(LinearProblem(sizes("e3", 2.5) | sizes("e5", 2.0), seed=seed, colour=0.4))
+        findings = search(LinearProblem(sizes("e3", 3.5) | sizes("e5", 3.0), seed=seed, colour=0.4))
         found = {effect.name: effect.params["size"].ci90 for effect in findings.effects}
-        held += [found[name][0] <= size <= found[name][1] for name, size in (("e3", 2.5), ("e5", 2.0))]
+        held += [found[name][0] <= size <= found[name][1] for name, size in (("e3", 3.5), ("e5", 3.0))]
     assert np.mean(held) >= 0.8
 
 
