@@ -18,7 +18,6 @@ from real2sim.next_experiment import next_experiment
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
-from real2sim.report import write_report
 from real2sim.screen import screen
 from real2sim.search import search
 from real2sim.sensors import SENSORS, Sensor

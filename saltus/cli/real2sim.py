@@ -48,7 +48,7 @@ class Find:
         print(sentence(verdict))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
-        print(f"{directory}: verdict.json, patch.toml")
+        print(f"{directory}: verdict.json, patch.toml, report.html")
         if self.json:
             print_json(verdict.to_dict())
         return 0
@@ -201,7 +201,7 @@ class Demo:
         print(f"hidden:\n{profile_to_toml(shown.hidden)}")
         print(f"found: {sentence(shown.found.verdict)}")
         print(f"with the patch: {sentence(shown.again.verdict)}")
-        print(f"{directory}: logs, found, again, profile.toml")
+        print(f"{directory}: logs, found, again (each with report.html), profile.toml")
         if self.json:
             print_json(
                 {
