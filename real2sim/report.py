@@ -7,12 +7,13 @@ where the page says otherwise.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from plotly.offline import get_plotlyjs
 
 from real2sim import report_figures as figures
 from real2sim import report_text as text
 from real2sim.camera import COLUMN, ROW
-from real2sim.findings import Residuals
+from real2sim.findings import Findings, Residuals
 from real2sim.localise import Channel, localise
 from real2sim.problem import Problem
 from real2sim.regimes import channels_of
@@ -23,6 +24,7 @@ from saltus.run_log import RunLog
 if TYPE_CHECKING:
     from real2sim.pipeline import Compared, Examined, Judgement
 
+MORE_STYLE = "h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }"
 SAID_BEFORE, SAID_AFTER = 6, 3
 """Statements on where the gap lies, and on what is left."""
 
@@ -42,28 +44,29 @@ def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL
     parts = [text.headline(verdict), text.effects_table(verdict.effects, rivals)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
-    parts += [_examined(each) for each in judgement.examined]
+    parts += [_examined(each, is_alone=len(judgement.examined) == 1) for each in judgement.examined]
     parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
     path.write_text(
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>What the simulator lacks</title>'
-        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
+        f"<style>{STYLE}{MORE_STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
     )
 
 
-def _examined(examined: "Examined") -> str:
+def _examined(examined: "Examined", *, is_alone: bool) -> str:
     """What was found in the runs of one rig."""
     clocks = text.clocks(examined)
     parts = ["<h2>Clocks</h2>", clocks] if clocks else []
-    return "".join([*parts, *(_compared(examined.log, compared) for compared in examined.compared)])
+    return "".join([*parts, *(_compared(examined.log, compared, is_alone) for compared in examined.compared)])
 
 
-def _compared(log: RunLog, compared: "Compared") -> str:
+def _compared(log: RunLog, compared: "Compared", is_alone: bool) -> str:
     """The evidence of one sensor."""
     problem, findings = compared.problem, compared.findings
-    parts = [f"<h2>The {problem.name}: {findings.verdict.replace('_', ' ')}</h2>"]
+    which = "" if is_alone else f" of {', '.join(problem.blocks)}"
+    parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
     if findings.residuals is not None:
         parts += _residuals(problem, log, findings.residuals)
     if findings.gaps:
@@ -72,15 +75,24 @@ def _compared(log: RunLog, compared: "Compared") -> str:
             _note("Root mean square in units of noise; 1 is noise alone."),
             figures.figure_html(figures.gap_figure(findings.gaps)),
         ]
-    if any(rung.effects for rung in findings.ladder):
+    return "".join([*parts, *_comparison(findings)])
+
+
+def _comparison(findings: Findings) -> list[str]:
+    """What was fitted, and what looks alike."""
+    parts = []
+    chosen = {effect.name for effect in (*findings.effects, *findings.rivals)}
+    if any(rung.effects and rung.gain >= text.LEAST_NATS for rung in findings.ladder):
         parts += [
             "<h3>Models that were compared</h3>",
             _note(
                 "Gain on data held out from each fit, by cross-validation with intervals from a block bootstrap; "
-                "beside it the share of the gap that the model closes. The smallest model wins that no larger one "
-                "beats by more than chance and misfit."
+                "beside it the share of the gap that the model closes. Green: the model that was chosen, the smallest "
+                "that no larger one beats by more than chance, and whose effects are all larger than what two correct "
+                "simulations differ by."
             ),
-            figures.figure_html(figures.ladder_figure(findings.ladder)),
+            figures.figure_html(figures.ladder_figure(findings.ladder, chosen)),
+            text.idle_models(findings.ladder),
         ]
     if len(findings.confusion.effects) > 1:
         parts += [
@@ -91,7 +103,7 @@ def _compared(log: RunLog, compared: "Compared") -> str:
             ),
             figures.figure_html(figures.confusion_figure(findings.confusion)),
         ]
-    return "".join(parts)
+    return parts
 
 
 def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]:
@@ -102,9 +114,9 @@ def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]
         "<h3>Where the gap lies</h3>",
         _note("Read off the whole log, independently of every fit. Sigma is one standard deviation of the noise."),
         text.statements(localise(whole[0]), SAID_BEFORE),
-        "<p>With what was found added, this is left:</p>",
-        text.statements(localise(whole[1]), SAID_AFTER),
     ]
+    if not np.array_equal(residuals.before, residuals.after):
+        parts += ["<p>With what fits best added, this is left:</p>", text.statements(localise(whole[1]), SAID_AFTER)]
     if len({channel.place for channel in tested[0]}) > 1:
         parts += [
             "<h3>Every joint</h3>",
@@ -125,11 +137,12 @@ def _regimes(before: tuple[Channel, ...], after: tuple[Channel, ...]) -> list[st
         _note("One of each kind. Root mean square in bins of equal count; the dotted line is noise alone."),
         *(figures.figure_html(figures.regime_figure(before[i], after[i])) for i in worst),
     ]
+    for i in worst:
+        drivers = {driver.name: driver for driver in before[i].drivers}
+        if ROW in drivers:
+            picture = figures.image_figure(before[i], after[i], drivers[ROW], drivers[COLUMN])
+            parts += ["<h3>Mean residual over the image</h3>", figures.figure_html(picture)]
     first = worst[0]
-    drivers = {driver.name: driver for driver in before[first].drivers}
-    if ROW in drivers:
-        picture = figures.image_figure(before[first], after[first], drivers[ROW], drivers[COLUMN])
-        parts += ["<h3>Mean residual over the image</h3>", figures.figure_html(picture)]
     parts += [
         "<h3>The two seconds that are farthest off</h3>",
         _note("Measured minus simulated, of the first of these signals; for images, the mean over their pixels."),

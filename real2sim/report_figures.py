@@ -10,14 +10,15 @@ from real2sim.findings import Confusion, Rung, SignalGap
 from real2sim.localise import Channel, Driver
 from real2sim.problem import Floats
 from real2sim.regimes import TIME
+from real2sim.report_text import LEAST_NATS
 from saltus.report import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
+WIDE, THIN = 3.5, 1.5  # px: where both agree, both can be seen
 BINS = 15
 FEW = 50  # rows of a channel; with fewer, bins of them are chance
 TRACE_S = 2.0  # shown of a residual: some ten periods of what joints oscillate at
 BREAK = 5.0  # median steps of time, beyond which rows do not follow each other
-LEAST_NATS = 1.0  # left end of the axis of gains: less is chance
 
 
 def figure_html(figure: go.Figure) -> str:
@@ -29,6 +30,7 @@ def figure_html(figure: go.Figure) -> str:
 
 def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     """RMS of each signal before and after, and the floor, on a logarithmic axis."""
+    gaps = [gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0]  # the axis has no 0
     names = [gap.signal for gap in gaps]
     figure = go.Figure()
     for gap in gaps:
@@ -86,11 +88,11 @@ def regime_figure(before: Channel, after: Channel) -> go.Figure:
     figure = make_subplots(rows=rows, cols=columns, shared_yaxes="all", horizontal_spacing=0.03)
     for i, driver in enumerate(drivers):
         row, column = 1 + i // columns, 1 + i % columns
-        for name, colour, channel in (("before", BEFORE, before), ("after", AFTER, after)):
+        for name, colour, width, channel in (("before", BEFORE, WIDE, before), ("after", AFTER, THIN, after)):
             x, y = rms_by(driver, channel.residual)
             figure.add_scatter(
                 x=x, y=y, name=name, legendgroup=name, showlegend=i == 0, mode="lines+markers",
-                line={"color": colour}, marker={"size": 4}, row=row, col=column,
+                line={"color": colour, "width": width}, marker={"size": 2 + width}, row=row, col=column,
             )  # fmt: skip
         figure.update_xaxes(title=f"{driver.name} [{driver.unit}]", title_standoff=4, row=row, col=column)
     figure.add_hline(y=1.0, line={"color": GREY, "dash": "dot", "width": 1})
@@ -122,9 +124,10 @@ def trace_figure(before: Channel, after: Channel) -> go.Figure:
     steps = np.diff(times[shown], append=np.nan)
     is_break = steps > BREAK * np.nanmedian(steps) if len(steps) > 1 else np.zeros(len(steps), dtype=bool)
     figure = go.Figure()
-    for name, colour, values in (("before", BEFORE, series[0]), ("after", AFTER, series[1])):
+    for name, colour, width, values in (("before", BEFORE, WIDE, series[0]), ("after", AFTER, THIN, series[1])):
         line = np.where(is_break, np.nan, values[shown])
-        figure.add_scatter(x=np.round(times[shown], 4), y=np.round(line, 3), name=name, line={"color": colour})
+        style = {"color": colour, "width": width}
+        figure.add_scatter(x=np.round(times[shown], 4), y=np.round(line, 3), name=name, line=style)
     figure.update_xaxes(title=f"{TIME} [s]")
     figure.update_yaxes(title=f"{_name(before)} [sigma]")
     return _sized(figure, 240)
@@ -152,19 +155,18 @@ def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -
     return _sized(figure, 330)
 
 
-def ladder_figure(ladder: Sequence[Rung]) -> go.Figure:
-    """Held-out gain of every model that was fitted, best first."""
-    rungs = [rung for rung in ladder if rung.effects]
+def ladder_figure(ladder: Sequence[Rung], chosen: set[str]) -> go.Figure:
+    """Held-out gain of every model that gains anything, best first; the one with the chosen effects in green."""
+    rungs = [rung for rung in ladder if rung.effects and rung.gain >= LEAST_NATS]
     gains = np.array([rung.gain for rung in rungs])
     low, high = (np.array([rung.gain_ci90[i] for rung in rungs]) for i in (0, 1))
-    floored = np.maximum(gains, LEAST_NATS)
     figure = go.Figure()
     figure.add_scatter(
-        x=floored, y=[" + ".join(rung.effects) for rung in rungs], mode="markers+text", showlegend=False,
-        marker={"color": BLUE, "size": 9},
+        x=gains, y=[" + ".join(rung.effects) for rung in rungs], mode="markers+text", showlegend=False,
+        marker={"color": [GREEN if set(rung.effects) == chosen else BLUE for rung in rungs], "size": 10},
         error_x={
-            "type": "data", "symmetric": False, "array": np.maximum(0.0, high - floored),
-            "arrayminus": floored - np.clip(low, LEAST_NATS, floored), "color": GREY, "thickness": 1.5,
+            "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
+            "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
         },
         text=[f" {max(0.0, rung.closed):.0%} closed" for rung in rungs], textposition="top right",
         customdata=np.stack([gains, low, high], axis=1),

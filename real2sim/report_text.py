@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from real2sim.findings import FoundEffect
+from real2sim.findings import FoundEffect, Rung
 from real2sim.localise import Statement
 from real2sim.verdict import Gap, Verdict
 from real2sim.words import sentence
@@ -20,19 +20,24 @@ if TYPE_CHECKING:
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
     "set": "A set: something is missing, but these data cannot tell which of these effects it is.",
-    "unexplained": "Unexplained: there is a gap that no effect of the library closes. Nothing is named.",
+    "unexplained": "Unexplained: there is a gap that no effect of the library closes.",
     "no_gap": "No gap: what the log differs by is within its noise.",
     "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
 }
 PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
+IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
+LEAST_NATS = 1.0
+"""Gain below which a model is not drawn: it is chance."""
 LONG = 12  # numbers of a list; longer ones are cut in what is claimed
 
 
 def headline(verdict: Verdict) -> str:
     """The verdict in a sentence, what such a verdict means, and what is wrong with the log."""
     kind = "good" if verdict.verdict in ("named", "no_gap") else "bad"
+    meaning = IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
+    said = sentence(verdict)
     faults = "".join(f'<p class="bad">{_text(fault)}</p>' for fault in verdict.log_faults)
-    return f'<h1>{_text(sentence(verdict))}</h1><p class="{kind}">{MEANING[verdict.verdict]}</p>{faults}'
+    return f'<h1>{_text(said[0].upper() + said[1:])}</h1><p class="{kind}">{meaning}</p>{faults}'
 
 
 def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -> str:
@@ -43,7 +48,11 @@ def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -
         for effect in effects
         for name, value in effect.params.items()
     ]
-    return _table(("effect", "where", "parameter", "value", "90 % interval", "unit", ""), rows) if rows else ""
+    return (
+        _table(("effect", "where", "parameter", "value", "90 % interval", "unit", "status"), rows, text=True)
+        if rows
+        else ""
+    )
 
 
 def gap_paragraph(gap: Gap | None) -> str:
@@ -60,7 +69,7 @@ def gap_paragraph(gap: Gap | None) -> str:
 def statements(found: Sequence[Statement], count: int) -> str:
     """The first statements on where a gap lies."""
     if not found:
-        return "<p>Nothing that the log records goes with what is left.</p>"
+        return "<p>Nothing that goes with anything else in the log.</p>"
     return "<ul>" + "".join(f"<li>{_text(statement.text)}</li>" for statement in found[:count]) + "</ul>"
 
 
@@ -87,8 +96,14 @@ def detectable_table(verdict: Verdict) -> str:
     if not sizes:
         return "<p>None was worked out.</p>"
     return _table(
-        ("effect", "smallest size that would be seen", "unit"), [(n, f"{s.value:.2g}", s.unit) for n, s in sizes]
+        ("effect", "smallest size that would be seen", "unit"), [(n, f"{s.value:.4g}", s.unit) for n, s in sizes]
     )
+
+
+def idle_models(ladder: Sequence[Rung]) -> str:
+    """The models that gain nothing on data held out."""
+    names = [" + ".join(rung.effects) for rung in ladder if rung.effects and rung.gain < LEAST_NATS]
+    return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
 
 
 def clocks(examined: "Examined") -> str:

@@ -31,6 +31,8 @@ class Find:
     """Effects that the simulator has already, e.g. those of an earlier patch."""
     seed: int = 0
     """Of bootstraps."""
+    report: bool = True
+    """Write report.html."""
     json: Json = False
     """Print the verdict as one JSON object on the last line."""
 
@@ -43,12 +45,12 @@ class Find:
         profile = load_profile(self.profile)
         directory = run_directory("real2sim", self.out)
         with Bar() as bar:
-            judgement = find(self.runs, directory, profile=profile, seed=self.seed, progress=bar.at)
+            judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
         print(sentence(verdict))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
-        print(f"{directory}: verdict.json, patch.toml, report.html")
+        print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         if self.json:
             print_json(verdict.to_dict())
         return 0
