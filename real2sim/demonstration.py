@@ -13,7 +13,6 @@ import numpy as np
 from real2sim.experiments import run
 from real2sim.menu import Experiment, experiment_named
 from real2sim.pipeline import Judgement, Progress, find
-from saltus import go1
 from saltus.effects.armature import Armature
 from saltus.effects.backlash import Backlash
 from saltus.effects.command_delay import CommandDelay
@@ -29,6 +28,7 @@ from saltus.run_log import write_run_log
 FIRST = "joint_tour"
 ROUNDS = 2
 """Experiments at most: the first, and the one that tells the effects of a set apart."""
+CALVES = np.arange(12) % 3 == 2
 KINDS = ("all joints", "hip", "thigh", "calf")
 
 _Draw = Callable[[np.random.Generator, np.ndarray], Effect[Any]]
@@ -43,18 +43,13 @@ _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),
     lambda rng, at: ViscousFriction(coefficient=_spread(at, rng.uniform(0.1, 0.3))),
     lambda rng, at: Armature(added=_spread(at, rng.uniform(0.003, 0.008))),
-    lambda rng, at: Backlash(width=_spread(at, rng.uniform(0.01, 0.02))),
+    lambda rng, at: Backlash(width=_spread(at, rng.uniform(0.004, 0.008))),
     lambda rng, at: EncoderBias(bias=_spread(at, rng.uniform(0.02, 0.05))),
     lambda rng, _: CommandDelay(delay=rng.uniform(0.003, 0.010)),
-    lambda rng, _: _saturation(rng.uniform(0.35, 0.5), rng.uniform(0.6, 0.75)),
+    lambda rng, _: TorqueSaturation(
+        knee=_spread(CALVES, rng.uniform(12.0, 16.0), np.inf), plateau=_spread(CALVES, rng.uniform(20.0, 26.0), np.inf)
+    ),
 )
-
-
-def _saturation(knee: float, plateau: float) -> TorqueSaturation:
-    """A saturation of all joints, as shares of their torque limits."""
-    return TorqueSaturation(
-        knee=tuple((knee * go1.TORQUE_LIMIT).tolist()), plateau=tuple((plateau * go1.TORQUE_LIMIT).tolist())
-    )
 
 
 def hidden_robot(seed: int) -> Profile:

@@ -17,6 +17,9 @@ from saltus.effects.torque_saturation import TorqueSaturation
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
 
+STEP = 0.02
+"""Relative step of derivatives."""
+
 
 class Rebased(Problem):
     """`inner` with unknowns counted from where they have the values of a profile.
@@ -134,7 +137,9 @@ def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> 
     best, least = np.zeros(len(low)), FITS
     for start in candidate.starts:
         inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        x = least_squares(error, inside, bounds=(low, high), x_scale=[u.scale for u in candidate.unknowns]).x
+        scale = [u.scale for u in candidate.unknowns]
+        # a knee is read off a grid: steps must be larger than that
+        x = least_squares(error, inside, bounds=(low, high), x_scale=scale, diff_step=STEP).x
         if (worst := float(np.abs(error(x)).max())) < least:
             best, least = x, worst
     return best
