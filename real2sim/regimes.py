@@ -27,14 +27,14 @@ def channels_of(
         problem: The problem.
         log: Its log.
         residuals: Shape (blocks, m).
-        chosen: Shape (m,): rows that count; all where it is not given.
+        chosen: Shape (blocks, m): rows that count; all where it is not given.
     """
     channels = []
     own = problem.drivers()
-    counts = np.ones(len(problem.signal), dtype=bool) if chosen is None else chosen
+    counts = np.ones(residuals.shape, dtype=bool) if chosen is None else chosen
     for block, places in enumerate(problem.places):
         for index, name in enumerate(problem.signals):
-            rows = np.flatnonzero((problem.signal == index) & counts)
+            rows = np.flatnonzero((problem.signal == index) & counts[block])
             rows = rows[np.argsort(problem.time_s[rows], kind="stable")]
             if not len(rows):
                 continue

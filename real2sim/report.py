@@ -24,7 +24,10 @@ from saltus.run_log import RunLog
 if TYPE_CHECKING:
     from real2sim.pipeline import Compared, Examined, Judgement
 
-MORE_STYLE = "h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }"
+MORE_STYLE = """
+h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }
+table.words td, table.words th { text-align: left; vertical-align: top; }
+"""
 SAID_BEFORE, SAID_AFTER = 6, 3
 """Statements on where the gap lies, and on what is left."""
 
@@ -69,7 +72,7 @@ def _compared(log: RunLog, compared: "Compared", is_alone: bool) -> str:
     parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
     if findings.residuals is not None:
         parts += _residuals(problem, log, findings.residuals)
-    if findings.gaps:
+    if any(gap.before > 0.0 for gap in findings.gaps):
         parts += [
             "<h3>Each signal on segments that no fit has seen</h3>",
             _note("Root mean square in units of noise; 1 is noise alone."),
@@ -108,8 +111,10 @@ def _comparison(findings: Findings) -> list[str]:
 
 def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]:
     """Where residuals lie, before and after."""
-    whole = [channels_of(problem, log, left) for left in (residuals.before, residuals.after)]
-    tested = [channels_of(problem, log, left, residuals.is_test) for left in (residuals.before, residuals.after)]
+    both = (residuals.before, residuals.after)
+    known = (residuals.before != 0.0) | (residuals.after != 0.0)  # samples that are missing are 0
+    whole = [channels_of(problem, log, left, known) for left in both]
+    tested = [channels_of(problem, log, left, known & residuals.is_test) for left in both]
     parts = [
         "<h3>Where the gap lies</h3>",
         _note("Read off the whole log, independently of every fit. Sigma is one standard deviation of the noise."),

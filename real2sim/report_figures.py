@@ -172,9 +172,10 @@ def ladder_figure(ladder: Sequence[Rung], chosen: set[str]) -> go.Figure:
         customdata=np.stack([gains, low, high], axis=1),
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
-    right = max(10.0, float(np.max(np.concatenate([high, gains]), initial=0.0)))
+    left = float(np.log10(np.maximum(LEAST_NATS, low).min())) - 0.1
+    right = float(np.log10(np.maximum(high, gains).max())) + 0.35  # room for words
     figure.update_xaxes(
-        title="held-out gain [nats], with 90 % intervals", type="log", range=[-0.05, np.log10(right) + 0.35]
+        title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
     return _sized(figure, 90 + 34 * len(rungs))

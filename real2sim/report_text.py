@@ -87,7 +87,13 @@ def untestable_table(verdict: Verdict) -> str:
     """Effects about which these data say nothing."""
     if not verdict.untestable:
         return "<p>All effects of the library were tested.</p>"
-    return _table(("effect", "why"), list(verdict.untestable.items()), text=True)
+    reasons: dict[str, list[str]] = {}
+    for name, why in verdict.untestable.items():
+        reasons.setdefault(why, []).append(name)
+    rows = "".join(
+        f"<tr><td>{_text(', '.join(names))}</td><td>{_text(why)}</td></tr>" for why, names in reasons.items()
+    )
+    return f'<table class="words"><tr><th>effects</th><th>why</th></tr>{rows}</table>'
 
 
 def detectable_table(verdict: Verdict) -> str:
