@@ -139,7 +139,7 @@ def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> 
         inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         scale = [u.scale for u in candidate.unknowns]
         # a knee is read off a grid: steps must be larger than that
-        x = least_squares(error, inside, bounds=(low, high), x_scale=scale, diff_step=STEP).x
+        x = least_squares(error, inside, bounds=(low, high), x_scale=scale, diff_step=[STEP] * len(scale)).x
         if (worst := float(np.abs(error(x)).max())) < least:
             best, least = x, worst
     return best
