@@ -16,6 +16,7 @@ from heightmap.features import PROPRIOCEPTION
 from heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from heightmap.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
 from saltus.grid import HEIGHTMAP_X
+from saltus.model_file import checksum_path, write_checksum
 from saltus.provenance import commit
 from saltus.topics import CAMERA_LATENCY_S
 
@@ -47,7 +48,7 @@ class _Step(nn.Module):
 
 
 def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
-    """Writes the network as ONNX with everything that is needed to use it, whole or not at all."""
+    """Writes the network as ONNX with everything that is needed to use it, whole or not at all, and its checksum."""
     temporary = path.with_name(f".{path.name}.partial")
     with warnings.catch_warnings():
         # The exporter without onnxscript is announced to go away; the tests compare what it writes with torch.
@@ -67,7 +68,9 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     file.producer_name, file.doc_string = "saltus", ""
     onnx.checker.check_model(file)
     onnx.save(file, temporary)
+    checksum_path(path).unlink(missing_ok=True)
     temporary.replace(path)
+    write_checksum(path)
 
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from heightmap.features import proprioception_of
-from heightmap.network import HeightmapNetwork, Tick
+from heightmap.frame_loss import WINDOW_NS, FrameLoss
+from heightmap.network import HeightmapNetwork, Inputs, Tick
+from heightmap.stuck_output import StuckOutput
 from saltus.depth import ModelImage, model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
@@ -20,12 +22,14 @@ DEGRADED_INVALID_PIXELS = 0.3
 INVALID_INVALID_PIXELS = 0.8
 MAX_MISSED_FRAMES = 5  # after a longer gap the memory no longer tells where the robot is
 MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
+DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
 LOSS_MARGIN_S = 0.020
 """Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
 is said at this one."""
 UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
 
 _DEPTH = TOPICS["camera/depth"]
+_DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,7 @@ class HeightmapService:
     that they must not be used are ignored. The memory is replaced only by one that is finite and plausible.
 
     Args:
-        model_path: ONNX file.
+        model: ONNX file, or a network that is loaded already, which several services may share.
 
     Raises:
         ModelError: the model is unreadable or does not fit.
@@ -55,8 +59,8 @@ class HeightmapService:
 
     _hidden: Floats
 
-    def __init__(self, model_path: Path) -> None:
-        self._network = HeightmapNetwork(model_path)
+    def __init__(self, model: Path | HeightmapNetwork) -> None:
+        self._network = model if isinstance(model, HeightmapNetwork) else HeightmapNetwork(model)
         self.reset()
 
     @property
@@ -64,12 +68,33 @@ class HeightmapService:
         """First 16 hexadecimal digits of the model file's sha256."""
         return self._network.model_id
 
+    @property
+    def network(self) -> HeightmapNetwork:
+        """The network that is to be run between `prepare` and `finish`."""
+        return self._network
+
+    @property
+    def hidden(self) -> Floats:
+        """The memory, shape (hidden size,)."""
+        return self._hidden
+
+    @property
+    def last(self) -> Heightmap | None:
+        """The newest answer."""
+        return self._last
+
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
-        self._forget()
         self._view: _View | None = None
         self._started_ns: int | None = None
         self._last: Heightmap | None = None
+        self._stuck = StuckOutput()
+        self._forget()
+
+    def new_camera(self) -> None:
+        """Forgets what was seen: for a camera that has started anew, and counts its images anew."""
+        self._view = None
+        self._forget()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
         """Advances by one tick.
@@ -82,16 +107,38 @@ class HeightmapService:
         Returns:
             The heightmap at the time of `state`.
         """
-        if self._last is not None and state.step <= self._last.step:
+        inputs = self.prepare(state, frame, now_ns)
+        if inputs is None:
+            assert self._last is not None  # noqa: S101 - only a state that was answered needs no inputs
             return self._last
+        return self.finish(state, inputs, self._network.tick(*inputs, self._hidden), now_ns)
+
+    def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Inputs | None:
+        """First part of `step`: takes the frame in and says what the network is to be given, beside `hidden`.
+
+        Returns:
+            None where the state was answered already, by `last`.
+        """
+        if self._last is not None and state.step <= self._last.step:
+            return None
         if self._started_ns is None:
             self._started_ns = now_ns
         new = frame is not None and self._accept(frame, now_ns)
-        tick = self._network.tick(*self._input(state, new), self._hidden)
+        features = proprioception_of(state)
+        if self._view is None:
+            return Inputs(_blank_image(), math.inf, False, features)
+        age_s = max(0.0, (state.time_ns - self._view.time_ns) * 1e-9)
+        return Inputs(self._view.image, age_s, new, features)
+
+    def finish(self, state: RobotState, inputs: Inputs, tick: Tick, now_ns: int) -> Heightmap:
+        """Second part of `step`: judges what the network made of `inputs` and `hidden`, and answers."""
         if _plausible(tick):
             self._hidden = tick.hidden
             self._bad_outputs = 0
-            heightmap = self._heightmap(state, tick, self._input_status(state, now_ns))
+            status = self._input_status(state, now_ns)
+            if self._stuck.step(inputs, tick, state.time_ns):
+                status = max(status, HeightmapStatus.DEGRADED)
+            heightmap = self._heightmap(state, tick, status)
         else:
             heightmap = self._hold(state, now_ns)
         self._last = heightmap
@@ -100,6 +147,7 @@ class HeightmapService:
     def _forget(self) -> None:
         self._hidden = np.zeros(self._network.hidden_size, np.float32)
         self._frames = 0
+        self._loss = FrameLoss()  # what was lost before does not weaken a memory that begins now
         self._bad_outputs = 0
 
     def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
@@ -115,14 +163,8 @@ class HeightmapService:
         image = _network_image(model_image(frame))
         self._view = _View(image, 1.0 - float(image[1].mean()), frame.time_ns, frame.frame_id, now_ns)
         self._frames += 1
+        self._loss.accept(frame.frame_id, frame.time_ns)
         return True
-
-    def _input(self, state: RobotState, new: bool) -> tuple[Floats, float, bool, Floats]:
-        """Image, its age, whether it is new, and features, as the network takes them."""
-        features = proprioception_of(state)
-        if self._view is None:
-            return _blank_image(), math.inf, False, features
-        return self._view.image, max(0.0, (state.time_ns - self._view.time_ns) * 1e-9), new, features
 
     def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
         """The worst of what is known about the input."""
@@ -140,7 +182,8 @@ class HeightmapService:
         ):
             return HeightmapStatus.INVALID
         late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
-        if late or view.invalid_fraction > DEGRADED_INVALID_PIXELS:
+        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
+        if late or patchy:
             return HeightmapStatus.DEGRADED
         return HeightmapStatus.WARMING if self._frames < self._network.warmup_frames else HeightmapStatus.OK
 

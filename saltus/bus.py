@@ -118,7 +118,7 @@ class Latest:
             waited = time.monotonic() - start
             if waited >= timeout_s:
                 return None
-            time.sleep(min(max(SLEEP_SHARE * waited, SLEEP_MIN_S), SLEEP_MAX_S, timeout_s - waited))
+            time.sleep(min(pause_s(waited), timeout_s - waited))
         return sample
 
     def silent_s(self) -> float:
@@ -150,6 +150,11 @@ class Latest:
             raise MessageError("duplicate", f"sequence {envelope.sequence}")
         elif envelope.sequence < last.sequence:
             raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
+
+
+def pause_s(waited_s: float) -> float:
+    """How long to sleep before looking for a message again, after having waited for so long [s]."""
+    return min(max(SLEEP_SHARE * waited_s, SLEEP_MIN_S), SLEEP_MAX_S)
 
 
 def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:

@@ -9,6 +9,8 @@ import onnxruntime
 
 from saltus.errors import ModelError
 
+CHECKSUM_SUFFIX = ".sha256"
+"""Of the file beside a model that says what it must be, as `sha256sum` writes it."""
 MAX_BYTES = 64 << 20
 """Six times what is shipped at most: a larger file is another file."""
 
@@ -22,8 +24,12 @@ class ModelFile:
         session: ONNX Runtime's.
         metadata: As text; `field` reads them.
 
+    Where a checksum lies beside the file, the file must be what it says: the runtime loads most files with flipped bits
+    without complaint.
+
     Raises:
-        ModelError: the file is unreadable, of no sensible size, or not a network that can be run.
+        ModelError: the file is unreadable, of no sensible size, not what its checksum says, or not a network that can
+            be run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -34,7 +40,9 @@ class ModelFile:
             raise ModelError(f"cannot read model {path}: {error.strerror}") from error
         if not 0 < len(data) <= MAX_BYTES:
             raise ModelError(f"model {path} has {len(data)} bytes: expected 1 to {MAX_BYTES}")
-        self.model_id = hashlib.sha256(data).hexdigest()[:16]
+        sha256 = hashlib.sha256(data).hexdigest()
+        _compare_checksum(path, sha256)
+        self.model_id = sha256[:16]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
@@ -58,3 +66,29 @@ class ModelFile:
             return json.loads(self.metadata[name])
         except json.JSONDecodeError as error:
             raise ModelError(f"model {self.path} does not fit: '{name}' is not JSON") from error
+
+
+def checksum_path(path: Path) -> Path:
+    """Where the checksum of a model lies."""
+    return path.with_name(path.name + CHECKSUM_SUFFIX)
+
+
+def write_checksum(path: Path) -> None:
+    """Writes the checksum of a model beside it, whole or not at all."""
+    partial = path.with_name(f".{path.name}{CHECKSUM_SUFFIX}.partial")
+    partial.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n")
+    partial.replace(checksum_path(path))
+
+
+def _compare_checksum(path: Path, sha256: str) -> None:
+    checksum = checksum_path(path)
+    try:
+        words = checksum.read_text().split()
+    except FileNotFoundError:
+        return
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"cannot read {checksum}: {error}") from error
+    if not words or words[0] != sha256:
+        raise ModelError(
+            f"model {path} is not the file that {checksum.name} names: it is damaged, or its checksum is another file's"
+        )

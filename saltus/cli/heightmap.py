@@ -1,4 +1,4 @@
-"""`saltus heightmap`: serve, collect, train, export."""
+"""`saltus heightmap`: serve, give, collect, train, export."""
 
 import logging
 import time
@@ -41,6 +41,8 @@ class Serve:
     """With --assume-level: height of the base above the ground."""
     camera_pitch_deg: float = 29.8
     """With --assume-level: how far the camera looks down."""
+    robots: tuple[str, ...] = ()
+    """Prefixes of the robots to serve, e.g. go1/0 go1/1; the one of run.toml where none is given."""
     robot: str = "go1/0"
     """With --recording: prefix of the keys."""
 
@@ -50,7 +52,7 @@ class Serve:
             return self._serve_recording(self.recording)
         if self.endpoint is None or self.run_dir is None:
             raise SaltusError("heightmap serve needs --endpoint and --run-dir, or --recording")
-        return serve("heightmap", self.run_dir, self.endpoint)
+        return serve("heightmap", self.run_dir, self.endpoint, *(("--robots", *self.robots) if self.robots else ()))
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace."""
@@ -81,6 +83,25 @@ class Serve:
         finally:
             if router is not None:
                 router.close()
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Give:
+    """Gives a model to a heightmap service that runs in real time, where it is tried out and warmed up first."""
+
+    model: tyro.conf.Positional[Path]
+    """ONNX file, with its .sha256 beside it."""
+    run_dir: Path
+    """Folder with the run's run.toml."""
+
+    def run(self) -> int:
+        """Checks the file and puts it where the service looks."""
+        from heightmap.model_inbox import give
+
+        print(
+            f"model {give(self.model, self.run_dir)} is in {self.run_dir}: the service's events say what becomes of it"
+        )
         return 0
 
 
@@ -204,11 +225,12 @@ class Eval:
 
 @dataclass(frozen=True, kw_only=True)
 class Heightmap:
-    """The heightmap: serve, collect, train, export, eval, report."""
+    """The heightmap: serve, give, collect, train, export, eval, report."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
             Annotated[Serve, subcommand("serve")]
+            | Annotated[Give, subcommand("give")]
             | Annotated[Collect, subcommand("collect")]
             | Annotated[Dagger, subcommand("dagger")]
             | Annotated[Dataset, subcommand("dataset")]

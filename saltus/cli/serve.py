@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import ClassVar
 
 
-def serve(module: str, run_dir: Path, endpoint: str) -> int:
+def serve(module: str, run_dir: Path, endpoint: str, *more: str) -> int:
     """Runs `python -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
-    command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint]
+    command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *more]
     return subprocess.run(command, check=False).returncode
 
 

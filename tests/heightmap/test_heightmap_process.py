@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
 
-from heightmap.__main__ import HeightmapProcess
+from heightmap.process import HeightmapProcess
 from heightmap.service import HeightmapService
 from saltus.bus import Publisher
 from saltus.config import Pace, RunConfig
@@ -27,14 +27,14 @@ class House:
         self.hub = MemoryHub()
         config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns() - 1_000_000_000)
         self.context = ProcessContext("heightmap", config, run_dir, MemoryBus(config.robot, self.hub))
-        self.process = HeightmapProcess(self.context)
+        self.process = HeightmapProcess([self.context])
         self.epoch_ns = config.epoch_ns
         self.bus = MemoryBus(config.robot, self.hub)
         self.states: Publisher = self.bus.publisher("controller/state")
         self.frames: Publisher = self.bus.publisher("camera/depth")
         self.heightmaps = self.bus.latest("heightmap/heightmap")
         self.done = self.bus.latest("done", "heightmap")
-        self.thread = threading.Thread(target=self.process.run)
+        self.thread = threading.Thread(target=self.process.run, args=(lambda: self.context.stopped,))
 
     def ask(self, state: RobotState) -> Heightmap:
         """Sends a state and waits for its answer."""

@@ -1,0 +1,94 @@
+"""The heightmap process: answers every state of every robot with a heightmap, and takes in new models."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from heightmap.fleet import FleetService
+from heightmap.link import RobotLink
+from heightmap.model_inbox import FILE, ModelInbox
+from heightmap.network import HeightmapNetwork
+from saltus.bus import pause_s
+from saltus.errors import ModelError
+from saltus.process import STATUS_PERIOD_S, ProcessContext
+from saltus.resources import resource
+
+REFUSED = "model/refused"
+"""What models that were refused are counted under, beside refused messages."""
+
+
+class HeightmapProcess:
+    """Wires the service to buses and clocks.
+
+    A model that is put into the folder of the run (`heightmap.model_inbox`) replaces the one in use, in real time only:
+    a lockstep run must repeat.
+
+    Args:
+        contexts: One for each robot; the first one's configuration and folder are those of all.
+    """
+
+    def __init__(self, contexts: Sequence[ProcessContext]) -> None:
+        first = contexts[0]
+        chosen = first.config.heightmap_model
+        network = HeightmapNetwork(Path(chosen) if chosen else resource("models/heightmap.onnx"))
+        self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
+        self._fleet = FleetService(network, self._links)
+        self._lockstep = first.config.pace == "lockstep"
+        self._inbox = ModelInbox(first.run_dir / FILE)
+        self._next_look_s = 0.0
+        self._told = (0, 0)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Answers until it is told to stop. Without robot states it only shows that it is alive."""
+        since_s = time.monotonic()
+        while not (stopped() or any(link.context.stopped for link in self._links.values())):
+            for link in self._links.values():
+                link.context.beat(ticks=link.ticks)
+            if not self._lockstep:
+                self._look_for_model()
+            if self._answer():
+                since_s = time.monotonic()
+            else:
+                time.sleep(pause_s(time.monotonic() - since_s))
+        self._inbox.close()
+
+    def _answer(self) -> bool:
+        """Answers whoever asks; returns whether anybody did."""
+        arrivals = {}
+        for name, link in self._links.items():
+            arrival = link.take()
+            if arrival is not None:
+                arrivals[name] = arrival
+        # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
+        # on who else asks at the same moment.
+        batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]
+        for batch in batches:
+            for name, heightmap in self._fleet.step(batch).items():
+                self._links[name].answer(heightmap)
+        return bool(arrivals)
+
+    def _look_for_model(self) -> None:
+        """Twice a second: whether a model was given, and what became of the last one."""
+        if time.monotonic() < self._next_look_s:
+            return
+        self._next_look_s = time.monotonic() + STATUS_PERIOD_S
+        try:
+            network = self._inbox.poll()
+        except ModelError as error:
+            self._tell("model_refused", str(error), refused=True)
+            return
+        if network is not None:
+            self._fleet.use(network)
+            self._tell("model_accepted", f"model {network.model_id} warms up")
+        swaps, given_up = self._fleet.swaps, self._fleet.given_up
+        if swaps > self._told[0]:
+            self._tell("model_swapped", f"{swaps} of this service so far")
+        if given_up > self._told[1]:
+            self._tell("model_refused", "its answers did not become as good as those of the one in use", refused=True)
+        self._told = swaps, given_up
+
+    def _tell(self, code: str, detail: str, *, refused: bool = False) -> None:
+        for link in self._links.values():
+            if refused:
+                link.context.bus.rejected[REFUSED] += 1
+            link.context.event(code, detail)
