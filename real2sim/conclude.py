@@ -56,7 +56,9 @@ def findings(
         ladder=_ladder(court, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
-        residuals=Residuals(before=null.fit.residuals, after=final, is_test=~court.split.is_fit),
+        residuals=Residuals(
+            before=null.fit.residuals, after=final, effects=chosen.fit.model, is_test=~court.split.is_fit
+        ),
         remainder=tested.largest_rms(tested.structure(final)),
         minimum_detectable=_minimum_detectable(problem, court, library(()), fits[()], dispersion),
         untestable=problem.untestable,

@@ -75,7 +75,9 @@ class Residuals:
     before: Floats
     """By the model without effects, shape (blocks, m)."""
     after: Floats
-    """With the values as they are reported, shape (blocks, m)."""
+    """By the model that was chosen, with the values as they are reported, shape (blocks, m)."""
+    effects: tuple[str, ...]
+    """Of that model; it is chosen where it explains too little to be named, too."""
     is_test: NDArray[np.bool_]
     """Shape (m,): rows that no fit has seen."""
 

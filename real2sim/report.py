@@ -84,7 +84,7 @@ def _compared(log: RunLog, compared: "Compared", is_alone: bool) -> str:
 def _comparison(findings: Findings) -> list[str]:
     """What was fitted, and what looks alike."""
     parts = []
-    chosen = {effect.name for effect in (*findings.effects, *findings.rivals)}
+    chosen = findings.residuals.effects if findings.residuals is not None else ()
     if any(rung.effects and rung.gain >= text.LEAST_NATS for rung in findings.ladder):
         parts += [
             "<h3>Models that were compared</h3>",
@@ -121,7 +121,7 @@ def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]
         text.statements(localise(whole[0]), SAID_BEFORE),
     ]
     if not np.array_equal(residuals.before, residuals.after):
-        parts += ["<p>With what fits best added, this is left:</p>", text.statements(localise(whole[1]), SAID_AFTER)]
+        parts += [text.what_is_left(residuals.effects), text.statements(localise(whole[1]), SAID_AFTER)]
     if len({channel.place for channel in tested[0]}) > 1:
         parts += [
             "<h3>Every joint</h3>",

@@ -15,6 +15,7 @@ from saltus.report import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
 WIDE, THIN = 3.5, 1.5  # px: where both agree, both can be seen
+TITLE_PX, ROW_PX = 45, 34  # between two parts of a figure, of a row of a table
 BINS = 15
 FEW = 50  # rows of a channel; with fewer, bins of them are chance
 TRACE_S = 2.0  # shown of a residual: some ten periods of what joints oscillate at
@@ -57,7 +58,13 @@ def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Fig
     """RMS of every signal at every place, before and after, in one colour scale."""
     signals = list(dict.fromkeys(channel.signal for channel in before))
     places = list(dict.fromkeys(channel.place for channel in before))
-    figure = make_subplots(rows=2, cols=1, subplot_titles=("before", "after"), shared_xaxes=True, vertical_spacing=0.12)
+    figure = make_subplots(
+        rows=2,
+        cols=1,
+        subplot_titles=("before", "after"),
+        shared_xaxes=True,
+        vertical_spacing=TITLE_PX / (TITLE_PX + 2 * ROW_PX * len(signals)),
+    )
     tables = [_rms_table(channels, signals, places) for channels in (before, after)]
     top = float(np.nanmax([np.nanmax(table) for table in tables]))
     for row, table in enumerate(tables, start=1):
@@ -67,7 +74,7 @@ def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Fig
             hovertemplate="%{y} of %{x}: %{text} sigma<extra></extra>", row=row, col=1,
         )  # fmt: skip
     figure.update_yaxes(autorange="reversed")
-    return _sized(figure, 130 + 2 * 34 * len(signals))
+    return _sized(figure, 85 + TITLE_PX + 2 * ROW_PX * len(signals))
 
 
 def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
@@ -102,9 +109,11 @@ def regime_figure(before: Channel, after: Channel) -> go.Figure:
 
 
 def rms_by(driver: Driver, residual: Floats) -> tuple[Floats, Floats]:
-    """Mean of the driver and RMS of the residual in bins of equal count; fewer bins where values repeat."""
-    edges = np.unique(np.quantile(driver.values, np.linspace(0.0, 1.0, BINS + 1)))
-    where = np.clip(np.searchsorted(edges, driver.values, side="right") - 1, 0, max(0, len(edges) - 2))
+    """Mean of the driver and RMS of the residual in bins of equal count, or at each value where there are few."""
+    values, where = np.unique(driver.values, return_inverse=True)
+    if len(values) > BINS:
+        edges = np.unique(np.quantile(driver.values, np.linspace(0.0, 1.0, BINS + 1)))
+        where = np.searchsorted(edges[1:-1], driver.values, side="right")
     counts = np.bincount(where)
     used = counts > 0
     x = np.bincount(where, driver.values)[used] / counts[used]
@@ -155,7 +164,7 @@ def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -
     return _sized(figure, 330)
 
 
-def ladder_figure(ladder: Sequence[Rung], chosen: set[str]) -> go.Figure:
+def ladder_figure(ladder: Sequence[Rung], chosen: tuple[str, ...]) -> go.Figure:
     """Held-out gain of every model that gains anything, best first; the one with the chosen effects in green."""
     rungs = [rung for rung in ladder if rung.effects and rung.gain >= LEAST_NATS]
     gains = np.array([rung.gain for rung in rungs])
@@ -163,7 +172,7 @@ def ladder_figure(ladder: Sequence[Rung], chosen: set[str]) -> go.Figure:
     figure = go.Figure()
     figure.add_scatter(
         x=gains, y=[" + ".join(rung.effects) for rung in rungs], mode="markers+text", showlegend=False,
-        marker={"color": [GREEN if set(rung.effects) == chosen else BLUE for rung in rungs], "size": 10},
+        marker={"color": [GREEN if rung.effects == chosen else BLUE for rung in rungs], "size": 10},
         error_x={
             "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,

@@ -73,6 +73,11 @@ def statements(found: Sequence[Statement], count: int) -> str:
     return "<ul>" + "".join(f"<li>{_text(statement.text)}</li>" for statement in found[:count]) + "</ul>"
 
 
+def what_is_left(effects: Sequence[str]) -> str:
+    """What comes after is what a model leaves."""
+    return f"<p>With {_text(' and '.join(effects))} added, where it is large enough to be told, this is left:</p>"
+
+
 def next_paragraph(verdict: Verdict) -> str:
     """The experiment that would decide, and what it must tell apart."""
     sets = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)

@@ -20,7 +20,8 @@ def sentence(verdict: Verdict) -> str:
 
 
 def _unexplained(verdict: Verdict) -> str:
-    return f"The log and the simulator differ, and no effect that Saltus knows explains it{_closed(verdict)}."
+    best = _closed(verdict, "the best model")
+    return f"The log and the simulator differ, and no effect that Saltus knows explains it{best}."
 
 
 def _effect(effect: FoundEffect) -> str:
@@ -29,7 +30,7 @@ def _effect(effect: FoundEffect) -> str:
     return f"{effect.name} ({values}; {where})"
 
 
-def _closed(verdict: Verdict) -> str:
+def _closed(verdict: Verdict, added: str = "it") -> str:
     if verdict.gap is None or verdict.gap.closed < CLOSED_FROM:
         return ""
-    return f"; with it {verdict.gap.closed:.0%} of the gap on unseen segments is closed"
+    return f"; with {added} {verdict.gap.closed:.0%} of the gap on unseen segments is closed"
