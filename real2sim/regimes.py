@@ -41,9 +41,9 @@ def channels_of(
             where = next((w for w in places if name.endswith(f"_{w}")), "")
             signal = name.removesuffix(f"_{where}") if where else name
             place = places[where] if where else problem.name
-            seen = [replace(driver, values=driver.values[rows]) for driver in own]
-            known = tuple(driver for driver in seen if np.isfinite(driver.values).all())
-            drivers = drivers_of(log, place, problem.time_s[rows]) + known
+            seen = (replace(driver, values=driver.values[rows]) for driver in own)
+            every = (*drivers_of(log, place, problem.time_s[rows]), *seen)
+            drivers = tuple(driver for driver in every if np.isfinite(driver.values).all())
             channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], drivers=drivers))
     return tuple(channels)
 
@@ -56,7 +56,7 @@ def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
     drivers.append(Driver(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
     if log.base is not None:
         for name, unit, column in (("height", "m", 2), ("vertical speed", "m/s", 9)):
-            values = np.interp(time_s, log.base.time_s, log.base.values[:, column])
+            values = _at(time_s, log.base.time_s, log.base.values[:, column])
             drivers.append(Driver(name=f"the base's {name}", unit=unit, values=values))
     return tuple(drivers)
 
@@ -76,11 +76,17 @@ def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
         ("dq", "rad/s", dq),
         ("ddq", "rad/s2", np.gradient(smooth, joints.time_s)),
         ("the direction of motion", "", direction),
-        ("q", "rad", q - np.mean(q)),
+        ("q", "rad", q - np.nanmean(q)),
     )
-    drivers = [Driver(name=n, unit=u, values=np.interp(time_s, joints.time_s, v)) for n, u, v in signals]
+    drivers = [Driver(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
     turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))
     return [*drivers, Driver(name="just after reversals", unit="", values=turning, is_regime=True)]
+
+
+def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:
+    """Values in between, across samples that are missing; NaN where all are."""
+    known = np.isfinite(values)
+    return np.interp(time_s, times[known], values[known]) if known.any() else np.full(len(time_s), np.nan)
 
 
 def _rate(joints: JointTable, joint: int) -> Floats:

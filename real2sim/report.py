@@ -18,6 +18,7 @@ from real2sim.localise import Channel, localise
 from real2sim.problem import Problem
 from real2sim.regimes import channels_of
 from saltus.effects.profile import IDEAL, Profile
+from saltus.errors import RecordingError
 from saltus.report import STYLE
 from saltus.run_log import RunLog
 
@@ -40,6 +41,9 @@ def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL
         path: Of the HTML file.
         profile: Effects that the simulator had from the start.
         seed: Of the bootstraps.
+
+    Raises:
+        RecordingError: the file cannot be written.
     """
     verdict = judgement.verdict
     findings = [compared.findings for each in judgement.examined for compared in each.compared]
@@ -52,10 +56,14 @@ def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
-    path.write_text(
+    page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>What the simulator lacks</title>'
         f"<style>{STYLE}{MORE_STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
     )
+    try:
+        path.write_text(page)
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _examined(examined: "Examined", *, is_alone: bool) -> str:

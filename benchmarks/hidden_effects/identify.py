@@ -39,7 +39,8 @@ def digest(path: Path) -> str:
 
 def command(log: Path, out: Path) -> None:
     """Finds with the project's command line, in a process of its own on one core."""
-    call = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", str(log), "--out", str(out), "--json"]
+    find = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", str(log), "--out", str(out)]
+    call = [*find, "--json", "--no-report"]
     done = subprocess.run(
         call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
     )

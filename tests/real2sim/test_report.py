@@ -172,3 +172,20 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
     examined = Examined(log=log, faults=(), untestable={}, compared=(Compared(problem=problem, findings=findings),))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
+
+
+def test_samples_that_are_missing_do_not_spoil_what_they_drive() -> None:
+    problem, findings = found("named")
+    assert findings.residuals is not None
+    log = rig_log()
+    torque = np.array(log.joints.tau_est)
+    torque[1000:1200, 0], torque[:, 1] = np.nan, np.nan
+    log = replace(log, joints=replace(log.joints, tau_est=torque))
+    named = {
+        (channel.place, driver.name): driver.values
+        for channel in channels_of(problem, log, findings.residuals.before)
+        for driver in channel.drivers
+    }
+    assert np.isfinite(named["FR_hip", "tau"]).all()
+    assert ("FR_thigh", "tau") not in named
+    assert ("FL_hip", "tau") in named
