@@ -16,7 +16,7 @@ from heightmap.features import PROPRIOCEPTION
 from heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from heightmap.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
 from saltus.grid import HEIGHTMAP_X
-from saltus.model_file import checksum_path, write_checksum
+from saltus.model_file import put_model
 from saltus.provenance import commit
 from saltus.topics import CAMERA_LATENCY_S
 
@@ -68,9 +68,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     file.producer_name, file.doc_string = "saltus", ""
     onnx.checker.check_model(file)
     onnx.save(file, temporary)
-    checksum_path(path).unlink(missing_ok=True)
-    temporary.replace(path)
-    write_checksum(path)
+    put_model(temporary, path)
 
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from policy.settings import TrainConfig
 from saltus.config import from_toml
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
+from saltus.model_file import put_model
 
 OPSET = 17
 
@@ -80,7 +81,7 @@ def export(checkpoint: Path, path: Path) -> float:
     file.producer_name, file.doc_string = "saltus", ""
     onnx.checker.check_model(file)
     onnx.save(file, temporary)
-    temporary.replace(path)
+    put_model(temporary, path)
     return parity(policy, path)
 
 

@@ -73,11 +73,18 @@ def checksum_path(path: Path) -> Path:
     return path.with_name(path.name + CHECKSUM_SUFFIX)
 
 
-def write_checksum(path: Path) -> None:
-    """Writes the checksum of a model beside it, whole or not at all."""
-    partial = path.with_name(f".{path.name}{CHECKSUM_SUFFIX}.partial")
-    partial.write_text(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n")
-    partial.replace(checksum_path(path))
+def put_model(written: Path, path: Path) -> None:
+    """Moves a model to its place, with its checksum beside it; one that is killed half-way leaves no wrong checksum.
+
+    Args:
+        written: The file, in the folder of `path`.
+        path: Its place, where another model may be.
+    """
+    checksum, partial = checksum_path(path), written.with_name(f"{written.name}{CHECKSUM_SUFFIX}")
+    partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n")
+    checksum.unlink(missing_ok=True)
+    written.replace(path)
+    partial.replace(checksum)
 
 
 def _compare_checksum(path: Path, sha256: str) -> None:

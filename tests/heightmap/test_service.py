@@ -1,4 +1,6 @@
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -203,3 +205,83 @@ def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path)
             assert answer.status == DEGRADED
             state.joint_position[4] = -1.8
     assert answer.status == OK
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_changes(
+    model_path: Path, moves: bool
+) -> None:
+    service = HeightmapService(model_path)
+    stuck = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    service._network = Faulty(service, dict.fromkeys(range(50, 200), stuck))  # type: ignore[assignment]
+    still = on_time(49)
+    assert still is not None
+    frames = {
+        step: good if moves or step < 50 or good is None else replace(good, depth=still.depth)
+        for step, good in clean(260).items()
+    }
+    answers = run(service, frames, 260)
+    told = {answer.step for answer in answers if answer.status == DEGRADED}
+    # the first of the same answers was the 50th; a still scene may well give the same answer
+    assert told == (set(range(151, 200)) if moves else set())
+    assert answers[-1].status == OK
+
+
+def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
+    service = HeightmapService(model_path)
+    stuck = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    service._network = Faulty(service, dict.fromkeys(range(50, 151), stuck))  # type: ignore[assignment]
+    assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
+
+
+def without(lost: Callable[[int], bool], steps: int) -> dict[int, DepthFrame | None]:
+    """Frames but those whose number is lost."""
+    return {step: f for step, f in clean(steps).items() if f is None or not lost(f.frame_id)}
+
+
+@pytest.mark.parametrize(("period", "status"), [(20, OK), (5, OK), (4, DEGRADED), (3, DEGRADED), (2, DEGRADED)])
+def test_more_than_a_fifth_of_lost_frames_is_told(model_path: Path, period: int, status: HeightmapStatus) -> None:
+    frames = without(lambda number: number > 60 and number % period == 0, 400)
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 400)]
+    assert set(statuses[20:120]) == {OK}
+    assert set(statuses[250:]) == {status}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_five_percent_of_random_losses_change_no_status(model_path: Path, seed: int) -> None:
+    lost = np.random.default_rng(seed).uniform(size=1000) < 0.05
+    frames = without(lambda number: number > 20 and bool(lost[number]), 1000)
+    assert {h.status for h in run(HeightmapService(model_path), frames, 1000)[60:]} == {OK}
+
+
+def test_status_is_back_a_second_after_many_losses(model_path: Path) -> None:
+    frames = without(lambda number: 60 < number <= 100 and number % 2 == 0, 400)
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 400)]
+    last_seen = 2 * 101 + 5
+    assert statuses[last_seen] == DEGRADED
+    assert set(statuses[last_seen + 100 :]) == {OK}
+
+
+@pytest.mark.parametrize("burst", range(1, 50, 6))
+def test_a_burst_of_losses_costs_half_a_second_at_most(model_path: Path, burst: int) -> None:
+    frames = without(lambda number: 60 < number <= 60 + burst, 300)
+    statuses = [h.status for h in run(HeightmapService(model_path), frames, 300)]
+    back = 2 * (61 + burst) + 5
+    assert set(statuses[back + 2 * (WARMUP - 1) :]) == {OK}
+    assert (statuses[back] == WARMING) == (burst > 5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, seed: int) -> None:
+    """Frames come in any order, some twice: the heightmaps are those of the frames that were news, to the bit."""
+    rng = np.random.default_rng(seed)
+    arriving: dict[int, DepthFrame | None] = {}
+    news: dict[int, DepthFrame | None] = {}
+    newest = -1
+    for step in range(200):
+        late = int(rng.integers(0, 8)) if rng.uniform() < 0.5 else 0
+        frame_ = on_time(step - late)
+        arriving[step] = frame_
+        if frame_ is not None and frame_.frame_id > newest:
+            newest, news[step] = frame_.frame_id, frame_
+    assert same(run(HeightmapService(model_path), arriving, 200), run(HeightmapService(model_path), news, 200))

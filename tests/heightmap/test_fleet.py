@@ -1,0 +1,201 @@
+"""Several robots in one service: each as if it were alone, whoever else asks, falls silent or starts anew."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from heightmap_inputs import WARMUP, frame, on_time, states
+from test_service import Faulty, bad_tick
+
+from heightmap.fleet import TRIAL_NS, Arrival, FleetService
+from heightmap.network import HeightmapNetwork, Tick
+from heightmap.service import HeightmapService
+from saltus.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
+
+STEPS = 80
+CAMERA, ROBOT = b"camera", b"robot"
+STATES = states(5 * STEPS)
+
+
+@pytest.fixture(scope="module")
+def network(model_path: Path) -> HeightmapNetwork:
+    return HeightmapNetwork(model_path)
+
+
+def names(count: int) -> list[str]:
+    return [f"go1/{i}" for i in range(count)]
+
+
+def scene(robot: int, step: int) -> DepthFrame | None:
+    """The robots see different things."""
+    arrived = on_time(step)
+    if arrived is None:
+        return None
+    return replace(arrived, depth=frame(1000 * robot + arrived.frame_id, 0.0).depth)
+
+
+def arrival(
+    robot: int,
+    step: int,
+    *,
+    state: RobotState | None = None,
+    given: DepthFrame | None = None,
+    robot_boot: bytes = ROBOT,
+    camera_boot: bytes = CAMERA,
+) -> Arrival:
+    taken = scene(robot, step) if given is None else given
+    return Arrival(
+        state=STATES[step] if state is None else state,
+        robot_boot=robot_boot,
+        frame=taken,
+        camera_boot=None if taken is None else camera_boot,
+        now_ns=STATES[step].time_ns,
+    )
+
+
+def alone(network: HeightmapNetwork, robot: int, steps: Iterable[int]) -> list[Heightmap]:
+    service = HeightmapService(network)
+    return [service.step(STATES[step], scene(robot, step), STATES[step].time_ns) for step in steps]
+
+
+def assert_same(found: list[Heightmap], expected: list[Heightmap]) -> None:
+    assert [(h.step, h.status, h.frame_id) for h in found] == [(h.step, h.status, h.frame_id) for h in expected]
+    np.testing.assert_allclose([h.height for h in found], [h.height for h in expected], atol=1e-6)
+    np.testing.assert_allclose([h.std for h in found], [h.std for h in expected], atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_each_robot_is_answered_as_if_it_were_alone(network: HeightmapNetwork, count: int) -> None:
+    fleet = FleetService(network, names(count))
+    found: dict[str, list[Heightmap]] = {name: [] for name in names(count)}
+    for step in range(STEPS):
+        arrivals = {name: arrival(robot, step) for robot, name in enumerate(names(count))}
+        for name, heightmap in fleet.step(arrivals).items():
+            found[name].append(heightmap)
+    for robot, name in enumerate(names(count)):
+        assert_same(found[name], alone(network, robot, range(STEPS)))
+
+
+def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetwork) -> None:
+    """Robot 0 asks always, robot 1 at every third step, robot 2 falls silent, robot 3 asks when it likes."""
+    steps = np.arange(STEPS)
+    sometimes = np.random.default_rng(0).uniform(size=STEPS) < 0.5
+    asks = np.array([steps >= 0, steps % 3 == 0, steps < 30, sometimes])
+    fleet = FleetService(network, names(4))
+    found: list[list[Heightmap]] = [[] for _ in range(4)]
+    asked: list[list[int]] = [[] for _ in range(4)]
+    for step in range(STEPS):
+        who = [robot for robot in range(4) if asks[robot, step]]
+        answers = fleet.step({f"go1/{robot}": arrival(robot, step) for robot in who})
+        assert set(answers) == {f"go1/{robot}" for robot in who}
+        for robot in who:
+            found[robot].append(answers[f"go1/{robot}"])
+            asked[robot].append(step)
+    for robot in range(4):
+        assert_same(found[robot], alone(network, robot, asked[robot]))
+
+
+@pytest.mark.parametrize("who", ["robot", "camera"])
+def test_a_new_boot_starts_the_memory_of_that_robot_over_and_of_no_other(network: HeightmapNetwork, who: str) -> None:
+    fleet = FleetService(network, names(2))
+    found: list[list[Heightmap]] = [[], []]
+    again = 40
+    for step in range(STEPS):
+        boot = {f"{who}_boot": b"new"} if step >= again else {}
+        answers = fleet.step({"go1/0": arrival(0, step, **boot), "go1/1": arrival(1, step)})  # type: ignore[arg-type]
+        for robot in range(2):
+            found[robot].append(answers[f"go1/{robot}"])
+    assert_same(found[1], alone(network, 1, range(STEPS)))
+    assert_same(found[0][:again], alone(network, 0, range(again)))
+    first_new = again + 1  # frames come with odd steps
+    if who == "robot":
+        assert_same(found[0][again:], alone(network, 0, range(again, STEPS)))
+    else:
+        assert found[0][again].status == HeightmapStatus.OK  # no frame of the new camera yet
+    assert {h.status for h in found[0][first_new : first_new + 2 * (WARMUP - 1)]} == {HeightmapStatus.WARMING}
+    assert {h.status for h in found[0][first_new + 2 * (WARMUP - 1) :]} == {HeightmapStatus.OK}
+
+
+def test_a_camera_that_counts_anew_is_believed(network: HeightmapNetwork) -> None:
+    """The first frame of a new camera may have the very number of the last frame of the old one."""
+    fleet = FleetService(network, names(1))
+    for step in range(40):
+        last = fleet.step({"go1/0": arrival(0, step)})["go1/0"]
+    given = frame(last.frame_id, 360.0)
+    answer = fleet.step({"go1/0": arrival(0, 41, given=given, camera_boot=b"new")})["go1/0"]
+    assert answer.frame_id == last.frame_id
+    assert answer.depth_age_s == pytest.approx(0.05)
+
+
+def test_a_state_that_was_answered_gets_the_same_answer(network: HeightmapNetwork) -> None:
+    fleet = FleetService(network, names(2))
+    for step in range(20):
+        before = fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})
+    again = fleet.step({"go1/0": arrival(0, 19), "go1/1": arrival(1, 20)})
+    assert again["go1/0"] is before["go1/0"]
+    assert again["go1/1"].step == 20
+
+
+def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model_path: Path) -> None:
+    fleet, given = FleetService(network, names(2)), HeightmapNetwork(model_path)
+    given.model_id = "another"
+    found: list[Heightmap] = []
+    for step in range(STEPS):
+        if step == 40:
+            fleet.use(given)
+        found.append(fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})["go1/0"])
+    led = [heightmap.model_id == "another" for heightmap in found]
+    taken = led.index(True)
+    assert taken == 41 + 2 * (WARMUP - 1)
+    assert all(led[taken:])
+    assert {h.status for h in found[20:]} == {HeightmapStatus.OK}
+    assert (fleet.swaps, fleet.given_up) == (2, 0)
+    assert_same(found[:taken], alone(network, 0, range(taken)))
+    assert_same(found[taken:], alone(network, 0, range(40, STEPS))[taken - 40 :])
+
+
+def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_path: Path) -> None:
+    fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
+    nan = bad_tick("height", np.nan)
+    given.ticks = lambda *_: Tick(*(value[None] for value in nan))  # type: ignore[method-assign]
+    steps = 50 + TRIAL_NS // 10_000_000
+    found: list[Heightmap] = []
+    for step in range(steps):
+        if step == 40:
+            fleet.use(given)
+        found.append(fleet.step({"go1/0": arrival(0, step)})["go1/0"])
+    assert_same(found, alone(network, 0, range(steps)))
+    assert (fleet.swaps, fleet.given_up) == (0, 1)
+
+
+def test_a_bad_output_of_one_robot_does_not_touch_the_others(network: HeightmapNetwork) -> None:
+    fleet = FleetService(network, names(2))
+    found: list[Heightmap] = []
+    for step in range(STEPS):
+        arrivals = {name: arrival(robot, step) for robot, name in enumerate(names(2))}
+        if 40 <= step < 50:
+            joints = np.full(12, np.nan)
+            arrivals["go1/0"] = replace(
+                arrivals["go1/0"], state=replace(arrivals["go1/0"].state, joint_position=joints)
+            )
+        answers = fleet.step(arrivals)
+        assert np.isfinite(answers["go1/0"].height).all()
+        found.append(answers["go1/1"])
+    assert_same(found, alone(network, 1, range(STEPS)))
+
+
+def test_the_service_of_one_robot_is_the_same_in_parts(network: HeightmapNetwork) -> None:
+    service, whole = HeightmapService(network), HeightmapService(network)
+    probe = Faulty(whole, {})
+    whole._network = probe  # type: ignore[assignment]
+    for step in range(30):
+        state, now_ns = STATES[step], STATES[step].time_ns
+        inputs = service.prepare(state, scene(0, step), now_ns)
+        assert inputs is not None
+        answer = service.finish(state, inputs, network.tick(*inputs, service.hidden), now_ns)
+        expected = whole.step(state, scene(0, step), now_ns)
+        np.testing.assert_array_equal(answer.height, expected.height)
+        assert service.last is answer
+    assert service.prepare(STATES[29], None, 300_000_000) is None

@@ -1,0 +1,130 @@
+"""A model is given to a running service: whatever is wrong with it, the service keeps the one that it has."""
+
+import json
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+from heightmap.model_inbox import FILE, ModelInbox, give
+from heightmap.network import HeightmapNetwork
+from saltus.errors import ModelError
+from saltus.model_file import checksum_path, put_model
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def inbox(tmp_path: Path) -> Iterator[ModelInbox]:
+    inbox = ModelInbox(tmp_path / FILE)
+    yield inbox
+    inbox.close()
+
+
+def verdict(inbox: ModelInbox) -> HeightmapNetwork:
+    deadline_s = time.monotonic() + PATIENCE_S
+    waiting = threading.Event()
+    while (network := inbox.poll()) is None:
+        assert time.monotonic() < deadline_s
+        waiting.wait(0.01)
+    return network
+
+
+def put(data: bytes, place: Path) -> None:
+    """Puts bytes with a checksum that fits."""
+    partial = place.with_name(".new")
+    partial.write_bytes(data)
+    put_model(partial, place)
+
+
+def changed(model_path: Path, tmp_path: Path, change: Callable[[Any], None]) -> bytes:
+    model = onnx.load(model_path)
+    change(model)
+    onnx.save(model, tmp_path / "changed")
+    return (tmp_path / "changed").read_bytes()
+
+
+def wrong_grid(model: Any) -> None:
+    table = {p.key: json.loads(p.value) for p in model.metadata_props}
+    table["grid_m"][3] += 0.01
+    onnx.helper.set_model_props(model, {name: json.dumps(value) for name, value in table.items()})
+
+
+def not_finite(model: Any) -> None:
+    """Puts a NaN into the first weights."""
+    weights = next(w for w in model.graph.initializer if w.data_type == onnx.TensorProto.FLOAT and len(w.dims) > 1)
+    values = onnx.numpy_helper.to_array(weights).copy()
+    values.flat[0] = np.nan
+    weights.CopyFrom(onnx.numpy_helper.from_array(values, weights.name))
+
+
+def test_a_good_model_is_handed_over_once(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+    assert inbox.poll() is None
+    model_id = give(model_path, tmp_path)
+    assert verdict(inbox).model_id == model_id == HeightmapNetwork(model_path).model_id
+    assert inbox.poll() is None
+
+
+def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> None:
+    give(model_path, tmp_path)
+    inbox = ModelInbox(tmp_path / FILE)
+    assert inbox.poll() is None
+    assert inbox._trial is None
+    inbox.close()
+
+
+@pytest.mark.parametrize("how", ["truncated", "empty", "grid", "not finite", "flipped", "no checksum"])
+def test_a_bad_model_is_refused_with_a_reason(inbox: ModelInbox, model_path: Path, tmp_path: Path, how: str) -> None:
+    good, place = model_path.read_bytes(), tmp_path / FILE
+    reasons = {
+        "truncated": "not a model that can be run",
+        "empty": "has 0 bytes",
+        "grid": r"'grid_m\[3\]'",
+        "not finite": "fails its trial: after 0 good images the heightmap is INVALID",
+        "flipped": "is not the file that heightmap.onnx.sha256 names",
+        "no checksum": "has no heightmap.onnx.sha256",
+    }
+    if how == "truncated":
+        put(good[: len(good) // 2], place)
+    elif how == "empty":
+        put(b"", place)
+    elif how == "grid":
+        put(changed(model_path, tmp_path, wrong_grid), place)
+    elif how == "not finite":
+        put(changed(model_path, tmp_path, not_finite), place)
+    elif how == "flipped":
+        put(good, place)
+        place.write_bytes(good[:-1000] + bytes([good[-1000] ^ 4]) + good[-999:])
+    else:
+        shutil.copyfile(model_path, place)
+    with pytest.raises(ModelError, match=reasons[how]) as caught:
+        verdict(inbox)
+    assert "\n" not in str(caught.value)
+    assert inbox.poll() is None
+
+
+def test_after_a_bad_model_a_good_one_is_taken(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+    put(b"not a model", tmp_path / FILE)
+    with pytest.raises(ModelError, match="not a model"):
+        verdict(inbox)
+    give(model_path, tmp_path)
+    assert verdict(inbox).model_id == HeightmapNetwork(model_path).model_id
+
+
+@pytest.mark.parametrize("how", ["damaged", "no checksum"])
+def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_path: Path, how: str) -> None:
+    model, run_dir = tmp_path / "new.onnx", tmp_path / "run"
+    run_dir.mkdir()
+    shutil.copyfile(model_path, model)
+    if how == "damaged":
+        checksum_path(model).write_text(checksum_path(model_path).read_text())
+        model.write_bytes(model.read_bytes()[:-1])
+    with pytest.raises(ModelError, match=r"new\.onnx"):
+        give(model, run_dir)
+    assert list(run_dir.iterdir()) == []
