@@ -145,7 +145,7 @@ def provenance(judgement: "Judgement", profile: Profile, seed: int) -> str:
 
 def _claims(meta: dict[str, Any]) -> dict[str, Any]:
     """What was claimed, without the path of a model and the list of segments."""
-    claims = {name: value for name, value in meta.items() if name != "excitation"}
+    claims = {name: value for name, value in meta.items() if name not in ("excitation", "segments")}
     claims["robot"] = Path(str(meta.get("robot", ""))).name
     return {name: _short(value) for name, value in claims.items()}
 
