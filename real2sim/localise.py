@@ -221,7 +221,8 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
     else:
         threshold = float(np.median([clue.threshold for clue in clues]))
         elsewhere = float(np.median([clue.elsewhere for clue in clues]))
-        regime = driver.name if driver.is_regime else f"where |{driver.name}| is above {threshold:.3g}{unit}"
+        size = f"|{driver.name}|" if np.any(driver.values < 0.0) else driver.name
+        regime = driver.name if driver.is_regime else f"where {size} is above {threshold:.3g}{unit}"
         text = f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
     return Statement(
         signal=signal, places=named, driver=driver.name, share=share, sure=min(c.sure for c in clues), text=text

@@ -25,6 +25,13 @@ MEANING = {
     "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
 }
 PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
+NO_EXPERIMENT = {
+    "named": "None is needed.",
+    "set": "No experiment of the menu would tell them apart.",
+    "unexplained": "None is proposed: what is missing is not in the library, and these data are what it can be read off.",
+    "no_gap": "None is needed.",
+    "bad_log": "The log must be mended first.",
+}
 IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
 LEAST_NATS = 1.0
 """Gain below which a model is not drawn: it is chance."""
@@ -83,7 +90,7 @@ def next_paragraph(verdict: Verdict) -> str:
     sets = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
     experiment = verdict.next_experiment
     if experiment is None:
-        return sets + ("<p>No experiment of the menu would tell them apart.</p>" if sets else "<p>None is needed.</p>")
+        return sets + f"<p>{NO_EXPERIMENT[verdict.verdict]}</p>"
     run = f"saltus real2sim experiments --run {experiment.name}"
     return f"{sets}<p><b>{_text(experiment.name)}</b>, {_text(experiment.why)}</p><pre>{_text(run)}</pre>"
 
