@@ -28,7 +28,7 @@ PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
 NO_EXPERIMENT = {
     "named": "None is needed.",
     "set": "No experiment of the menu would tell them apart.",
-    "unexplained": "None is proposed: what is missing is not in the library, and these data are what it can be read off.",
+    "unexplained": "None is proposed: what is missing is not in the library, and these data are where to look.",
     "no_gap": "None is needed.",
     "bad_log": "The log must be mended first.",
 }
@@ -141,11 +141,11 @@ def provenance(judgement: "Judgement", profile: Profile, seed: int) -> str:
         f"simulated sets of unknowns = {runs}",
         "",
         "# effects that the simulator had from the start",
-        profile_to_toml(profile).strip(),
+        profile_to_toml(profile).strip() or "none",
     ]
     claims = [
-        "# claimed by the log\n" + json.dumps(_claims(each.log.meta), indent=1, sort_keys=True)
-        for each in judgement.examined
+        "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])
+        for claimed in (_claims(each.log.meta) for each in judgement.examined)
     ]
     return logs + "".join(f"<pre>{_text(part)}</pre>" for part in ("\n".join(lines), *claims))
 
