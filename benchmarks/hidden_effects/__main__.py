@@ -13,7 +13,7 @@ def main() -> None:
     """Runs one of the three parts."""
     options = _options()
     if options.part == "generate":
-        runs = make_plan(options.seed, options.runs, tuple(options.kinds))
+        runs = make_plan(options.seed, options.runs, tuple(options.kinds), tuning=options.tuning)
         generate(runs, options.out, options.truth, tuning=options.tuning, jobs=options.jobs)
     elif options.part == "identify":
         identify.identify(options.logs, options.out, identify.command, options.jobs)

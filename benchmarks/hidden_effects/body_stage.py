@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.hidden_effects.body import CONTROL_DT, BodyScene, quaternions
+from benchmarks.hidden_effects.body import CONTROL_DT, FEET_EVERY, GROUND, PAYLOAD_POSITION, BodyScene, quaternions
 from benchmarks.hidden_effects.plan import Run
 from benchmarks.hidden_effects.scene import Setting
 from benchmarks.hidden_effects.stage import Stage
@@ -34,9 +34,10 @@ class BodyStage(Stage):
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
         """See `Stage`."""
         scene, start = self._body, float(rng.uniform(0, 1000))
-        read = {name: scene.noise(name, values, rng) for name, values in scene.read(settings).items() if name != "load"}
-        load = scene.read(settings)["load"]
-        t = start + np.arange(len(load)) * CONTROL_DT
+        clean = scene.read(settings)
+        load = clean.pop("load")
+        read = {name: scene.noise(name, values, rng) for name, values in clean.items()}
+        t = start + np.arange(len(scene.position)) * CONTROL_DT
         measured = np.stack([read["q"], read["dq"], read["tau_est"]], axis=-1)
         command = np.stack([scene.position, scene.velocity, np.zeros_like(scene.position)], axis=-1)
         imu = np.concatenate([quaternions(read["imu_rpy"]), read["gyro"], read["acc"]], axis=1)
@@ -47,6 +48,7 @@ class BodyStage(Stage):
         meta = claim(
             base="free", kp=scene.kp * gains, kd=scene.kd * gains, control_dt=CONTROL_DT, segments=scene.segments
         )
+        meta["ground"], meta["payload_position"] = dict(GROUND), list(PAYLOAD_POSITION)
         for segment in meta["excitation"]["segments"]:
             segment["t0"], segment["t1"] = round(segment["t0"] + start, 6), round(segment["t1"] + start, 6)
         return RunFiles(
@@ -55,6 +57,6 @@ class BodyStage(Stage):
                 "joints": joint_columns(t, measured, command),
                 "imu": {"t": t, **dict(zip(IMU, imu.T, strict=True))},
                 "base": {"t": t[::EVERY], **dict(zip(BASE, base[::EVERY].T, strict=True))},
-                "feet": {"t": t, **dict(zip(FEET, feet.T, strict=True))},
+                "feet": {"t": t[::FEET_EVERY], **dict(zip(FEET, feet.T, strict=True))},
             },
         )

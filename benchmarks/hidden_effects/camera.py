@@ -40,11 +40,24 @@ OUTSIDE = {
     "depth_ripple": Family(usual=0.002, largest=0.05, shape=lambda rng: {"period": float(rng.uniform(0.1, 0.3))}),
     "tilt_drift": Family(usual=0.003, largest=0.1, shape=lambda rng: {"cycles": float(rng.integers(1, 4))}),
     "skewed_depth": Family(usual=0.01, largest=0.2, shape=draw_sign),
+    "rolled_camera": Family(usual=0.01, largest=0.2, shape=draw_sign),
+    "column_pattern": Family(usual=0.003, largest=0.05),
+    "breathing_scale": Family(usual=0.003, largest=0.05, shape=lambda rng: {"rate": float(rng.uniform(0.3, 1.5))}),
+    "soft_mount": Family(usual=0.003, largest=0.05),
 }
 MOVES_RAYS = {
     "camera_latency", "camera_pitch", "camera_height", "camera_fov", "lens_distortion", "rolling_shutter", "tilt_drift",
+    "rolled_camera", "soft_mount",
 }  # fmt: skip
-CHANGES_RANGE = {"depth_scale", "depth_bias", "depth_noise", "skewed_depth", "depth_ripple"}
+CHANGES_RANGE = {
+    "depth_scale",
+    "depth_bias",
+    "depth_noise",
+    "skewed_depth",
+    "depth_ripple",
+    "column_pattern",
+    "breathing_scale",
+}
 FAMILIES = {**LIBRARY, **OUTSIDE}
 
 
@@ -167,7 +180,9 @@ class CameraScene(Scene):
         if "tilt_drift" in by:
             drift = by["tilt_drift"]
             offset[:, 0] += drift.size * np.sin(2 * np.pi * drift.shape["cycles"] * np.linspace(0, 1, frames))
+        offset[:, 0] += self._size(by, "soft_mount") * self.path.shake(capture)
         tangents = self.optics.tangents(1 + self._signed(by, "camera_fov"), self._signed(by, "lens_distortion"))
+        tangents = view.rolled(tangents, self._signed(by, "rolled_camera"))
         return view.render(self.optics, self.boxes, self.path.at(times), tangents, offset)
 
     def _range(self, by: dict[str, Setting], true: Floats, chance: np.random.Generator) -> Floats:
@@ -179,6 +194,13 @@ class CameraScene(Scene):
         if "depth_ripple" in by:
             ripple = by["depth_ripple"]
             depth = depth + np.float32(ripple.size) * np.sin(np.float32(2 * np.pi / ripple.shape["period"]) * true)
+        if "column_pattern" in by:
+            pattern = np.random.default_rng(self.seed).normal(size=self.optics.width)
+            depth = depth * (1 + by["column_pattern"].size * pattern).astype(np.float32)
+        if "breathing_scale" in by:
+            breath = by["breathing_scale"]
+            wave = breath.size * np.sin(2 * np.pi * breath.shape["rate"] * self.arrival)
+            depth = depth * (1 + wave).astype(np.float32)[:, None, None]
         if "depth_noise" not in by:
             return np.asarray(depth)
         # matching errs in blocks: neighbours share a part of the error
@@ -229,6 +251,7 @@ class CameraScene(Scene):
         frame = self._picked // (self.optics.height * self.optics.width)
         segment = np.searchsorted(starts, self.arrival[frame], side="right") - 1
         self.group = np.concatenate([2 * segment, 2 * segment + 1])
+        self.nuisances = np.zeros((0, len(self.group)))
         self.places = np.full(len(self.group), "camera")
 
     def _clip(self, size: float) -> float:

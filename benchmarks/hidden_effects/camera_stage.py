@@ -10,7 +10,7 @@ from benchmarks.hidden_effects.stage import Stage
 from benchmarks.hidden_effects.tables import BASE, RunFiles, claim
 from benchmarks.hidden_effects.view import Path
 
-IN_TIME = {"camera_latency", "frame_drop", "temporal_smear", "rolling_shutter", "tilt_drift"}
+IN_TIME = {"camera_latency", "frame_drop", "temporal_smear", "rolling_shutter", "tilt_drift", "soft_mount"}
 """Effects that need motion."""
 AT_EDGES = {"edge_holes", "hole_fill", "range_clip", "lens_distortion", "depth_ripple"}
 """Effects that need something to look at besides a floor."""

@@ -2,6 +2,7 @@
 
 import json
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,9 @@ def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:
         "quiet": run.quiet,
         "damage": run.damage,
         "damage_in_words": said,
+        "tuning": tuning,
+        "run": asdict(run),
+        "settings": [asdict(setting) for setting in settings],
         "effects": [
             {
                 "name": setting.effect,
@@ -70,13 +74,13 @@ def _hide(run: Run, stage: Stage, rng: np.random.Generator) -> tuple[tuple[Setti
     settings = tuple(_draw(run, stage, effect, rng) for effect in run.effects)
     if run.category == "two" and rng.uniform() < 0.5:  # confusable only where they sit at the same joints
         settings = (settings[0], Setting(**{**vars(settings[1]), "where": settings[0].where}))
-    found = sizes.one_sigma(stage.sizing, list(settings))
+    found = sizes.one_sigma(stage.sizing, list(settings)) if settings else []
     kept, shown = [], []
     for setting, sigma, multiple in zip(settings, found, run.multiples, strict=True):
         size = min(multiple * sigma, scene.largest(setting))
         kept.append(setting.sized(size))
         base, with_it = scene.respond([(), (kept[-1],)])
-        shown.append(sizes.best_rms(scene, with_it - base, setting.where))
+        shown.append(sizes.best_rms(scene, sizes.visible(scene, with_it - base), setting.where))
     extra: dict[str, Any] = {
         "one_sigma_of_effects": [sigma if np.isfinite(sigma) else None for sigma in found],
         "multiples": [s.size / sigma if np.isfinite(sigma) else 0.0 for s, sigma in zip(kept, found, strict=True)],
@@ -84,7 +88,7 @@ def _hide(run: Run, stage: Stage, rng: np.random.Generator) -> tuple[tuple[Setti
     }
     if run.category != "damaged":
         where = kept[0].where if kept else stage.anywhere(rng)
-        extra |= _rivals(run, scene, tuple(kept), where, rng)
+        extra |= _rivals(run, scene, tuple(kept), where)
     return tuple(kept), extra
 
 
@@ -94,12 +98,13 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
         setting = stage.scene.draw(effect, stage.where(effect, rng), rng)
         sigma = sizes.one_sigma(stage.sizing, [setting], sizes.ROUGH)[0]
         multiple = run.multiples[run.effects.index(effect)]
+        setting = setting.sized(min(sigma, stage.scene.largest(setting)))
         if not multiple * sigma <= stage.scene.largest(setting):
             continue
         part = _part_of_proportional(stage.sizing, setting, sigma, multiple)
         if part > WILD or (run.category == "outside" and part < FAINT):
             continue
-        if run.category == "outside" and _unexplained(stage.scene, setting.sized(sigma), rng) < OUTSIDE_PART:
+        if run.category == "outside" and _unexplained(stage.scene, setting.sized(sigma), run.seed) < OUTSIDE_PART:
             continue
         return setting
     return setting
@@ -107,32 +112,32 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
 
 def _part_of_proportional(scene: Scene, setting: Setting, sigma: float, multiple: float) -> float:
     """Residual in parts of that which grows with the size: large where it makes a position loop swing."""
-    base, with_it = scene.respond([(), (setting.sized(sigma * multiple),)])
-    return sizes.best_rms(scene, with_it - base, setting.where) / multiple
+    base, one, several = scene.respond([(), (setting.sized(sigma),), (setting.sized(sigma * multiple),)])
+    first = max(sizes.best_rms(scene, one - base, setting.where), 1.0)
+    return sizes.best_rms(scene, several - base, setting.where) / (multiple * first)
 
 
-def _library(scene: Scene, where: tuple[str, ...], rng: np.random.Generator) -> list[Setting]:
+def _library(scene: Scene, where: tuple[str, ...], seed: int) -> list[Setting]:
     """Every effect of the library at one sigma, at the same place; twice where it has a shape."""
+    rng = np.random.default_rng(seed)
     settings = []
     for effect in scene.library:
         first = scene.draw(effect, scene.place(effect, where), rng)
         settings.append(first)
         if set(first.shape) - {"sign"}:
             settings.append(scene.draw(effect, first.where, rng))
-    found = sizes.one_sigma(scene, settings, sizes.ROUGH)
+    found = sizes.one_sigma(scene, settings, sizes.ROUGH, scene.sizing_rounds)
     return [setting.sized(min(sigma, scene.largest(setting))) for setting, sigma in zip(settings, found, strict=True)]
 
 
-def _unexplained(scene: Scene, setting: Setting, rng: np.random.Generator) -> float:
-    marks = sizes.signatures(scene, [setting, *_library(scene, setting.where, rng)])
+def _unexplained(scene: Scene, setting: Setting, seed: int) -> float:
+    marks = sizes.signatures(scene, [setting, *_library(scene, setting.where, seed)])
     return sizes.outside_of(marks[0], marks[1:])
 
 
-def _rivals(
-    run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[str, ...], rng: np.random.Generator
-) -> dict[str, Any]:
+def _rivals(run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[str, ...]) -> dict[str, Any]:
     """One-sigma sizes of the whole library in this log, and for each hidden effect the |cos| with every other."""
-    library = _library(scene, where, rng)
+    library = _library(scene, where, run.seed)
     at_one = [s.sized(s.size / max(m, 1.0)) for s, m in zip(settings, run.multiples, strict=True)]
     marks = sizes.signatures(scene, [*at_one, *library])
     own, others = marks[: len(settings)], marks[len(settings) :]

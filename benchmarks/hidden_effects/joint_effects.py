@@ -48,7 +48,7 @@ class Family:
 
 
 LIBRARY = {
-    "command_delay": Family(usual=4e-4, largest=0.03),
+    "command_delay": Family(usual=1.3e-3, largest=0.03),
     "feedforward_delay": Family(usual=4e-3, largest=0.03),
     "actuator_lag": Family(usual=2e-3, largest=0.03),
     "velocity_filter": Family(usual=1e-3, largest=0.03),
@@ -76,8 +76,13 @@ OUTSIDE = {
     "coupling": Family(usual=0.02, largest=0.3, shape=draw_sign),
     "slew_limit": Family(usual=5e-4, largest=0.02),
     "flexible_gear": Family(usual=1e-3, largest=8e-3),
+    "integral_term": Family(usual=0.3, largest=8.0),
+    "rubbing_spot": Family(usual=0.2, largest=4.0, shape=lambda rng: {"at": float(rng.uniform(-0.25, 0.25))}),
+    "dropouts": Family(usual=0.1, largest=1.0),
+    "eccentric_encoder": Family(usual=1.5e-3, largest=0.03, shape=lambda rng: {"cycles": float(rng.uniform(6, 25))}),
+    "load_friction": Family(usual=0.05, largest=0.5),
 }
-"""A size is: Nm, 1/rad, Nm/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm."""
+"""A size is: Nm, 1/rad, Nm/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad, 1."""
 FAMILIES = {**LIBRARY, **OUTSIDE}
 
 
@@ -166,12 +171,15 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "encoder_bias": [("bias", sign * size, 0.0)],
         "kp_slope": [("kp_slope", sign * size, 0.0)],
         "slew_limit": [("slew", 1.0 / size, 0.0)],
+        "rubbing_spot": [("rub", size, 0.0), ("rub_at", STAND + shape.get("at", 0.0), 0.0)],
+        "eccentric_encoder": [("eccentric", size, 0.0), ("eccentric_cycles", shape.get("cycles", 0.0), 0.0)],
     }
     single = {
         "actuator_lag": "lag", "velocity_filter": "velocity_filter", "viscous_friction": "viscous",
         "coulomb_friction": "coulomb", "armature": "armature", "battery_sag": "sag",
         "encoder_quantisation": "quantum", "heating": "heating", "dead_zone": "dead_zone",
         "asymmetric_gain": "asymmetry", "quadratic_drag": "damping_slope",
+        "integral_term": "integral", "dropouts": "dropout", "load_friction": "load_friction",
     }  # fmt: skip
     return several[setting.effect] if setting.effect in several else [(single[setting.effect], size, 0.0)]
 

@@ -1,6 +1,6 @@
 """Runs of joints with the base held: the rig, its motion and its noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from benchmarks.hidden_effects.noise import coloured
 from benchmarks.hidden_effects.robot import JOINTS, KINDS, LEGS, Floats
 from benchmarks.hidden_effects.scene import Scene, Setting
 
+FASTEST_TICK, SLOWEST_TICK = 1, 16
+"""Steps of 0.125 ms between two evaluations of the PD law: 8 kHz, and the 500 Hz that every drive has at least."""
+CLOCK_S = 1e-3
+"""By which a drive's clock may be off: half of a period at 500 Hz, the mean age of a torque that is held."""
 SHOWN = 2
 """Signals that count in a response: position and velocity. Believed torque follows from them and the command; a packet
 that is late by nothing at all would move its sample at a jump by the whole jump."""
@@ -58,6 +62,7 @@ class JointScene(Scene):
         ideal = simulate(self.rig, [Hidden()])[0]
         self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
         self._index()
+        self.nuisances = self._unclaimed()
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         """See `Scene`."""
@@ -71,9 +76,7 @@ class JointScene(Scene):
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
         """See `Scene`; every second row of the legs that are simulated."""
         hidden = [joint_effects.hidden(settings, self.peak) for settings in variants]
-        clean = simulate(self.rig, hidden, self.legs, self.seed)[:, ::2]
-        columns = [3 * leg + kind for leg in self.legs for kind in range(3)]
-        return np.asarray((clean[:, :, columns, :SHOWN] / self.noise.sigma[:SHOWN]).reshape(len(variants), -1))
+        return self._shown(simulate(self.rig, hidden, self.legs, self.seed))
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
         """See `Scene`; delays as the packets had them, from their sending to their first use."""
@@ -90,6 +93,18 @@ class JointScene(Scene):
         rate = 1.0 / self.rig.control_dt
         noise = coloured(rng, clean.shape, self.noise.corner_hz, rate, self.tuning)
         return np.asarray(clean + self.noise.sigma * noise)
+
+    def _unclaimed(self) -> Floats:
+        """From the slowest drive to the fastest, and a clock that is off: of position and velocity alike, (2, m)."""
+        rigs = [replace(self.rig, tick_steps=steps) for steps in (FASTEST_TICK, SLOWEST_TICK)]
+        fast, slow, own = (self._shown(simulate(rig, [Hidden()], self.legs, self.seed))[0] for rig in (*rigs, self.rig))
+        late = Hidden(command_delay=np.full(12, CLOCK_S))  # all commands late: what moves, moves later
+        clock = self._shown(simulate(self.rig, [late], self.legs, self.seed))[0] - own
+        return np.stack([slow - fast, clock])
+
+    def _shown(self, clean: Floats) -> Floats:
+        columns = [3 * leg + kind for leg in self.legs for kind in range(3)]
+        return np.asarray((clean[:, ::2, columns, :SHOWN] / self.noise.sigma[:SHOWN]).reshape(len(clean), -1))
 
     def _index(self) -> None:
         rows = np.arange(0, len(self.rig.command), 2)

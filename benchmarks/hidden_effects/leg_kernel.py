@@ -16,6 +16,7 @@ NAMES = (
     "gap", "gear_stiffness", "gear_damping", "armature", "bias", "quantum", "velocity_filter",
     "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry", "kp_slope",
     "damping_slope", "slew", "torque_limit", "hum", "hum_rate", "coupling",
+    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "load_friction",
 )  # fmt: skip
 COLUMN = {name: number for number, name in enumerate(NAMES)}
 CURVE_POINTS = 37
@@ -25,11 +26,13 @@ LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (wp.consta
 GAP, STIFFNESS, DAMPING, ARMATURE, BIAS, QUANTUM, FILTER = (wp.constant(i) for i in range(9, 16))
 COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (wp.constant(i) for i in range(16, 24))
 DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in range(24, 30))
+INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES, LOADED = (wp.constant(i) for i in range(30, 37))
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
 RENEW = wp.constant(STEPS_PER_INERTIA)
 PRESLIDING = wp.constant(6.0e-5)  # rad until a bristle gives way: far less than an encoder sees
 FASTEST = wp.constant(300.0)  # rad/s: ten times what the joints can do
+RUB_WIDTH = wp.constant(0.08)  # rad: a spot of some degrees
 HEAT_S = wp.constant(6.0)  # time constant of a motor's windings and housing, order of magnitude
 
 
@@ -135,6 +138,7 @@ def simulate(
     believed = wp.vec3()
     bristle = wp.vec3()
     heat = wp.vec3()
+    gathered = wp.vec3()
     pointer = wp.vec3i()
     pointer_forward = wp.vec3i()
     inverse = wp.mat33()
@@ -161,7 +165,8 @@ def simulate(
             joint = base + j
             fresh = step % steps_per_tick == 0
             if fresh:
-                seen = motor[j] + table[variant, joint, BIAS]
+                wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * motor[j])
+                seen = motor[j] + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
                 quantum = table[variant, joint, QUANTUM]
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
@@ -188,7 +193,8 @@ def simulate(
         if step % steps_per_row == 0:
             for j in range(3):
                 joint = base + j
-                seen = q[j] + table[variant, joint, BIAS]
+                wave = wp.sin(table[variant, joint, ECCENTRIC_CYCLES] * q[j])
+                seen = q[j] + table[variant, joint, BIAS] + table[variant, joint, ECCENTRIC] * wave
                 quantum = table[variant, joint, QUANTUM]
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
@@ -215,6 +221,8 @@ def simulate(
                 corner = table[variant, joint, CORNER]
                 bound = limit * wp.clamp((none - wp.abs(motor_v[j])) / (none - corner), 0.0, 1.0)
                 u = wp.clamp(u, -bound, bound)
+            gathered[j] = gathered[j] + (command[pointer[j], joint, 0] - encoder[j]) * H
+            u = u + table[variant, joint, INTEGRAL] * gains[0, joint] * gathered[j]
             u = u - lost(curve, variant, joint, u, limit)
             scale = table[variant, joint, GAIN] * (1.0 - table[variant, joint, SAG] * float(step) / float(total))
             heat[j] = heat[j] + (u * u - heat[j]) * (H / HEAT_S)
@@ -223,6 +231,8 @@ def simulate(
             u = u * scale + table[variant, joint, COGGING] * wp.sin(table[variant, joint, CYCLES] * motor[j])
             u = u + table[variant, joint, COUPLING] * wanted[(j + 1) % 3]
             time_s = float(step % 80000) * H
+            if wp.mod(time_s + 0.31 * float(joint), 0.83) < 0.06:
+                u = u * (1.0 - table[variant, joint, DROPOUT])
             u = u + table[variant, joint, HUM] * wp.sin(6.2831853 * table[variant, joint, HUM_RATE] * time_s)
             stiffness = table[variant, joint, STIFFNESS]
             if stiffness > 0.0:
@@ -243,6 +253,10 @@ def simulate(
             level = table[variant, joint, COULOMB] + table[variant, joint, BREAKAWAY] * wp.exp(-s * s)
             u = u - table[variant, joint, VISCOUS] * speed
             u = u - table[variant, joint, DAMPING_SLOPE] * speed * wp.abs(speed)
+            away = (q[j] - table[variant, joint, RUB_AT]) / RUB_WIDTH
+            rub = table[variant, joint, RUB] * wp.exp(-away * away)
+            rub = rub + table[variant, joint, LOADED] * wp.abs(delivered[j])
+            u = u - rub * wp.tanh(speed / 0.03)
             u = u - table[variant, joint, SPRING] * (q[j] - table[variant, joint, REST])
             if level > 0.0:
                 brush = level / PRESLIDING

@@ -23,13 +23,16 @@ from benchmarks.hidden_effects.robot import (
 )
 
 
-def model_text(*, free: bool, timestep: float, integrator: str = "implicitfast") -> str:
+def model_text(
+    *, free: bool, timestep: float, integrator: str = "implicitfast", friction: float = 1.0, contact_time: float = 0.02
+) -> str:
     """MJCF of the robot; with a free base it stands on a plane that touches nothing but its feet."""
+    ground = f' friction="{friction} 0.005 0.0001" solref="{contact_time} 1"'
     axes = rotation(TRUNK_QUATERNION)
     trunk = axes @ np.diag(TRUNK_INERTIA) @ axes.T
-    legs = "".join(_leg(number) for number in range(4))
+    legs = "".join(_leg(number, ground) for number in range(4))
     joint = "<freejoint/>" if free else ""
-    floor = '<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="2"/>' if free else ""
+    floor = f'<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="2"{ground}/>' if free else ""
     motors = "".join(f'<motor joint="{leg}_{kind}"/>' for leg in LEGS for kind in ("hip", "thigh", "calf"))
     return f"""<mujoco model="claimed">
   <compiler angle="radian" balanceinertia="false"/>
@@ -43,7 +46,7 @@ def model_text(*, free: bool, timestep: float, integrator: str = "implicitfast")
 </mujoco>"""
 
 
-def _leg(number: int) -> str:
+def _leg(number: int, ground: str) -> str:
     masses, centres, inertias = leg_links(number)
     leg, side, front = LEGS[number], SIDE[number], FRONT[number]
     inertial = [_inertial(*values) for values in zip(masses, centres, inertias, strict=True)]
@@ -56,7 +59,7 @@ def _leg(number: int) -> str:
           <body name="{leg}_calf" pos="0 0 {-THIGH}">
             <joint name="{leg}_calf" axis="0 1 0" armature="{armature[2]}"/>{inertial[2]}
             <geom name="{leg}" type="sphere" size="{FOOT_RADIUS}" pos="0 0 {-CALF}" mass="0"
-              contype="2" conaffinity="1" friction="1 0.005 0.0001"/>
+              contype="2" conaffinity="1"{ground}/>
           </body>
         </body>
       </body>"""

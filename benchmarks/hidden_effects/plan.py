@@ -48,7 +48,7 @@ CONFUSABLE: dict[Kind, tuple[tuple[str, str], ...]] = {
     "body": (("payload_mass", "com_offset"), ("payload_mass", "contact_compliance"), ("com_offset", "base_inertia")),
     "imu": (("imu_bias", "imu_latency"),),
 }  # fmt: skip
-OUTSIDE: dict[Kind, tuple[str, ...]] = {
+TUNING_OUTSIDE: dict[Kind, tuple[str, ...]] = {
     "joints": (
         "cogging", "kp_slope", "cable_spring", "asymmetric_gain", "hum", "coupling", "flexible_gear", "heating",
     ),
@@ -56,6 +56,13 @@ OUTSIDE: dict[Kind, tuple[str, ...]] = {
     "body": ("side_wind", "hidden_bump"),
     "imu": ("gyro_scale", "acc_hum"),
 }  # fmt: skip
+SEALED_OUTSIDE: dict[Kind, tuple[str, ...]] = {
+    "joints": ("integral_term", "rubbing_spot", "dropouts", "eccentric_encoder", "load_friction"),
+    "camera": ("rolled_camera", "column_pattern", "breathing_scale", "soft_mount"),
+    "body": ("loose_load", "nudges"),
+    "imu": ("gyro_cross", "attitude_wander"),
+}
+"""Never used in tuning."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +81,11 @@ class Run:
     seed: int
 
 
-def make_plan(seed: int, count: int, kinds: tuple[Kind, ...] = tuple(KINDS)) -> tuple[Run, ...]:
+def make_plan(
+    seed: int, count: int, kinds: tuple[Kind, ...] = tuple(KINDS), *, tuning: bool = False
+) -> tuple[Run, ...]:
     """Plans `count` runs, in an order that says nothing."""
+    outside = TUNING_OUTSIDE if tuning else SEALED_OUTSIDE
     rng = np.random.default_rng(seed)
     categories = _split(CATEGORIES, count, rng)
     runs = []
@@ -84,7 +94,7 @@ def make_plan(seed: int, count: int, kinds: tuple[Kind, ...] = tuple(KINDS)) -> 
         wanted = categories.count(category)
         shares = {kind: KINDS[kind] for kind in kinds if category != "damaged" or kind in ("joints", "body")}
         for number, kind in enumerate(_split(shares, wanted, rng)):
-            runs.append(_run(category, kind, number, effects, rng))
+            runs.append(_run(category, kind, number, outside[kind], effects, rng))
     return tuple(runs[i] for i in rng.permutation(len(runs)))
 
 
@@ -102,7 +112,9 @@ class _Deck:
         return next(self._decks[key])
 
 
-def _run(category: Category, kind: Kind, number: int, deck: _Deck, rng: np.random.Generator) -> Run:
+def _run(
+    category: Category, kind: Kind, number: int, outside: tuple[str, ...], deck: _Deck, rng: np.random.Generator
+) -> Run:
     effects: tuple[str, ...] = ()
     damage = ""
     if category == "one":
@@ -113,7 +125,7 @@ def _run(category: Category, kind: Kind, number: int, deck: _Deck, rng: np.rando
             pairs = tuple(itertools.combinations(LIBRARY[kind], 2))
         effects = tuple(deck.deal("two", kind, str(number % 2), cards=pairs))  # type: ignore[arg-type]
     elif category == "outside":
-        effects = (str(deck.deal("outside", kind, cards=OUTSIDE[kind])),)
+        effects = (str(deck.deal("outside", kind, cards=outside)),)
     elif category == "damaged":
         damage = str(deck.deal("damaged", cards=DAMAGES))
     multiples = MULTIPLES if category == "one" else MULTIPLES[1:]

@@ -34,12 +34,17 @@ class Scene(ABC):
         outside: Names of effects that no library has.
         group: Segment and signal to which each entry of a response belongs, as one number, shape (m,).
         places: Name of the joint, or of the sensor, to which each entry of a response belongs, shape (m,).
+        nuisances: What a response can differ by without any effect, as nobody claims it: rows at the largest amount
+            that it can have, in either direction; shape (k, m).
     """
 
     library: tuple[str, ...]
     outside: tuple[str, ...]
     group: NDArray[np.int64]
     places: NDArray[np.str_]
+    nuisances: Floats
+    sizing_rounds: int = 9
+    """Rounds of the search for the one-sigma sizes of the library: few where a simulation takes long."""
 
     @abstractmethod
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:

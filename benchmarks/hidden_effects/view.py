@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.hidden_effects import ray_kernel
 from benchmarks.hidden_effects.motions import Segment
@@ -36,6 +37,15 @@ class Path:
         """x, z and pitch at other times."""
         return tuple(np.interp(time_s, self.time_s, values) for values in (self.x, self.z, self.pitch))  # type: ignore[return-value]
 
+    def shake(self, time_s: Floats) -> Floats:
+        """Vertical acceleration and that of pitch, smoothed over 25 ms, in parts of their largest."""
+        step = self.time_s[1] - self.time_s[0]
+        total = np.zeros_like(self.time_s)
+        for values in (self.z, self.pitch):
+            smooth = gaussian_filter1d(values, 0.025 / step)
+            total += np.gradient(np.gradient(smooth, step), step) / 10.0
+        return np.asarray(np.interp(time_s, self.time_s, total / max(np.abs(total).max(), 1e-9)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Optics:
@@ -55,6 +65,12 @@ class Optics:
         v = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal
         both = np.stack(np.meshgrid(u, v), axis=-1)
         return np.asarray(scale * both * (1 + distortion * (both**2).sum(axis=-1, keepdims=True)))
+
+
+def rolled(tangents: Floats, angle: float) -> Floats:
+    """Tangents of a camera that is turned about its optical axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(tangents @ np.array([[c, s], [-s, c]]))
 
 
 def scenery(rng: np.random.Generator, *, flat: bool) -> tuple[Box, ...]:
