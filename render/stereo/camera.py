@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from render.postfilter import HoleFilling, SpatialFilter, TemporalFilter
+from render.stereo.background import Background
 from render.stereo.baseline_occlusion import BaselineOcclusion
 from render.stereo.depth_unit import DepthUnit
 from render.stereo.disparity_noise import DisparityNoise
@@ -29,6 +30,7 @@ StereoState = tuple[Any, ...]
 class StereoConfig:
     """The effects of a stereo camera in the order in which it makes them; the defaults are the D435i at 424x240."""
 
+    background: Background = field(default_factory=lambda: Background(distance=6.0))
     baseline_occlusion: BaselineOcclusion = field(default_factory=lambda: BaselineOcclusion(rejected=1.0))
     disparity_noise: DisparityNoise = field(default_factory=lambda: DisparityNoise(sigma=0.08))
     disparity_step: DisparityStep = field(default_factory=lambda: DisparityStep(step=1.0 / 32.0))

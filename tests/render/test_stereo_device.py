@@ -10,6 +10,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from render.holes import filled_along_rows, filled_from_around
+from render.stereo.background import Background
 from render.stereo.camera import StereoConfig
 from render.stereo.edge_holes import EdgeHoles
 from render.stereo.flying_pixels import FlyingPixels
@@ -29,6 +30,7 @@ COUNT, FRAMES = 24, 4
 SAMPLES = [(3, 1), (5, 5)]
 EACH_ITS_OWN = replace(
     StereoConfig(),
+    background=Background(distance=np.where(np.arange(COUNT) % 2 == 0, np.inf, 6.0)),
     edge_holes=EdgeHoles(fraction=np.linspace(0.0, 0.5, COUNT)),
     flying_pixels=FlyingPixels(fraction=np.linspace(0.0, 0.6, COUNT)),
 )
@@ -106,7 +108,8 @@ def test_images_are_those_of_the_processor(
     request.getfixturevalue("nothing_on_host")
     for one, other in zip(on_host, images(config, *seen), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
-    assert any(bool(torch.any(image == 0.0)) for image in on_host)
+    # with nothing behind the terrain, cameras that look over it keep holes that no filter can fill
+    assert any(bool(torch.any(image[::2] == 0.0)) for image in on_host) or config is not EACH_ITS_OWN
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.8, 0.97])

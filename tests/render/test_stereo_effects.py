@@ -9,6 +9,7 @@ import pytest
 import torch
 from stereo_scenes import flat_wall, wall_and_panel
 
+from render.stereo.background import Background
 from render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoCamera, StereoConfig
 from render.stereo.image import StereoImage, depth_of, stereo_image
 from render.stereo.optics import Optics
@@ -256,6 +257,26 @@ def test_far_and_grazing_surfaces_are_lost() -> None:
     assert np.mean(lost) > share[0] + 0.01
 
 
+@pytest.mark.parametrize("distance", [4.0, 6.0, 10.0])
+def test_where_nothing_is_hit_the_camera_looks_at_a_wall(distance: float) -> None:
+    """It is seen as a real wall there would be: as noisily, and lost as often."""
+    reported = []
+    for depth in (np.full((40, 64), distance), np.full((40, 64), np.inf)):
+        config = replace(UNFILTERED, background=Background(distance=distance))
+        reported.append(series(config, OPTICS, depth, np.zeros(depth.shape, np.bool_), 4))
+    np.testing.assert_array_equal(reported[0], reported[1])
+    assert 0.0 < np.mean(reported[0] == 0.0) < 0.7
+    near = only("background", background=Background(distance=distance))
+    scene = np.linspace(0.1, 0.999 * distance, 40 * 64).reshape(40, 64)
+    np.testing.assert_allclose(series(near, OPTICS, scene, np.zeros(scene.shape, np.bool_), 1)[0], scene, rtol=1e-6)
+
+
+def test_without_a_background_nothing_is_what_is_seen() -> None:
+    depth = np.full((40, 64), np.inf)
+    config = replace(UNFILTERED, background=Background())
+    assert not np.any(series(config, OPTICS, depth, np.zeros(depth.shape, np.bool_), 2))
+
+
 def test_order_of_effects_is_that_of_the_camera() -> None:
     assert [e.name for e in EXAMPLES] == [f.name for f in fields(StereoConfig)]
-    assert [e.name for e in UNFILTERED.effects if not e.is_null()] == [e.name for e in EXAMPLES[:8]]
+    assert [e.name for e in UNFILTERED.effects if not e.is_null()] == [e.name for e in EXAMPLES[:9]]
