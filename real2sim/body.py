@@ -17,7 +17,6 @@ from real2sim.body_testable import untestable
 from real2sim.body_windows import BLOCKS, cut_windows
 from real2sim.log import segments_of
 from real2sim.problem import Candidate, Estimate, Floats, Problem
-from saltus.effects.body import NOMINAL_FRICTION
 from saltus.errors import RecordingError
 from saltus.run_log import RunLog
 from saltus.sim.free import Box, Solver
@@ -61,7 +60,7 @@ class BodyProblem(Problem):
         self._windows = cut_windows(log, self.segments)
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
-        self._claims = Claims(payload_kg=float(log.meta.get("payload_kg") or 0.0))
+        self._claims = Claims.of(log.meta)
         self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
         self._replay = Replay(self._windows, self._terrain, self._span_s)
         self._index()
@@ -75,7 +74,12 @@ class BodyProblem(Problem):
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
-        return estimates(candidate.effect, values)
+        return estimates(candidate.effect, self._claims, values)
+
+    @property
+    def claims(self) -> Claims:
+        """What the log claims of body and ground."""
+        return self._claims
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,12 +101,12 @@ class BodyProblem(Problem):
         loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
         ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
         demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
-        slips_at = min(0.9 * demand, 0.9 * NOMINAL_FRICTION)
-        self.candidates = candidates(slips_at)
+        slips_at = min(0.9 * demand, 0.9 * self._claims.friction)
+        self.candidates = candidates(self._claims, slips_at)
         self._names = names_of(self.candidates)
         self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
         self._whiten = self._whitening(log)
-        self.candidates = candidates(self._slipperiest(slips_at))
+        self.candidates = candidates(self._claims, self._slipperiest(slips_at))
         self.untestable = untestable(self, self._at_rest, ratio, normal)
 
     def _slipperiest(self, otherwise: float) -> float:
@@ -110,18 +114,18 @@ class BodyProblem(Problem):
 
         Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
         """
-        column = self._names.index("foot_friction.less")
-        best, grid = 0.0, np.linspace(0.0, NOMINAL_FRICTION - FRICTION_RANGE[0], SCANNED)
+        column, most = self._names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
+        best, grid = 0.0, np.linspace(0.0, most, SCANNED)
         for _ in range(3):
             sets = np.repeat(self._at_rest[None, None], len(grid), axis=0)
             sets[:, 0, column] = grid
             best = float(grid[np.argmin(np.sum(self.residuals(sets) ** 2, axis=(1, 2)))])
             step = grid[1] - grid[0]
-            grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, NOMINAL_FRICTION - FRICTION_RANGE[0])
-        return NOMINAL_FRICTION - best if best > SMALLEST_LESS else otherwise
+            grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, most)
+        return self._claims.friction - best if best > SMALLEST_LESS else otherwise
 
     def _rig_at_rest(self) -> Any:
-        nothing = candidates(0.5 * NOMINAL_FRICTION)
+        nothing = candidates(self._claims, 0.5 * self._claims.friction)
         start = np.array([[value for c in nothing for value in c.starts[0]]])
         return rig_of(names_of(nothing), self._claims, start)
 

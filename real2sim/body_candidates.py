@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +10,13 @@ from real2sim.body_replay import Rig
 from real2sim.problem import Candidate, Estimate, Floats, Unknown
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.effects.torque_saturation import CURVE_REDUCTION
+from saltus.errors import RecordingError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
 LARGEST_TIME_CONSTANT_S = 0.05
+LEAST_SOFTER = 3.0
+"""A ground of twice the claimed time constant is within bounds, however soft that is."""
 FRICTION_RANGE = (0.1, 1.6)
 SECANT = 4.0
 """Searches step by a quarter of a scale; a scale of four times a step makes them take the whole step."""
@@ -25,18 +29,42 @@ class Claims:
     """What a log claims of body and ground."""
 
     payload_kg: float = 0.0
+    friction: float = NOMINAL_FRICTION
+    contact_time_constant: float = NOMINAL_CONTACT_TIME_CONSTANT_S
+
+    @classmethod
+    def of(cls, meta: dict[str, Any]) -> "Claims":
+        """Reads `meta.json`; what it does not say is as in the simulator.
+
+        Raises:
+            RecordingError: a claim that no ground and no robot has.
+        """
+        ground = meta.get("ground") or {}
+        claims = cls(
+            payload_kg=float(meta.get("payload_kg") or 0.0),
+            friction=float(ground.get("friction", NOMINAL_FRICTION)),
+            contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
+        )
+        if claims.friction <= 0.0 or claims.contact_time_constant <= 0.0 or claims.payload_kg < 0.0:
+            raise RecordingError(f"meta.json claims a ground or a payload that cannot be: {claims}")
+        return claims
+
+    def softness(self, time_constant: float) -> float:
+        """The coordinate of a time constant [s]."""
+        return (time_constant / self.contact_time_constant) ** 2 - 1.0
 
 
-def candidates(slips_at: float) -> tuple[Candidate, ...]:
+def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
     """The effects that motion of the base can show.
 
     Args:
+        claims: Of the log; effects count from there.
         slips_at: A coefficient of friction at which feet would slip in this log. Above it nothing changes with the
             coefficient, so that only a step as far as this shows in which direction the residuals go.
     """
-    slip_step = SECANT * (NOMINAL_FRICTION - slips_at)
-    highest = (LARGEST_TIME_CONSTANT_S / NOMINAL_CONTACT_TIME_CONSTANT_S) ** 2 - 1.0
-    lowest = (SMALLEST_TIME_CONSTANT_S / NOMINAL_CONTACT_TIME_CONSTANT_S) ** 2 - 1.0
+    slip_step = SECANT * (claims.friction - slips_at)
+    highest = max(claims.softness(LARGEST_TIME_CONSTANT_S), LEAST_SOFTER)
+    lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
     return (
         _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.2)),
         _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
@@ -46,8 +74,8 @@ def candidates(slips_at: float) -> tuple[Candidate, ...]:
             "feet",
             Unknown(
                 name="less",
-                low=NOMINAL_FRICTION - FRICTION_RANGE[1],
-                high=NOMINAL_FRICTION - FRICTION_RANGE[0],
+                low=min(claims.friction - FRICTION_RANGE[1], 0.0),
+                high=max(claims.friction - FRICTION_RANGE[0], 0.0),
                 scale=slip_step,
             ),
         ),
@@ -76,11 +104,11 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     n = len(unknowns)
     body = claimed_body(
         (n,),
-        friction=NOMINAL_FRICTION - value["foot_friction.less"],
+        friction=claims.friction - value["foot_friction.less"],
         payload_kg=claims.payload_kg + value["payload_mass.mass"],
         com_shift=np.stack([value[f"com_offset.{axis}"] for axis in "xyz"], axis=-1),
         inertia_scale=1.0 + value["base_inertia.excess"],
-        contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S * np.sqrt(1.0 + value["contact_compliance.softness"]),
+        contact_time_constant=claims.contact_time_constant * np.sqrt(1.0 + value["contact_compliance.softness"]),
     )
     return Rig(
         body=body,
@@ -100,15 +128,15 @@ def names_of(candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
     return tuple(f"{c.effect}.{unknown.name}" for c in candidates for unknown in c.unknowns)
 
 
-def estimates(effect: str, values: Floats) -> dict[str, Estimate]:
+def estimates(effect: str, claims: Claims, values: Floats) -> dict[str, Estimate]:
     """Parameters in the schema's names and units."""
     v = [float(value) for value in values]
     if effect == "torque_saturation":
         return _saturation(v[0], v[1])
-    return dict(_plain(effect, v))
+    return dict(_plain(effect, claims, v))
 
 
-def _plain(effect: str, v: list[float]) -> Iterator[tuple[str, Estimate]]:
+def _plain(effect: str, claims: Claims, v: list[float]) -> Iterator[tuple[str, Estimate]]:
     if effect == "payload_mass":
         yield "mass", Estimate(value=v[0], unit="kg")
     elif effect == "com_offset":
@@ -116,9 +144,9 @@ def _plain(effect: str, v: list[float]) -> Iterator[tuple[str, Estimate]]:
     elif effect == "base_inertia":
         yield "scale", Estimate(value=1.0 + v[0], unit="")
     elif effect == "foot_friction":
-        yield "coefficient", Estimate(value=NOMINAL_FRICTION - v[0], unit="")
+        yield "coefficient", Estimate(value=claims.friction - v[0], unit="")
     elif effect == "contact_compliance":
-        time_constant = NOMINAL_CONTACT_TIME_CONSTANT_S * float(np.sqrt(1.0 + v[0]))
+        time_constant = claims.contact_time_constant * float(np.sqrt(1.0 + v[0]))
         yield "time_constant", Estimate(value=time_constant, unit="s")
     elif effect == "torque_gain":
         yield "gain", Estimate(value=1.0 + v[0], unit="")

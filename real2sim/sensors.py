@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from real2sim.body_support import LEAST_SHARE, carried_by
 from real2sim.problem import Problem
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
+from saltus.go1 import JOINTS
 from saltus.run_log import RunLog
 
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
@@ -46,7 +48,14 @@ def _no_images(log: RunLog) -> str:
 def _no_free_base(log: RunLog) -> str:
     if log.meta["base"] == "fixed":
         return "the base is held"
-    return "" if log.base is not None else "no measured pose of the base (base.csv)"
+    if log.base is None:
+        return "no measured pose of the base (base.csv)"
+    if len(log.meta["joints"]) != len(JOINTS):
+        return f"{len(log.meta['joints'])} joints: what moves the body is not known"
+    share = carried_by(log)
+    if share >= LEAST_SHARE:
+        return ""
+    return f"the robot does not stand on its legs: their drives carry {share:.0%} of its weight"
 
 
 def _no_imu(log: RunLog) -> str:
