@@ -86,7 +86,8 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
     Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. Where none
-    agrees, all places at which the effect is present, with one value if they agree on it, else each with its own.
+    agrees, all places at which the effect is present, with one value if they agree on it, else one for each kind of
+    place - a saturation of small motors and of a large one - or, where one kind does not agree, for each of its places.
     `least` is the RMS from which an effect is present.
     """
     everywhere = list(range(len(places)))
@@ -99,14 +100,16 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
         [[i] for i in everywhere],
     ]
     for tier in tiers:
-        misfits = [_misfit(places, members, present) for members in tier]
+        misfits = [_misfit(problem, places, members, present) for members in tier]
         best = int(np.argmax(misfits))
         if misfits[best] > CONSISTENT:
             return [_pool([places[i] for i in tier[best]])]
     members = [places[i] for i in present]
-    if len(members) > 1 and _agreement(members) > CONSISTENT:
+    if _agreement(problem, members) > CONSISTENT:
         return [_pool(members)]
-    return [_pool([place]) for place in members]
+    alike = [own for own in _by_kind(problem, members) if _agreement(problem, own) > CONSISTENT]
+    rest = [place for own in _by_kind(problem, members) if own not in alike for place in own]
+    return [_pool(own) for own in (*alike, *([place] for place in rest))]
 
 
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
@@ -185,20 +188,43 @@ def _weights(places: list[Place], share: float) -> list[Floats]:
     return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
 
 
-def _agreement(places: list[Place]) -> float:
-    """Probability of a scatter as large as that of the estimates if there is one value."""
-    weights = _weights(places, SAME)
-    mean = np.linalg.solve(sum(weights), sum(w @ p.value for w, p in zip(weights, places, strict=True)))
-    square = sum(float((p.value - mean) @ w @ (p.value - mean)) for w, p in zip(weights, places, strict=True))
-    freedom = (len(places) - 1) * len(mean)
+def _agreement(problem: Problem, places: list[Place]) -> float:
+    """Probability of a scatter as large as that of the estimates if there is one value.
+
+    Kinds of places are asked on their own, too: that one kind differs from the others would be lost in the scatter of
+    all places.
+    """
+    kinds = [_pool(own) for own in _by_kind(problem, places)]
+    return min(
+        _scatter([place.value for place in places], _weights(places, SAME)),
+        _scatter([kind.value for kind in kinds], [_between(kind, kinds) for kind in kinds]),
+    )
+
+
+def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
+    kinds = dict.fromkeys(problem.candidates[place.candidate].where for place in places)
+    return [[place for place in places if problem.candidates[place.candidate].where == kind] for kind in kinds]
+
+
+def _between(kind: Group, kinds: list[Group]) -> Floats:
+    """Inverse covariance of a kind's value: drives differ by a share of the largest, each on its own."""
+    share = SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
+    return np.asarray(np.linalg.inv(kind.covariance + np.diag(share**2 + 1e-18)))
+
+
+def _scatter(values: list[Floats], weights: list[Floats]) -> float:
+    """Probability of values as far apart as these if they are one."""
+    mean = np.linalg.solve(sum(weights), sum(w @ x for w, x in zip(weights, values, strict=True)))
+    square = sum(float((x - mean) @ w @ (x - mean)) for w, x in zip(weights, values, strict=True))
+    freedom = (len(values) - 1) * len(mean)
     return float(stats.chi2.sf(square, freedom)) if freedom else 1.0
 
 
-def _misfit(places: list[Place], members: list[int], present: list[int]) -> float:
+def _misfit(problem: Problem, places: list[Place], members: list[int], present: list[int]) -> float:
     """Probability of estimates as far from a pattern as these: one value at its members, absent elsewhere."""
     if not set(present) <= set(members):
         return 0.0
-    return _agreement([places[i] for i in members])
+    return _agreement(problem, [places[i] for i in members])
 
 
 def _pool(places: list[Place]) -> Group:

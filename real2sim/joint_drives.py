@@ -44,8 +44,8 @@ class Drives:
     """Weight, corner and no-load speed [rad/s]."""
     saturation: tuple[Floats, Floats, Floats] | None = None
     """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
-    hinges: tuple[tuple[Floats, float], ...] = ()
-    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on."""
+    hinges: tuple[tuple[Floats, Floats], ...] = ()
+    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape (joints, 1)."""
     gain: Floats | None = None
     """Less 1."""
     sag: Floats | None = None

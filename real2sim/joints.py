@@ -40,6 +40,7 @@ class JointProblem(Problem):
 
     Attributes:
         reached: How far the log goes at each place of the legs.
+        limit: Torque limit of each place [Nm], shape (places,).
 
     Raises:
         RecordingError: a base that moves, or too few rows.
@@ -67,7 +68,9 @@ class JointProblem(Problem):
         places, self.blocks, self.places = _named(names, branches)
         self.reached = reached_by(self._rows, kp, kd, branches, self._steps)
         self.untestable = untestable(log, self._rows, self.reached)
-        self._candidates = JointCandidates(places, _torque_limits(branches), self.reached, tuple(self.untestable))
+        limits = _torque_limits(branches)
+        self.limit = limits[0]
+        self._candidates = JointCandidates(places, limits, self.reached, tuple(self.untestable))
         self.candidates = self._candidates.listed
         self._name_samples(places)
         self._learn_noise()
@@ -81,26 +84,21 @@ class JointProblem(Problem):
                 out[part] = self._residuals(unknowns[part])
         return out
 
-    def residuals_with_hinges(self, unknowns: Floats, joint: int, corners: Floats, slopes: Floats) -> Floats:
-        """Residuals with a saturation in pieces at one place of all legs, shape (sets, blocks x m).
+    def residuals_with_hinges(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
+        """Residuals with saturations in pieces, shape (sets, blocks x m).
 
         Args:
-            unknowns: Of all else, shape (blocks, unknowns).
-            joint: The place, counted from the base.
-            corners: Torque from which on each piece takes [Nm], shape (pieces,).
-            slopes: What share it takes, shape (sets, pieces).
+            unknowns: Of all else, shape (sets, blocks, unknowns).
+            corners: Torque from which on each piece takes [Nm], shape (places, pieces).
+            slopes: What share it takes, shape (sets, blocks, places, pieces).
         """
-        same = np.repeat(unknowns[None], len(slopes), axis=0)
-        drives = self._candidates.drives(same, self._motion.dt_s)
-        at = np.zeros((self._robot.branches.shape[1], 1))
-        at[joint] = 1.0
-        hinges = tuple((slope * at, float(corner)) for slope, corner in zip(slopes.T, corners, strict=True))
+        drives = self._candidates.drives(unknowns, self._motion.dt_s)
+        hinges = tuple((slopes[..., k].transpose(1, 2, 0), corners[:, k, None]) for k in range(corners.shape[1]))
         return self._whitened(replace(drives, hinges=hinges)).reshape(len(slopes), -1)
 
-    def candidates_of(self, effect: str, place: str) -> tuple[slice, int]:
-        """Columns of an effect at a place, and which joint of a leg that is."""
-        joint = list(self.places[0]).index(place)
-        return self._candidates.columns(effect, joint), joint
+    def columns_of(self, effect: str, place: str) -> slice:
+        """Where the unknowns of an effect at a place of a leg stand."""
+        return self._candidates.columns(effect, list(self.places[0]).index(place))
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from real2sim.joint_drives import lost
 from real2sim.joints import JointProblem
 from real2sim.problem import Floats
-from real2sim.saturation_curve import saturation_curve
+from real2sim.saturation_curve import saturation_curves
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
@@ -238,7 +238,7 @@ def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
     problem = JointProblem(noisy(motion(TorqueSaturation(curve=GO1_CURVE), kp=70.0)))
     assert problem.reached[2].torque > 35.0
-    columns = np.concatenate([np.r_[problem.candidates_of("torque_saturation", place)[0]] for place in PLACES])
+    columns = np.concatenate([np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES])
     value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)
     fitted = unknowns(problem, {})
     for _ in range(4):
@@ -248,6 +248,6 @@ def test_the_dynamometers_table_from_a_log() -> None:
         slopes = (r[1:] - r[0]) / step[:, None]
         value -= np.linalg.solve(slopes @ slopes.T, slopes @ r[0])
     fitted[:, columns] = value
-    curve = np.array([(a, b) for a, b in saturation_curve(problem, fitted, "calf") if a <= 35.0])
+    curve = np.array([(a, b) for a, b in saturation_curves(problem, fitted)["calf"] if a <= 35.0])
     asked, given = np.array(((0.0, 0.0), *GO1_CURVE)).T
     np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)
