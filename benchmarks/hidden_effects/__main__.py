@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from benchmarks.hidden_effects import confusion, identify, score
+from benchmarks.hidden_effects import cases, confusion, identify, score
 from benchmarks.hidden_effects.generate import generate
 from benchmarks.hidden_effects.plan import KINDS, make_plan
 
@@ -18,10 +18,10 @@ def main() -> None:
     elif options.part == "identify":
         identify.identify(options.logs, options.out, identify.command, options.jobs)
     else:
-        cases = score.read_cases(options.verdicts, options.truth)
-        table = score.table(cases)
+        marked = cases.read_cases(options.verdicts, options.truth)
+        table = score.table(marked)
         (options.verdicts / "score.json").write_text(json.dumps(table, indent=1))
-        confusion.write_confusion(cases, options.verdicts)
+        confusion.write_confusion(marked, options.verdicts)
         print(json.dumps(table) if options.json else _text(table))
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from benchmarks.hidden_effects.cases import Case
 from benchmarks.hidden_effects.plan import LIBRARY
-from benchmarks.hidden_effects.score import Case
 
 OTHER = ("several", "set", "unexplained", "no_gap", "bad_log", "error")
 
@@ -32,12 +32,18 @@ def matrix(cases: list[Case]) -> tuple[list[str], list[str], np.ndarray]:
 
 
 def write_confusion(cases: list[Case], directory: Path) -> None:
-    """Writes confusion.csv and confusion.html."""
+    """Writes confusion.csv, confusion.html and runs.csv, a line for each run."""
     rows, columns, counts = matrix(cases)
     with (directory / "confusion.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["true", *columns])
         writer.writerows([name, *line] for name, line in zip(rows, counts.tolist(), strict=True))
+    with (directory / "runs.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(
+            ["run", "kind", "category", "counts", "separable", "true", "multiples", "verdict", "named", "sets"]
+        )
+        writer.writerows(_line(case) for case in cases)
     shown = np.where(counts > 0, counts, np.nan)
     figure = go.Figure(
         go.Heatmap(
@@ -47,3 +53,21 @@ def write_confusion(cases: list[Case], directory: Path) -> None:
     figure.update_layout(width=1100, height=950, xaxis_title="said", yaxis_title="true", yaxis_autorange="reversed")
     figure.update_traces(colorscale="Blues", showscale=False, xgap=1, ygap=1)
     figure.write_html(directory / "confusion.html", include_plotlyjs="cdn")
+
+
+def _line(case: Case) -> list[str]:
+    truth = case.truth
+    damaged = truth["category"] == "damaged"
+    multiples = [] if damaged else [f"{multiple:.1f}" for multiple in truth["multiples"]]
+    return [
+        truth["name"],
+        truth["kind"],
+        truth["category"],
+        str(not damaged and case.counts()),
+        str(not damaged and case.separable()),
+        " + ".join(case.true_names) or truth["damage"],
+        " ".join(multiples),
+        case.said,
+        " + ".join(case.named),
+        "; ".join(" | ".join(names) for names in case.verdict.get("sets", [])),
+    ]

@@ -62,7 +62,6 @@ class JointScene(Scene):
         ideal = simulate(self.rig, [Hidden()])[0]
         self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
         self._index()
-        self.nuisances = self._unclaimed()
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         """See `Scene`."""
@@ -115,6 +114,7 @@ class JointScene(Scene):
         group = segment[:, None, None] * SHOWN + np.arange(SHOWN)
         self.group = np.broadcast_to(group, shape).ravel()
         self.places = np.broadcast_to(np.array(JOINTS)[joints][:, None], shape).ravel()
+        self.nuisances = self._unclaimed()
 
 
 def draw_where(rng: np.random.Generator) -> tuple[str, ...]:
