@@ -108,9 +108,8 @@ def _rule(
     is_gap = court.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
         return "unexplained" if is_gap else "no_gap"
-    effects = len(chosen.fit.model)
-    is_closed = _closed(court, tested, null.fit.residuals, final) >= decide.CLOSED_SHARE[effects - 1]
-    if effects > 2:  # three effects imitate a fourth closely, but not to within noise
+    is_closed = _closed(court, tested, null.fit.residuals, final) >= decide.explained_share(court, chosen.fit.model)
+    if len(chosen.fit.model) > 2:  # three effects imitate a fourth closely, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:
         return "unexplained" if is_gap else "no_gap"

@@ -25,6 +25,10 @@ one robot were seen to differ by 0.15 to 0.4 through their integrators and time 
 a finding."""
 TOGETHER = 2.0
 """How much larger effects must be that are named together: weak ones imitate in pairs what no library holds."""
+BESIDE = 1.2
+"""It is enough for one of them to be so much larger, beside others that are `TOGETHER` times as large, when it closes
+`CLEAR_SHARE` of what the model without it leaves: weak ones that imitate need each other."""
+CLEAR_SHARE = 0.75
 REMAINDER_SHARE = 0.4
 """A further effect must close at least this share of what the model without it leaves. A false one picks up a part of
 a misfit, a true one leaves noise."""
@@ -33,9 +37,11 @@ FURTHER_SHARE = 0.01
 two correct simulations of those others differ by."""
 COLLINEAR = 0.95
 """Cosine from which two effects count as inseparable, by the schema of run logs."""
-CLOSED_SHARE = (0.75, 0.95, 0.99)
+CLOSED_SHARE = (0.75, 0.98, 0.99)
 """A model of one, two, three effects that closes less of the gap than this does not explain it: the more effects, the
-easier is it to imitate another."""
+easier is it to imitate another. A flexible gear, which no library holds, is a lag and a lost gain to 0.97."""
+PROMISING_SHARE = 0.8
+"""A pair that closes less lacks more than one further effect: larger models are not tried."""
 REMAINDER_RMS = 0.5
 """RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
 SET_SIZE = 3
@@ -114,14 +120,34 @@ def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
 def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Scored, dispersion: float) -> bool:
     if not court.lead(held, rival, dispersion):
         return False
+    is_clear = False
     if held.fit.model:
         null = next(each for each in scored if not each.fit.model)
         more = court.closed(null, null, rival) - court.closed(null, null, held)
-        if court.closed(null, held, rival) < REMAINDER_SHARE or more < FURTHER_SHARE:
+        further = court.closed(null, held, rival)
+        if further < REMAINDER_SHARE or more < FURTHER_SHARE:
             return False
+        is_clear = further >= CLEAR_SHARE
     fits = {each.fit.model: each.fit for each in scored}
-    least = court.size * (TOGETHER if len(rival.fit.model) > 1 else 1.0)
-    return all(largest_rms(court, fits, rival.fit, effect) >= least for effect in rival.fit.model)
+    sizes = sorted(largest_rms(court, fits, rival.fit, effect) / court.size for effect in rival.fit.model)
+    if len(sizes) == 1:
+        return sizes[0] >= 1.0
+    return sizes[0] >= (BESIDE if is_clear else TOGETHER) and sizes[1] >= TOGETHER
+
+
+def may_gain(court: Court, null: Fit, fit: Fit) -> bool:
+    """Whether a model with one more effect than this fit could be chosen: it leaves enough, and not far too much."""
+    before, after = court.cells.structure(null.residuals), court.cells.structure(fit.residuals)
+    if court.cells.largest_rms(after) <= court.size:
+        return False
+    left = 1.0 - court.cells.share_gone(before, after, court.cells.shows(before, court.size))
+    return left >= FURTHER_SHARE and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
+
+
+def explained_share(court: Court, model: Model) -> float:
+    """Share of the gap that a model must close to explain it."""
+    faithful = min(c.faithful for c in court.layout.candidates if c.effect in model)
+    return CLOSED_SHARE[len(model) - 1] * faithful
 
 
 def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:

@@ -16,9 +16,6 @@ SAME = 0.1
 or gain of equal drives scatters by."""
 CONSISTENT = 1e-3
 """Significance at which a pattern of places is rejected."""
-MODEL_ERROR = 0.02
-"""Standard error, as a share of a parameter or of its distance from the null value, by which two correct models of one
-effect disagree on it, e.g. a smooth and a sharp law of friction."""
 PRESENT = 3.0
 """An effect is present at a place from this many standard errors."""
 PRESENT_SHARE = 0.1
@@ -152,7 +149,7 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     for name, null in problem.physical(candidate, absent).items():
         distance = abs(values[name].value - null.value)
         size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
-        variance[name] = (MODEL_ERROR * size) ** 2
+        variance[name] = (candidate.model_error * size) ** 2
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
     powers, axes = np.linalg.eigh(one.covariance)

@@ -53,6 +53,11 @@ class Candidate:
     """Values from which fits start, in the order of `unknowns`; at least one."""
     is_nuisance: bool = False
     """Fitted with every model, the empty one too, and never reported, e.g. the rate of the drive's loop."""
+    model_error: float = 0.02
+    """Standard error, as a share of a parameter or of its distance from the null value, by which two right models of
+    the effect disagree on it, e.g. a smooth and a sharp law of friction."""
+    faithful: float = 1.0
+    """Share of its gap that a right model of the effect closes; less where chance decides, as when a drive hunts."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,7 +76,7 @@ class _Search:
         if self._is_worth_fitting():
             self._fit_singles()
             for size in range(2, LARGEST + 1):
-                if self._leaves_more(court, self._best(size - 1)):
+                if decide.may_gain(court, self._fits[()], self._fits[self._best(size - 1)]):
                     self._fit_larger(self._best(size - 1), size)
         return conclude.findings(self._problem, court, self._evaluate, self._fits, self._library_quadratic)
 
@@ -138,11 +138,6 @@ class _Search:
         null = quadratic.where(self._layout.nuisances)
         gain = 0.5 * (quadratic.fit_cost(null) - quadratic.fit_cost(np.ones_like(null)))
         return gain > decide.GAIN_NATS
-
-    def _leaves_more(self, court: decide.Court, model: Model) -> bool:
-        """Whether a fit leaves enough for another effect."""
-        structure = court.cells.structure(self._fits[model].residuals)
-        return court.cells.largest_rms(structure) > court.size
 
     def _fit_singles(self) -> None:
         """Each effect alone; the best again with fresh derivatives, by their shapes too."""
