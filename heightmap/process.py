@@ -8,7 +8,7 @@ from heightmap.fleet import FleetService
 from heightmap.link import RobotLink
 from heightmap.model_inbox import FILE, ModelInbox
 from heightmap.network import HeightmapNetwork
-from saltus.bus import pause_s
+from saltus.bus import SLEEP_MIN_S, pause_s
 from saltus.errors import ModelError
 from saltus.process import STATUS_PERIOD_S, ProcessContext
 from saltus.resources import resource
@@ -49,8 +49,13 @@ class HeightmapProcess:
             if self._answer():
                 since_s = time.monotonic()
             else:
-                time.sleep(pause_s(time.monotonic() - since_s))
+                time.sleep(self._pause_s(time.monotonic() - since_s))
         self._inbox.close()
+
+    def _pause_s(self, waited_s: float) -> float:
+        """The shortest pause where some robot's state is due, so that it is not noticed late."""
+        now_ns = time.monotonic_ns()
+        return SLEEP_MIN_S if any(link.is_due(now_ns) for link in self._links.values()) else pause_s(waited_s)
 
     def _answer(self) -> bool:
         """Answers whoever asks; returns whether anybody did."""

@@ -16,14 +16,25 @@ class Bench:
 
     what: Annotated[
         Literal[
-            "qp", "render", "inference", "transport", "stack", "planner", "train", "stance_batched", "faults", "landing"
+            "qp",
+            "render",
+            "inference",
+            "transport",
+            "stack",
+            "planner",
+            "train",
+            "stance_batched",
+            "faults",
+            "landing",
+            "service_faults",
         ],
         tyro.conf.Positional,
     ]
     """qp: ground reaction forces and the leg controller. render: the depth cameras. inference: the heightmap service.
     transport: the bus. stack: a real-time run. planner: its success on fresh seeds. train: the
-    motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during a
-    run. landing: robots at full speed that are left without a planner."""
+    motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during
+    a run. landing: robots at full speed that are left without a planner. service_faults: error of the heights after
+    faults of the camera's stream."""
     arguments: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Passed to the benchmark, one at a time."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
