@@ -1,0 +1,136 @@
+"""One heightmap process serves several robots; one falls silent, bad and good models are given to it while it runs."""
+
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+from heightmap.model_inbox import FILE, give
+from heightmap.replay import AssumeLevel
+from saltus.bus import ZenohBus
+from saltus.config import RunConfig, to_toml
+from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from saltus.messages import DepthFrame, HeightmapStatus
+from saltus.model_file import ModelFile, put_model
+from saltus.process import RUN_FILE
+from saltus.resources import resource
+from saltus.stack import open_router
+from saltus.ticker import Ticker
+
+ROBOTS = ("fleet/0", "fleet/1", "fleet/2")
+READY_S = 60.0
+PATIENCE_S = 30.0
+
+
+class Robot:
+    """Sends a state every 10 ms and an image every 20 ms, 50 ms old; keeps what it is answered."""
+
+    def __init__(self, endpoint: str, prefix: str, epoch_ns: int) -> None:
+        self.bus = ZenohBus(endpoint, prefix)
+        self.answered: Counter[tuple[str, HeightmapStatus]] = Counter()
+        self.events: list[str] = []
+        self.refused = 0
+        self._epoch_ns, self._step = epoch_ns, 0
+        self._states, self._frames = self.bus.publisher("controller/state"), self.bus.publisher("camera/depth")
+        self._heightmaps = self.bus.latest("heightmap/heightmap")
+        self._status, self._event = self.bus.latest("status", "heightmap"), self.bus.latest("event", "heightmap")
+        self._rng = np.random.default_rng(0)
+
+    def step(self) -> None:
+        frame = DepthFrame(
+            time_ns=time.monotonic_ns() - self._epoch_ns - 50_000_000,
+            frame_id=self._step // 2,
+            depth=self._rng.integers(300, 2500, (MODEL_CAMERA.height, MODEL_CAMERA.width)).astype(np.uint16),
+            depth_unit_m=MILLIMETRE,
+            fx=MODEL_CAMERA.fx,
+            fy=MODEL_CAMERA.fy,
+            cx=MODEL_CAMERA.cx,
+            cy=MODEL_CAMERA.cy,
+        )
+        if self._step % 2 == 0:
+            self._frames.put(frame)
+        self._states.put(replace(AssumeLevel().states([frame])[0], step=self._step))
+        self._step += 1
+        self.listen()
+
+    def listen(self) -> None:
+        heightmap, status, event = self._heightmaps.take(), self._status.take(), self._event.take()
+        if heightmap is not None:
+            self.answered[heightmap.message.model_id, HeightmapStatus(heightmap.message.status)] += 1
+        if status is not None:
+            self.refused = status.message.rejected.get("model/refused", 0)
+        if event is not None:
+            self.events.append(event.message.code)
+
+
+@pytest.fixture
+def robots(tmp_path: Path) -> Iterator[list[Robot]]:
+    endpoint, router = open_router()
+    epoch_ns = time.monotonic_ns() - 1_000_000_000
+    (tmp_path / RUN_FILE).write_text(to_toml(RunConfig(pace="realtime", epoch_ns=epoch_ns, time_limit_s=600.0)))
+    robots = [Robot(endpoint, prefix, epoch_ns) for prefix in ROBOTS]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "heightmap", "--run-dir", str(tmp_path), "--endpoint", endpoint, "--robots", *ROBOTS],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert robots[0]._status.wait(READY_S) is not None
+    yield robots
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 0
+    for robot in robots:
+        robot.bus.close()
+    router.close()
+
+
+def run_until(robots: list[Robot], done: str) -> None:
+    """Robots send until the first of them is told of an event."""
+    ticker, deadline_s = Ticker(100.0), time.monotonic() + PATIENCE_S
+    while done not in robots[0].events:
+        assert time.monotonic() < deadline_s, f"no {done}: {robots[0].events}, {robots[0].answered}"
+        ticker.wait()
+        for robot in robots:
+            robot.step()
+
+
+def another_model(folder: Path) -> Path:
+    """The shipped model with a remark, which makes it another file."""
+    model = onnx.load(resource("models/heightmap.onnx"))
+    model.metadata_props.add(key="remark", value="another")
+    partial, path = folder / ".partial", folder / "another.onnx"
+    onnx.save(model, partial)
+    put_model(partial, path)
+    return path
+
+
+def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(robots: list[Robot], tmp_path: Path) -> None:
+    shipped = ModelFile(resource("models/heightmap.onnx")).model_id
+    run_until(robots, "heightmap_ok")
+    assert {model for robot in robots for model, _ in robot.answered} == {shipped}
+    active, silent = robots[:2], robots[2]
+    silent.listen()
+    before = silent.answered.total()
+
+    bad = tmp_path / ".bad"
+    bad.write_bytes(resource("models/heightmap.onnx").read_bytes()[:-4096])
+    put_model(bad, tmp_path / FILE)
+    run_until(active, "model_refused")
+    assert {model for robot in robots for model, _ in robot.answered} == {shipped}
+
+    model_id = give(another_model(tmp_path), tmp_path)
+    for robot in active:
+        robot.answered.clear()
+    run_until(active, "model_swapped")
+    for robot in active:
+        assert {model for model, _ in robot.answered} == {shipped, model_id}
+        assert not any(status == HeightmapStatus.WARMING for _, status in robot.answered)
+        assert robot.refused == 1
+    silent.listen()
+    assert silent.answered.total() <= before + 1
