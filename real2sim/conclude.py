@@ -42,7 +42,8 @@ def findings(
     confusion = signature.confusion(court.layout, around, chosen.fit.model)
     alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
     reported = {effect: _report(problem, court, chosen.fit, effect) for effect in chosen.fit.model}
-    final = _simulate(evaluate, court, chosen.fit, [group for groups in reported.values() for group in groups])
+    unknowns = _as_reported(court, chosen.fit, [group for groups in reported.values() for group in groups])
+    final = np.asarray(evaluate("reported values", unknowns[np.newaxis])[0]) if reported else chosen.fit.residuals
     tested = Cells.of(problem, ~court.split.is_fit)
     ruling = _rule(problem, court, tested, null, chosen, alike, final)
     is_told = ruling in ("named", "set")
@@ -57,7 +58,11 @@ def findings(
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
         residuals=Residuals(
-            before=null.fit.residuals, after=final, effects=chosen.fit.model, is_test=~court.split.is_fit
+            before=null.fit.residuals,
+            after=final,
+            unknowns=unknowns,
+            effects=chosen.fit.model,
+            is_test=~court.split.is_fit,
         ),
         remainder=tested.largest_rms(tested.structure(final)),
         minimum_detectable=_minimum_detectable(problem, court, library(()), fits[()], dispersion),
@@ -82,8 +87,8 @@ def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list
     return [estimates.found_effect(problem, effect, group, total) for group in groups]
 
 
-def _simulate(evaluate: Evaluator, court: Court, fit: Fit, groups: list[estimates.Group]) -> Floats:
-    """Residuals with the reported values at the reported places and nothing elsewhere, shape (blocks, m)."""
+def _as_reported(court: Court, fit: Fit, groups: list[estimates.Group]) -> Floats:
+    """The reported values at the reported places and nothing elsewhere, shape (blocks, unknowns)."""
     unknowns = fit.unknowns.copy()
     sized = court.layout.of_effects(fit.model)
     unknowns[:, sized[~court.layout.is_shape[sized]]] = 0.0
@@ -91,7 +96,7 @@ def _simulate(evaluate: Evaluator, court: Court, fit: Fit, groups: list[estimate
         for place in group.places:
             columns = court.layout.of_candidate(place.candidate)
             unknowns[place.block, columns] = np.clip(group.value, court.layout.low[columns], court.layout.high[columns])
-    return np.asarray(evaluate("reported values", unknowns[np.newaxis])[0]) if groups else fit.residuals
+    return unknowns
 
 
 def _rule(

@@ -28,6 +28,8 @@ class FoundEffect:
     where: str | tuple[str, ...]
     """"all", the names of places, or, where the problem has one place only, its name."""
     params: dict[str, Interval]
+    curve: tuple[tuple[float, float], ...] = ()
+    """Of a saturation: commanded and delivered torque at these places [Nm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +78,8 @@ class Residuals:
     """By the model without effects, shape (blocks, m)."""
     after: Floats
     """By the model that was chosen, with the values as they are reported, shape (blocks, m)."""
+    unknowns: Floats
+    """Of that model, with the values as they are reported, shape (blocks, unknowns)."""
     effects: tuple[str, ...]
     """Of that model; it is chosen where it explains too little to be named, too."""
     is_test: NDArray[np.bool_]

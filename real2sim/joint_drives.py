@@ -15,6 +15,7 @@ from saltus.effects.actuator_lag import lag_weights
 from saltus.effects.velocity_filter import low_pass_weights
 
 Indices = NDArray[np.int64]
+Hinges = tuple[tuple[Floats, Floats], ...]
 
 
 class Memory:
@@ -44,7 +45,7 @@ class Drives:
     """Weight, corner and no-load speed [rad/s]."""
     saturation: tuple[Floats, Floats, Floats] | None = None
     """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
-    hinges: tuple[tuple[Floats, Floats], ...] = ()
+    hinges: Hinges = ()
     """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape (joints, 1)."""
     gain: Floats | None = None
     """Less 1."""
@@ -113,12 +114,8 @@ class Drives:
             torque = torque + in_mean * (start - torque)
         if self.speed is not None:
             torque, memory.steepness = self._limited(torque, velocity, *self.speed)
-        if self.saturation is not None:
-            torque = torque - np.sign(torque) * lost(np.abs(torque), *self.saturation)
-        if self.hinges:
-            magnitude = np.abs(torque)
-            missing = sum(slope * np.maximum(magnitude - corner, 0.0) for slope, corner in self.hinges)
-            torque = torque - np.sign(torque) * missing
+        if self.saturation is not None or self.hinges:
+            torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
         if self.gain is not None:
             torque = torque * (1.0 + self.gain)
         if self.sag is not None:
@@ -132,6 +129,13 @@ class Drives:
             breakaway, width = self.stiction
             level = level + breakaway * np.exp(-((velocity / width) ** 2))
         return level
+
+    def _saturated(self, magnitude: Floats) -> Floats:
+        """What saturation takes from a commanded torque >= 0; a law and pieces add up."""
+        missing = np.zeros(()) if self.saturation is None else lost(magnitude, *self.saturation)
+        for slope, corner in self.hinges:
+            missing = missing + slope * np.maximum(magnitude - corner, 0.0)
+        return missing
 
     def _limited(
         self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, no_load: Floats

@@ -1,13 +1,14 @@
 """The problem of the joints: which effects in drives and encoders make a held robot move as its log says."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from real2sim.joint_candidates import JointCandidates
-from real2sim.joint_drives import Drives
+from real2sim.joint_candidates import JointCandidates, knee_and_plateau
+from real2sim.joint_drives import Drives, Hinges, lost
 from real2sim.joint_excitation import encoder_steps, reached_by, untestable
 from real2sim.joint_grid import Grid
 from real2sim.joint_motion import motion_of, uniform_rows, windows_of
@@ -48,6 +49,7 @@ class JointProblem(Problem):
     """
 
     name = "joints"
+    _assumed: Hinges = ()
 
     def __init__(self, log: RunLog) -> None:
         meta = log.meta
@@ -93,8 +95,18 @@ class JointProblem(Problem):
             slopes: What share it takes, shape (sets, blocks, places, pieces).
         """
         drives = self._candidates.drives(unknowns, self._motion.dt_s)
-        hinges = tuple((slopes[..., k].transpose(1, 2, 0), corners[:, k, None]) for k in range(corners.shape[1]))
-        return self._whitened(replace(drives, hinges=hinges)).reshape(len(slopes), -1)
+        return self._whitened(replace(drives, hinges=_hinges(corners, slopes))).reshape(len(slopes), -1)
+
+    def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
+        """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
+
+        Args:
+            corners: As in `residuals_with_hinges`.
+            slopes: What share each piece takes, shape (blocks, places, pieces).
+        """
+        problem = copy(self)
+        problem._assumed = _hinges(corners, slopes[None])
+        return problem
 
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""
@@ -102,10 +114,17 @@ class JointProblem(Problem):
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
+        if self._assumed and candidate.effect == "torque_saturation":
+            place = list(self.places[0]).index(candidate.where)
+            pieces = [(float(slopes[:, place].mean()), float(corners[place, 0])) for slopes, corners in self._assumed]
+            return knee_and_plateau(
+                lambda x: lost(x, *values) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
+                float(self.limit[place]),
+            )
         return self._candidates.physical(candidate, values)
 
     def _residuals(self, unknowns: Floats) -> Floats:
-        return self._whitened(self._candidates.drives(unknowns, self._motion.dt_s))
+        return self._whitened(replace(self._candidates.drives(unknowns, self._motion.dt_s), hinges=self._assumed))
 
     def _whitened(self, drives: Drives) -> Floats:
         apart = self._apart(self._simulate(drives))
@@ -202,6 +221,10 @@ class JointProblem(Problem):
         self._whitening: Whitening = (
             quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough
         )
+
+
+def _hinges(corners: Floats, slopes: Floats) -> Hinges:
+    return tuple((slopes[..., k].transpose(1, 2, 0), corners[:, k, None]) for k in range(corners.shape[1]))
 
 
 def _base_quaternion(log: RunLog) -> Sequence[float]:

@@ -28,7 +28,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from real2sim.findings import FoundEffect, Interval
+from real2sim.findings import FoundEffect
+from real2sim.torque_curve import as_knee, with_curve
+from real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus import go1
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
@@ -39,8 +41,6 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.run_log import RunLog
 
 SCHEMA = "saltus-patch/1"
-LOSS_AT_KNEE = 0.05
-"""Definition of the knee of a saturation: the command at which this share is lost."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class Patch:
             "schema": SCHEMA,
             "evidence": [vars(evidence) for evidence in self.evidence],
             "range": {name: value for name, value in vars(self.range).items() if value is not None},
-            "effects": [_effect_table(effect) for effect in self.effects],
+            "effects": [effect_to_dict(effect) for effect in self.effects],
         }
         return tomli_w.dumps(table)
 
@@ -108,7 +108,7 @@ def patch_from_toml(text: str) -> Patch:
         raise ConfigError(f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'")
     try:
         return Patch(
-            effects=tuple(_effect(entry) for entry in table.get("effects", [])),
+            effects=tuple(effect_from_dict(entry) for entry in table.get("effects", [])),
             evidence=tuple(Evidence(**entry) for entry in table.get("evidence", [])),
             range=Applicability(**{name: float(value) for name, value in table.get("range", {}).items()}),
         )
@@ -152,31 +152,6 @@ def _largest(values: Any) -> float:
     return round(float(np.nanmax(np.abs(values))), 3)
 
 
-def _effect_table(effect: FoundEffect) -> dict[str, Any]:
-    params = {
-        name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
-        for name, found in effect.params.items()
-    }
-    where = effect.where if isinstance(effect.where, str) else list(effect.where)
-    return {"name": effect.name, "where": where, "params": params}
-
-
-def _effect(entry: dict[str, Any]) -> FoundEffect:
-    where = entry["where"]
-    return FoundEffect(
-        name=str(entry["name"]),
-        where=where if isinstance(where, str) else tuple(map(str, where)),
-        params={
-            name: Interval(
-                value=float(found["value"]),
-                ci90=(float(found["ci90"][0]), float(found["ci90"][1])),
-                unit=str(found["unit"]),
-            )
-            for name, found in entry["params"].items()
-        },
-    )
-
-
 def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile:
     """The profile with one more effect, or with other values of one that it has."""
     if found.name not in EFFECTS:
@@ -185,9 +160,12 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
     part = PARTS[kind.site]
     effects: tuple[Effect[Any], ...] = getattr(profile, part)
     before = next((effect for effect in effects if effect.name == found.name), kind())
-    if isinstance(before, TorqueSaturation):
-        before = as_knee(before)
-    after = replace(before, **_values(before, found))
+    after: Effect[Any]
+    if isinstance(before, TorqueSaturation) and found.curve:
+        after = with_curve(before, range(len(go1.JOINTS)) if found.where == "all" else _joints(found), found.curve)
+    else:
+        before = as_knee(before) if isinstance(before, TorqueSaturation) else before
+        after = replace(before, **_values(before, found))
     if isinstance(after, BatterySag) and reach.duration_s is not None:
         after = replace(after, duration_s=reach.duration_s)
     others = tuple(effect for effect in effects if effect.name != found.name)
@@ -218,15 +196,3 @@ def _joints(found: FoundEffect) -> list[int]:
         if name not in go1.JOINTS:
             raise ConfigError(f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, go1.JOINTS)}")
     return [go1.JOINTS.index(name) for name in names]
-
-
-def as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
-    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
-    if not saturation.curve:
-        return saturation
-    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * go1.TORQUE_LIMIT  # (n, 12): each joint up to its limit
-    delivered = np.asarray(saturation.delivered(grid))
-    lost = 1.0 - delivered / grid >= LOSS_AT_KNEE
-    knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)
-    plateau = np.where(np.isfinite(knee), delivered[-1], np.inf)
-    return TorqueSaturation(knee=tuple(knee.tolist()), plateau=tuple(plateau.tolist()))

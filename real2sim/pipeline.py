@@ -13,11 +13,13 @@ from pathlib import Path
 from real2sim.align import ClockOffset, align
 from real2sim.fault import Fault
 from real2sim.findings import Findings, FoundEffect
+from real2sim.joints import JointProblem
 from real2sim.log import SHARED_CLAIMS, load
 from real2sim.next_experiment import next_experiment
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
+from real2sim.saturation_curve import with_curves
 from real2sim.screen import screen
 from real2sim.search import search
 from real2sim.sensors import SENSORS, Sensor
@@ -154,7 +156,10 @@ def _compare(
     problem = sensor.problem(log)
     if profile != IDEAL:
         problem = Rebased(problem, profile)
-    return Compared(problem=problem, findings=search(problem, progress=progress, seed=seed))
+    findings = search(problem, progress=progress, seed=seed)
+    if isinstance(problem, JointProblem):
+        findings = with_curves(problem, findings)
+    return Compared(problem=problem, findings=findings)
 
 
 def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Judgement:

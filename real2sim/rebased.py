@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from real2sim.joints import JointProblem
 from real2sim.localise import Driver
-from real2sim.patch import as_knee
 from real2sim.problem import Candidate, Estimate, Floats, Problem, Unknown
 from saltus import go1
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.errors import ConfigError
 
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
@@ -30,6 +31,10 @@ class Rebased(Problem):
     """
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
+        curve = next((e for e in profile.actuator if isinstance(e, TorqueSaturation) and e.curve), None)
+        if curve is not None and isinstance(inner, JointProblem):  # no law of a candidate is a measured curve
+            inner = _saturated(inner, curve)
+            profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not curve))
         self._inner = inner
         self.name, self.blocks, self.places = inner.name, inner.blocks, inner.places
         self.segments, self.segment = inner.segments, inner.segment
@@ -60,6 +65,23 @@ class Rebased(Problem):
         key = (candidate.effect, candidate.where)
         original = next(c for c in self._inner.candidates if (c.effect, c.where) == key)
         return self._inner.physical(original, values + self._means[key])
+
+
+def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
+    """The problem on a simulator with this saturation.
+
+    Raises:
+        ConfigError: a robot without the joints of a Go1, to which a profile's curve refers.
+    """
+    names = [[block[place] for place in problem.places[0]] for block in problem.places]
+    unknown = sorted({name for block in names for name in block} - set(go1.JOINTS))
+    if unknown:
+        raise ConfigError(f"a saturation that is given as a curve is one of a Go1; this robot has joints {unknown}")
+    starts, falls = saturation.corners
+    columns = np.array([[go1.JOINTS.index(name) for name in block] for block in names])
+    corners: Floats = np.asarray(starts[:, columns[0]].T, dtype=np.float64)
+    slopes: Floats = np.asarray(falls[:, columns].transpose(1, 2, 0), dtype=np.float64)
+    return problem.with_saturation(corners, slopes)
 
 
 def _mean(offset: Floats) -> Floats:
@@ -107,7 +129,7 @@ def _effect(profile: Profile, name: str) -> Effect[Any] | None:
     for part in (profile.actuator, profile.camera, profile.imu, profile.body):
         for effect in part:
             if effect.name == name:
-                return as_knee(effect) if isinstance(effect, TorqueSaturation) else effect
+                return effect
     return None
 
 

@@ -53,7 +53,7 @@ class Verdict:
         """The verdict as JSON holds it."""
         return {
             "verdict": self.verdict,
-            "effects": [_effect_to_dict(effect) for effect in self.effects],
+            "effects": [effect_to_dict(effect) for effect in self.effects],
             "sets": [list(names) for names in self.sets],
             "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
             "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
@@ -74,7 +74,7 @@ class Verdict:
         experiment, gap = data.get("next_experiment"), data.get("gap")
         return cls(
             verdict=data["verdict"],
-            effects=tuple(_effect_from_dict(effect) for effect in data["effects"]),
+            effects=tuple(effect_from_dict(effect) for effect in data["effects"]),
             sets=tuple(tuple(names) for names in data["sets"]),
             next_experiment=None if experiment is None else NextExperiment(**experiment),
             untestable={entry["name"]: entry["why"] for entry in data["untestable"]},
@@ -124,24 +124,40 @@ def _pool(findings: Sequence[Findings]) -> Gap | None:
     return Gap(before=mean("before"), after=mean("after"), floor=mean("floor"))
 
 
-def _effect_to_dict(effect: FoundEffect) -> dict[str, Any]:
+def effect_to_dict(effect: FoundEffect) -> dict[str, Any]:
+    """An effect as JSON and TOML hold it."""
+    params: dict[str, Any] = {
+        name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
+        for name, found in effect.params.items()
+    }
+    if effect.curve:
+        params["curve"] = {"value": [list(pair) for pair in effect.curve], "unit": "Nm"}
     return {
         "name": effect.name,
         "where": effect.where if isinstance(effect.where, str) else list(effect.where),
-        "params": {
-            name: {"value": found.value, "ci90": list(found.ci90), "unit": found.unit}
-            for name, found in effect.params.items()
-        },
+        "params": params,
     }
 
 
-def _effect_from_dict(data: dict[str, Any]) -> FoundEffect:
+def effect_from_dict(data: dict[str, Any]) -> FoundEffect:
+    """The effect that `effect_to_dict` was called on.
+
+    Raises:
+        KeyError, TypeError, ValueError: an entry that is missing or of the wrong kind.
+    """
     where = data["where"]
+    curve = data["params"].get("curve", {"value": []})["value"]
     return FoundEffect(
-        name=data["name"],
-        where=where if isinstance(where, str) else tuple(where),
+        name=str(data["name"]),
+        where=where if isinstance(where, str) else tuple(map(str, where)),
         params={
-            name: Interval(value=found["value"], ci90=tuple(found["ci90"]), unit=found["unit"])
+            name: Interval(
+                value=float(found["value"]),
+                ci90=(float(found["ci90"][0]), float(found["ci90"][1])),
+                unit=str(found["unit"]),
+            )
             for name, found in data["params"].items()
+            if name != "curve"
         },
+        curve=tuple((float(asked), float(given)) for asked, given in curve),
     )

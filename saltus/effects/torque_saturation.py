@@ -33,14 +33,15 @@ class TorqueSaturation(Effect[Drive]):
     """Delivered torque as an odd, piecewise linear function of commanded torque.
 
     Given either as `curve`, measured at the calf and scaled to each joint by its reduction, or as `knee` and `plateau`
-    at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope.
+    at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope. Its
+    rows hold a commanded torque and the one delivered, or the 12 delivered, one per joint, all in calf torque.
     """
 
     name: ClassVar[str] = "torque_saturation"
     site: ClassVar[Site] = "torque"
 
-    # pairs that rise, in calf torque; () is no loss
-    curve: tuple[tuple[float, float], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
+    # rows that rise, in calf torque; () is no loss
+    curve: tuple[tuple[float, ...], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
     # command at which 5 % is lost
     knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
     # delivered where the torque limit of the joint is commanded
@@ -53,7 +54,9 @@ class TorqueSaturation(Effect[Drive]):
         if np.any(np.isinf(self.knee) != np.isinf(self.plateau)):
             raise ConfigError(f"{self.name}: knee and plateau come together")
         if self.curve and not _rises(self.curve):
-            raise ConfigError(f"{self.name}.curve = {self.curve!r} must be pairs that rise, from above 0")
+            raise ConfigError(
+                f"{self.name}.curve = {self.curve!r} must be pairs, or rows of 13, that rise, from above 0"
+            )
         _, slopes = self._segments
         if not np.all((slopes >= 0.0) & (slopes <= 1.5)):
             raise ConfigError(f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating curve")
@@ -62,10 +65,10 @@ class TorqueSaturation(Effect[Drive]):
     def _segments(self) -> tuple[Floats, Floats]:
         """Where segments begin [Nm] and their slopes, each of shape (segments, ..., 12)."""
         if self.curve:
-            points = np.array([(0.0, 0.0), *self.curve])
+            points = np.array([(0.0,) * len(self.curve[0]), *self.curve])
             scale = REDUCTION / CURVE_REDUCTION
-            slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
-            return points[:-1, :1] * scale, np.repeat(slopes[:, None], len(REDUCTION), axis=1)
+            slopes = np.diff(points[:, 1:], axis=0) / np.diff(points[:, :1], axis=0)
+            return points[:-1, :1] * scale, np.broadcast_to(slopes, (len(slopes), len(REDUCTION)))
         exists = np.isfinite(self.knee) & np.ones(len(REDUCTION), dtype=bool)
         knee = np.where(exists, self.knee, 0.5 * TORQUE_LIMIT)
         plateau = np.where(exists, self.plateau, TORQUE_LIMIT)
@@ -78,12 +81,15 @@ class TorqueSaturation(Effect[Drive]):
         slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
         return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
 
+    @property
+    def corners(self) -> tuple[Floats, Floats]:
+        """Where the slope changes [Nm] and by how much it falls there, each of shape (corners, ..., 12)."""
+        starts, slopes = self._segments
+        return starts, -np.diff(slopes, axis=0, prepend=1.0)
+
     @cached_property
     def _hinges(self) -> tuple[tuple[Constant, Constant], ...]:
-        """Where the slope changes [Nm] and by how much it falls there."""
-        starts, slopes = self._segments
-        falls = -np.diff(slopes, axis=0, prepend=1.0)
-        return tuple((Constant(a), Constant(b)) for a, b in zip(starts, falls, strict=True) if np.any(b))
+        return tuple((Constant(a), Constant(b)) for a, b in zip(*self.corners, strict=True) if np.any(b))
 
     def delivered(self, torque: Floats) -> Floats:
         """Delivered torque for a commanded one, numpy or torch, shape (..., 12) [Nm]."""
@@ -102,6 +108,7 @@ class TorqueSaturation(Effect[Drive]):
         return replace(signal, torque=self.delivered(signal.torque)), None
 
 
-def _rises(curve: tuple[tuple[float, float], ...]) -> bool:
+def _rises(curve: tuple[tuple[float, ...], ...]) -> bool:
     points = np.asarray(curve, dtype=float)
-    return points.ndim == 2 and points.shape[1] == 2 and bool(np.all(np.diff(points, axis=0, prepend=0.0) > 0.0))
+    is_table = points.ndim == 2 and points.shape[1] in (2, 1 + len(REDUCTION))
+    return is_table and bool(np.all(np.diff(points, axis=0, prepend=0.0) > 0.0))

@@ -8,8 +8,9 @@ import pytest
 from real2sim.findings import Findings, FoundEffect, Interval
 from real2sim.menu import EXPERIMENTS
 from real2sim.next_experiment import next_experiment, separations
-from real2sim.patch import Applicability, Evidence, Patch, as_knee, evidence_of, patch_from_toml
+from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml
 from real2sim.pipeline import resolved
+from real2sim.torque_curve import as_knee
 from saltus import go1
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.coulomb_friction import CoulombFriction

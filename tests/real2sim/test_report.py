@@ -168,7 +168,9 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         assert np.isfinite(driver.values[is_depth]).all()
         assert np.isnan(driver.values[~is_depth]).all()
         assert driver.values[is_depth].min() >= 0.0
-    residuals = Residuals(before=left, after=left, effects=(), is_test=np.ones(len(problem.signal), dtype=bool))
+    residuals = Residuals(
+        before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
+    )
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
     examined = Examined(log=log, faults=(), untestable={}, compared=(Compared(problem=problem, findings=findings),))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
