@@ -34,7 +34,7 @@ _DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The image in use."""
+    """An image that has arrived."""
 
     image: Floats
     """Depth and validity, shape (2, 48, 16)."""
@@ -48,7 +48,8 @@ class HeightmapService:
     """Holds the memory of one robot; one call of `step` for each robot state.
 
     A frame has an effect once: duplicates, frames older than the one in use, frames from the future and frames so old
-    that they must not be used are ignored. The memory is replaced only by one that is finite and plausible.
+    that they must not be used are ignored. Nor is the network shown an image with hardly a valid pixel: it has nothing
+    to say, and the last one has. The memory is replaced only by one that is finite and plausible.
 
     Args:
         model: ONNX file, or a network that is loaded already, which several services may share.
@@ -85,7 +86,8 @@ class HeightmapService:
 
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
-        self._view: _View | None = None
+        self._view: _View | None = None  # what the network is shown
+        self._newest: _View | None = None  # the same, unless hardly a pixel of it is valid
         self._started_ns: int | None = None
         self._last: Heightmap | None = None
         self._stuck = StuckOutput()
@@ -93,7 +95,7 @@ class HeightmapService:
 
     def new_camera(self) -> None:
         """Forgets what was seen: for a camera that has started anew, and counts its images anew."""
-        self._view = None
+        self._view = self._newest = None
         self._forget()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
@@ -155,31 +157,33 @@ class HeightmapService:
         age_s = (now_ns - frame.time_ns) * 1e-9
         if not -MAX_FUTURE_S <= age_s <= _DEPTH.invalid_age_s:
             return False
-        if self._view is not None:
-            if frame.frame_id == self._view.frame_id or frame.time_ns <= self._view.time_ns:
-                return False
-            if (frame.time_ns - self._view.time_ns) * 1e-9 * _DEPTH.rate_hz > MAX_MISSED_FRAMES + 1.5:
-                self._forget()
+        newest = self._newest
+        if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
+            return False
         image = _network_image(model_image(frame))
-        self._view = _View(image, 1.0 - float(image[1].mean()), frame.time_ns, frame.frame_id, now_ns)
-        self._frames += 1
+        self._newest = _View(image, 1.0 - float(image[1].mean()), frame.time_ns, frame.frame_id, now_ns)
+        blind = self._newest.invalid_fraction > INVALID_INVALID_PIXELS
+        if not blind:
+            gap_s = 0.0 if self._view is None else (frame.time_ns - self._view.time_ns) * 1e-9
+            if gap_s * _DEPTH.rate_hz > MAX_MISSED_FRAMES + 1.5:
+                self._forget()
+            self._view = self._newest
+            self._frames += 1
         self._loss.accept(frame.frame_id, frame.time_ns)
-        return True
+        return not blind
 
     def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
         """The worst of what is known about the input."""
         extra = _DEPTH.max_extra_age_s
-        view = self._view
-        if view is None:
+        newest, view = self._newest, self._view
+        if newest is None:
             waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
             return HeightmapStatus.INVALID if waiting_s > _DEPTH.invalid_age_s else HeightmapStatus.WARMING
+        if view is None or view is not newest:
+            return HeightmapStatus.INVALID
         age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
         silent_s = (now_ns - view.arrival_ns) * 1e-9
-        if (
-            age_s > _DEPTH.invalid_age_s
-            or silent_s > extra - LOSS_MARGIN_S
-            or view.invalid_fraction > INVALID_INVALID_PIXELS
-        ):
+        if age_s > _DEPTH.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
             return HeightmapStatus.INVALID
         late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
         patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST

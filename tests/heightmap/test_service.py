@@ -285,3 +285,31 @@ def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, s
         if frame_ is not None and frame_.frame_id > newest:
             newest, news[step] = frame_.frame_id, frame_
     assert same(run(HeightmapService(model_path), arriving, 200), run(HeightmapService(model_path), news, 200))
+
+
+@pytest.mark.parametrize("count", range(1, 12, 2))
+def test_an_image_of_nothing_is_not_shown_to_the_network(model_path: Path, count: int) -> None:
+    """The heightmaps are those of a run without it; the status says so until the camera sees again."""
+    blind = {20 + i for i in range(count)}
+    spoilt = {
+        step: replace(good, depth=np.zeros_like(good.depth)) if good is not None and good.frame_id in blind else good
+        for step, good in clean(120).items()
+    }
+    answers = run(HeightmapService(model_path), spoilt, 120)
+    expected = run(HeightmapService(model_path), without(lambda number: number in blind, 120), 120)
+    np.testing.assert_array_equal([h.height for h in answers], [h.height for h in expected])
+    assert [h.frame_id for h in answers] == [h.frame_id for h in expected]
+    first, back = 2 * 20 + 5, 2 * (20 + count) + 5
+    assert {h.status for h in answers[first:back]} == {INVALID}
+    after = [h.status for h in answers[back:]]
+    assert after == ([OK] * len(after) if count <= 5 else [WARMING] * (2 * (WARMUP - 1)) + [OK] * (len(after) - 6))
+
+
+def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
+    frames = {
+        step: None if good is None else replace(good, depth=np.zeros_like(good.depth))
+        for step, good in clean(40).items()
+    }
+    answers = run(HeightmapService(model_path), frames, 40)
+    assert {h.status for h in answers[5:]} == {INVALID}
+    assert {h.frame_id for h in answers} == {-1}
