@@ -150,6 +150,7 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
         distance = abs(values[name].value - null.value)
         size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
         variance[name] = (candidate.model_error * size) ** 2
+    variance[next(iter(variance))] += candidate.resolution**2
     low = np.array([unknown.low for unknown in candidate.unknowns])
     high = np.array([unknown.high for unknown in candidate.unknowns])
     powers, axes = np.linalg.eigh(one.covariance)

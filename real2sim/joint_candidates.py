@@ -30,15 +30,27 @@ class Kind:
     unknowns: tuple[Unknown, ...]
     starts: tuple[tuple[float, ...], ...]
     model_error: float = 0.02
+    resolution: float = 0.0
     faithful: float = 1.0
 
 
 # Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
-# hardware (magnitudes published for robots of this class).
+# hardware (magnitudes published for robots of this class). Resolutions are what fits to logs without any effect find that
+# another simulator made: its velocities are half an integration step late, 0.06 ms.
 KINDS = (
-    Kind(effect="command_delay", unknowns=(_size("delay", 0.0, 0.06, 1e-3),), starts=((0.004,), (0.012,))),
+    Kind(
+        effect="command_delay",
+        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=5e-5,
+    ),
     Kind(effect="feedforward_delay", unknowns=(_size("delay", 0.0, 0.06, 1e-3),), starts=((0.004,), (0.012,))),
-    Kind(effect="actuator_lag", unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),), starts=((0.004,), (0.012,))),
+    Kind(
+        effect="actuator_lag",
+        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
+    ),
     # starts are shares of the largest speed and torque of the log
     Kind(
         effect="torque_speed_limit",
@@ -58,10 +70,12 @@ KINDS = (
         ),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
-    Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),)),
+    Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),), resolution=4e-3),
     Kind(effect="battery_sag", unknowns=(_size("loss_at_end", 0.0, 0.7, 0.01),), starts=((0.1,),)),
-    Kind(effect="viscous_friction", unknowns=(_size("coefficient", 0.0, 5.0, 0.02),), starts=((0.1,),)),
-    Kind(effect="coulomb_friction", unknowns=(_size("torque", 0.0, 5.0, 0.04),), starts=((0.2,),)),
+    Kind(
+        effect="viscous_friction", unknowns=(_size("coefficient", 0.0, 5.0, 0.02),), starts=((0.1,),), resolution=2e-3
+    ),
+    Kind(effect="coulomb_friction", unknowns=(_size("torque", 0.0, 5.0, 0.04),), starts=((0.2,),), resolution=2e-3),
     Kind(
         effect="stiction",
         unknowns=(_size("breakaway", 0.0, 5.0, 0.1), _shape("stribeck_velocity", 0.01, 2.0, 0.02)),
@@ -70,15 +84,20 @@ KINDS = (
         faithful=0.95,
     ),
     Kind(effect="backlash", unknowns=(_size("width", 0.0, 0.15, 2e-3),), starts=((0.01,),)),
-    Kind(effect="armature", unknowns=(_size("added", -1e-3, 0.1, 5e-4),), starts=((0.0,),)),
-    Kind(effect="encoder_bias", unknowns=(_size("bias", -0.3, 0.3, 2e-3),), starts=((0.0,),)),
+    Kind(effect="armature", unknowns=(_size("added", -1e-3, 0.1, 5e-4),), starts=((0.0,),), resolution=7e-5),
+    Kind(effect="encoder_bias", unknowns=(_size("bias", -0.3, 0.3, 2e-3),), starts=((0.0,),), resolution=4e-3),
     Kind(
         effect="encoder_quantisation",
         unknowns=(_size("weight", 0.0, 1.0, 0.2), _shape("step", 2e-4, 0.1, 1e-6)),
         starts=((1.0, 0.005),),
         faithful=0.95,
     ),
-    Kind(effect="velocity_filter", unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),), starts=((0.004,), (0.012,))),
+    Kind(
+        effect="velocity_filter",
+        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
+    ),
     Kind(effect=LOOP_RATE, unknowns=(_size("rate", 0.0, 1.0, 0.25),), starts=((0.5,),)),
 )
 
@@ -124,6 +143,7 @@ class JointCandidates:
                         starts=_starts(kind, reached[joint]),
                         is_nuisance=whole_leg,
                         model_error=kind.model_error,
+                        resolution=kind.resolution,
                         faithful=kind.faithful,
                     )
                 )

@@ -56,6 +56,9 @@ class Candidate:
     model_error: float = 0.02
     """Standard error, as a share of a parameter or of its distance from the null value, by which two right models of
     the effect disagree on it, e.g. a smooth and a sharp law of friction."""
+    resolution: float = 0.0
+    """The same for its first parameter in the parameter's unit, however small the effect: what two right simulations
+    without any effect would disagree by."""
     faithful: float = 1.0
     """Share of its gap that a right model of the effect closes; less where chance decides, as when a drive hunts."""
 
