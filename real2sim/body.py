@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from real2sim.body_candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
-from real2sim.body_noise import SIGNALS, StartNoise, Whitening, errors, read_noise
+from real2sim.body_ground import likeliest, neighbours
+from real2sim.body_noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
 from real2sim.body_replay import Replay
 from real2sim.body_testable import untestable
 from real2sim.body_windows import BLOCKS, cut_windows
@@ -28,13 +29,6 @@ DRAWS = 16
 SCANNED = 8
 SMALLEST_LESS = 0.02
 """Coefficients this close to the claimed one are not told from it by scanning."""
-OTHER_SOLVERS = (
-    Solver(substeps=4),
-    Solver(impratio=1.0),
-    Solver(impedance=(0.9, 0.95)),
-    Solver(is_pyramidal=True),
-)
-"""Time step, and the engine's own defaults where the scene has others: a log does not claim how its contacts are."""
 SLIP_QUANTILE = 0.97
 """Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
 
@@ -62,9 +56,11 @@ class BodyProblem(Problem):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
         self._claims = Claims.of(log.meta)
         self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
-        self._replay = Replay(self._windows, self._terrain, self._span_s)
         self._index()
-        self._prepare(log)
+        noise = read_noise(log)
+        self._ground = self._likeliest(noise)
+        self._replay = Replay(self._windows, self._terrain, self._span_s, self._ground)
+        self._prepare(noise, has_gyro=log.imu is not None)
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
@@ -95,7 +91,7 @@ class BodyProblem(Problem):
         self.signal = np.broadcast_to(np.arange(signals), shape).ravel()
         self.time_s = np.broadcast_to(windows.block_s[..., None], shape).ravel()
 
-    def _prepare(self, log: RunLog) -> None:
+    def _prepare(self, noise: Noise, *, has_gyro: bool) -> None:
         """Noise, the candidates, and what they could not show."""
         tangential, normal = self._replay.foot_forces(self._rig_at_rest())
         loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
@@ -105,7 +101,7 @@ class BodyProblem(Problem):
         self.candidates = candidates(self._claims, slips_at)
         self._names = names_of(self.candidates)
         self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
-        self._whiten = self._whitening(log)
+        self._whiten = self._whitening(noise, has_gyro=has_gyro)
         self.candidates = candidates(self._claims, self._slipperiest(slips_at))
         self.untestable = untestable(self, self._at_rest, ratio, normal)
 
@@ -129,10 +125,18 @@ class BodyProblem(Problem):
         start = np.array([[value for c in nothing for value in c.starts[0]]])
         return rig_of(names_of(nothing), self._claims, start)
 
-    def _whitening(self, log: RunLog) -> Whitening:
+    def _likeliest(self, noise: Noise) -> Solver:
+        def squares(solver: Solver, softer: float) -> Floats:
+            replay = Replay(self._windows, self._terrain, self._span_s, solver)
+            rig = self._rig_at_rest()
+            rig.body.contact_time_constant[:] *= softer
+            return np.asarray(np.mean(noise.plain(self._errors(replay.states(rig)))[0] ** 2, axis=(1, 2)))
+
+        return likeliest(squares)
+
+    def _whitening(self, noise: Noise, *, has_gyro: bool) -> Whitening:
         windows, rig = self._windows, self._rig_at_rest()
-        noise = read_noise(log)
-        start = StartNoise.of(noise, has_gyro=log.imu is not None)
+        start = StartNoise.of(noise, has_gyro=has_gyro)
         draws = np.random.default_rng(0).standard_normal((DRAWS, len(windows.start_s), start.sigma.size))
         draws[..., start.is_free] = 0.0  # far off, but to no effect
         single = np.eye(start.sigma.size)[:, None, :].repeat(len(windows.start_s), axis=1)
@@ -140,7 +144,8 @@ class BodyProblem(Problem):
         claimed = self._errors(self._replay.states(rig))
         claims = rig_of(self._names, self._claims, np.repeat(self._at_rest[None], len(moved[0]), axis=0))
         change = self._errors(self._replay.states(claims, *moved)) - claimed
-        other = [Replay(windows, self._terrain, self._span_s, solver).states(rig) for solver in OTHER_SOLVERS]
+        others = neighbours(self._ground)
+        other = [Replay(windows, self._terrain, self._span_s, solver).states(rig) for solver in others]
         solvers = self._errors(np.concatenate(other)) - claimed
         return Whitening(noise, change[: len(single)], change[len(single) :], draws, solvers, windows.segment)
 

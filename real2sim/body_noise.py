@@ -48,6 +48,18 @@ class Noise:
     correlation: Floats
     """From block to block."""
 
+    def plain(self, error: Floats, sigma: Floats | None = None) -> Floats:
+        """Errors of unit variance without correlation from block to block, were windows to start from true states.
+
+        Args:
+            error: Shape (..., blocks, 33).
+            sigma: Standard deviations other than these, same shape or less.
+        """
+        phi = self.correlation[KIND_OF_SIGNAL]
+        scaled = error / (self.sigma[KIND_OF_SIGNAL] if sigma is None else sigma)
+        later = (scaled[..., 1:, :] - phi * scaled[..., :-1, :]) / np.sqrt(1.0 - phi**2)
+        return np.concatenate([scaled[..., :1, :], later], axis=-2)
+
 
 def errors(measured: Floats, simulated: Floats) -> Floats:
     """Measured minus simulated in 33 signals.
@@ -118,25 +130,19 @@ class Whitening:
         doubt = np.mean((missing + 0.5 * differing) / sensors, axis=(1, 2))
         worst = np.array([doubt[segment == s].max() for s in segment])
         self.is_reproducible = worst <= max(LARGEST_DOUBT, float(worst.min()))
-        self._phi = noise.correlation[KIND_OF_SIGNAL]
-        plain = self._plain(np.concatenate([starts, SOLVER_SPREAD * solvers]))  # (d, w, blocks, 33)
+        self._noise = noise
+        plain = noise.plain(np.concatenate([starts, SOLVER_SPREAD * solvers]), self._sigma)  # (d, w, blocks, 33)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)
         self._basis, size, _ = np.linalg.svd(flat, full_matrices=False)  # (w, blocks * 33, d)
         self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
 
     def __call__(self, error: Floats) -> Floats:
         """Residuals of errors, both of shape (n, w, blocks, 33); 0 in windows that no simulation can reproduce."""
-        plain = self._plain(error)
+        plain = self._noise.plain(error, self._sigma)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)  # (w, blocks * 33, n)
         flat = flat - self._basis @ (self._shrink[..., None] * (self._basis.mT @ flat))
         whitened = flat.transpose(2, 0, 1).reshape(plain.shape)
         return np.asarray(whitened * self.is_reproducible[:, None, None])
-
-    def _plain(self, error: Floats) -> Floats:
-        """Unit variance and no correlation from block to block, were it not for the start."""
-        scaled = error / self._sigma
-        later = (scaled[..., 1:, :] - self._phi * scaled[..., :-1, :]) / np.sqrt(1.0 - self._phi**2)
-        return np.concatenate([scaled[..., :1, :], later], axis=-2)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,42 @@
+"""How the ground gives way: of a contact a log claims friction and time constant, engines want more to be said."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from real2sim.problem import Floats
+from saltus.sim.free import OWN_SOLVER, Solver
+
+SOFTER = (0.9, 0.95)
+"""Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do not creep."""
+GROUNDS = (
+    OWN_SOLVER,
+    Solver(impedance=SOFTER),
+    Solver(impratio=1.0),
+    Solver(impratio=1.0, impedance=SOFTER),
+    Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
+)
+TIME_CONSTANTS = (1.0, 2.0)
+"""Times the claimed one: a ground that is softer than claimed must not be taken for one that creeps."""
+
+
+def likeliest(squares: Callable[[Solver, float], Floats]) -> Solver:
+    """The way to compute contacts with which a log agrees best, whatever else its robot has.
+
+    Args:
+        squares: Mean square of what is left in each window under a solver and a multiple of the claimed time constant,
+            shape (w,). Their logarithms are compared: windows with much to explain otherwise do not decide alone.
+    """
+    left = [min(float(np.sum(np.log(squares(ground, t)))) for t in TIME_CONSTANTS) for ground in GROUNDS]
+    return GROUNDS[int(np.argmin(left))]
+
+
+def neighbours(ground: Solver) -> Sequence[Solver]:
+    """Ways as right as this one: a finer step of time, contacts a little stiffer along the ground, or against it."""
+    other = np.add(SOFTER, OWN_SOLVER.impedance) / 2.0
+    return (
+        replace(ground, substeps=4),
+        replace(ground, impratio=1.5 * ground.impratio),
+        replace(ground, impedance=(float(other[0]), float(other[1]))),
+    )
