@@ -35,8 +35,8 @@ class Kind:
 
 
 # Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
-# hardware (magnitudes published for robots of this class). Resolutions are what fits to logs without any effect find that
-# another simulator made: its velocities are half an integration step late, 0.06 ms.
+# hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
+# that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
 KINDS = (
     Kind(
         effect="command_delay",

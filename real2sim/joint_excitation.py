@@ -23,6 +23,8 @@ LEAST_SCORE = 0.1
 """Of a step: angles that are multiples of it up to noise of a third of it."""
 LEAST_MOVING = 0.3  # rad/s: a joint that is faster passes a step of 5 mrad in 8 rows
 LEAST_ROWS = 500  # that move: a second
+LINES = 8
+"""Of the spectrum, over one of the largest angle: phases are then good to 0.4 rad."""
 REFINED = 201  # steps between two lines of the spectrum
 SAME_STEP = 0.01
 MOST_STEPS = 3
@@ -98,8 +100,10 @@ def _step(angles: Floats) -> float | None:
         return None
     bins = np.floor((angles - angles.min()) / BIN).astype(np.int64)
     counts = np.bincount(bins)
-    spectrum = np.fft.rfft(counts, n=4 * len(counts)) / len(angles)
-    frequency = np.fft.rfftfreq(4 * len(counts), BIN)
+    # multiples are counted from 0: far from it, lines must lie close for the phase to be right between them
+    size = LINES * max(len(counts), int(np.abs(angles).max() / BIN))
+    spectrum = np.fft.rfft(counts, n=size) / len(angles)
+    frequency = np.fft.rfftfreq(size, BIN)
     # angles that are multiples of a step are in phase at one over it
     score = np.real(spectrum * np.exp(-2j * np.pi * frequency * (angles.min() + 0.5 * BIN)))
     tried = (frequency > 1.0 / COARSEST_STEP) & (frequency < 1.0 / FINEST_STEP)
