@@ -29,6 +29,7 @@ from saltus.stack import Stack
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=40)  # nine seconds: a pause of 3 s, and time after it
 TICK_S = 0.01
 FIRST_S, MOMENTS, APART_S = 2.5, 6, 0.17  # the robot has been running for a second; a third of a cycle apart
+LOSSES = (0.01, 0.05, 0.2)
 SHOWN_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.0)
 BEFORE_S, AFTER_S = 0.6, 1.2
 NORMAL = 1.1  # an error at most 10 % above that of an undisturbed run, as for the warm-up of a model
@@ -194,6 +195,19 @@ def measure(runs: Sequence[Run]) -> dict[str, Curves]:
     }
 
 
+def loss_ratios(runs: Sequence[Run]) -> dict[float, float]:
+    """RMS error with a share of the images lost at random, over that with none, while the robot runs."""
+    network, rng = HeightmapNetwork(resource("models/heightmap.onnx")), np.random.default_rng(0)
+    squares = dict.fromkeys((0.0, *LOSSES), 0.0)
+    for run in runs:
+        calls = calls_of(run)
+        for share in squares:
+            kept = [replace(call, frame=None) if rng.uniform() < share else call for call in calls]
+            error, _ = answers(network, kept, run)
+            squares[share] += float(np.nansum(error[round(FIRST_S / TICK_S) :] ** 2))
+    return {share: float(np.sqrt(squares[share] / squares[0.0])) for share in LOSSES}
+
+
 def draw(curves: dict[str, Curves], out: Path) -> None:
     """One panel for each fault."""
     mpl.use("Agg")
@@ -261,7 +275,20 @@ def main() -> None:
         }
         for name, curve in curves.items()
     }
-    print(json.dumps({"after_s": SHOWN_S, "runs": len(runs), "short_runs": len(recorded) - len(runs), "faults": table}))
+    losses = loss_ratios(runs)
+    for share, ratio in losses.items():
+        print(f"{100 * share:3.0f} % of the images lost at random: RMS error {100 * (ratio - 1):+.1f} %")
+    print(
+        json.dumps(
+            {
+                "loss_rms_ratio": losses,
+                "after_s": SHOWN_S,
+                "runs": len(runs),
+                "short_runs": len(recorded) - len(runs),
+                "faults": table,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -114,3 +114,43 @@ def test_in_real_time_old_states_are_not_answered(house: House) -> None:
     assert house.heightmaps.wait(0.05) is None
     now_ns = time.monotonic_ns() - house.epoch_ns
     assert house.ask(replace(states(1)[0], time_ns=now_ns, step=2)).step == 2
+
+
+def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, tmp_path: Path) -> None:
+    """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
+    hub = MemoryHub()
+    names = ("go1/0", "go1/1", "go1/2")
+    configs = [RunConfig(robot=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
+    contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.robot, hub)) for config in configs]
+    process = HeightmapProcess(contexts)
+    stop = threading.Event()
+    thread = threading.Thread(target=process.run, args=(stop.is_set,))
+    thread.start()
+    bus, blind = MemoryBus("go1/0", hub), MemoryBus("go1/2", hub)
+    ask, see, blind_ask = (
+        bus.publisher("controller/state"),
+        bus.publisher("camera/depth"),
+        blind.publisher("controller/state"),
+    )
+    heightmaps = bus.latest("heightmap/heightmap")
+    rng = np.random.default_rng(0)
+    try:
+        for state, expected in zip(states(40), answers_alone(model_path, 40), strict=True):
+            for topic in ("controller/state", "camera/depth"):
+                hub.inject(f"go1/1/{topic}", rng.bytes(200), rng.bytes(40))
+            blind_ask.put(due(state))
+            frame = on_time(state.step)
+            if frame is not None:
+                see.put(frame)
+            ask.put(due(state))
+            sample = heightmaps.wait(PATIENCE_S)
+            assert sample is not None
+            np.testing.assert_array_equal(
+                sample.message.height, np.asarray(expected.height, sample.message.height.dtype)
+            )
+    finally:
+        stop.set()
+        thread.join(PATIENCE_S)
+    assert contexts[0].bus.rejected == {}
+    assert contexts[1].bus.rejected["controller/state/envelope"] == 40
+    assert process._links["go1/2"].ticks == 5  # until the first image is due

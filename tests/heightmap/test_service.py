@@ -313,3 +313,18 @@ def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
     answers = run(HeightmapService(model_path), frames, 40)
     assert {h.status for h in answers[5:]} == {INVALID}
     assert {h.frame_id for h in answers} == {-1}
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3000), (48, 15), (240, 424), (720, 1280)])
+@pytest.mark.parametrize("focal", [1.0, 42.0, 1e4])
+def test_images_of_any_size_and_lens_are_survived(model_path: Path, size: tuple[int, int], focal: float) -> None:
+    service = HeightmapService(model_path)
+    rng = np.random.default_rng(0)
+    for state in states(60):
+        given = on_time(state.step)
+        if given is not None and state.step >= 40:
+            depth = rng.integers(0, 65536, size).astype(np.uint16)
+            given = replace(given, depth=depth, fx=focal, fy=focal, cx=size[1] / 2, cy=size[0] / 2)
+        answer = service.step(state, given, state.time_ns)
+        assert np.isfinite(answer.height).all()
+        assert np.isfinite(answer.std).all()
