@@ -76,13 +76,12 @@ OUTSIDE = {
     "coupling": Family(usual=0.02, largest=0.3, shape=draw_sign),
     "slew_limit": Family(usual=5e-4, largest=0.02),
     "flexible_gear": Family(usual=1e-3, largest=8e-3),
-    "integral_term": Family(usual=0.3, largest=8.0),
+    "integral_term": Family(usual=0.01, largest=2.0),
     "rubbing_spot": Family(usual=0.2, largest=4.0, shape=lambda rng: {"at": float(rng.uniform(-0.25, 0.25))}),
     "dropouts": Family(usual=0.1, largest=1.0),
     "eccentric_encoder": Family(usual=1.5e-3, largest=0.03, shape=lambda rng: {"cycles": float(rng.uniform(6, 25))}),
-    "load_friction": Family(usual=0.05, largest=0.5),
 }
-"""A size is: Nm, 1/rad, Nm/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad, 1."""
+"""A size is: Nm, 1/rad, Nm/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad."""
 FAMILIES = {**LIBRARY, **OUTSIDE}
 
 
@@ -179,7 +178,7 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "coulomb_friction": "coulomb", "armature": "armature", "battery_sag": "sag",
         "encoder_quantisation": "quantum", "heating": "heating", "dead_zone": "dead_zone",
         "asymmetric_gain": "asymmetry", "quadratic_drag": "damping_slope",
-        "integral_term": "integral", "dropouts": "dropout", "load_friction": "load_friction",
+        "integral_term": "integral", "dropouts": "dropout",
     }  # fmt: skip
     return several[setting.effect] if setting.effect in several else [(single[setting.effect], size, 0.0)]
 

@@ -16,7 +16,7 @@ NAMES = (
     "gap", "gear_stiffness", "gear_damping", "armature", "bias", "quantum", "velocity_filter",
     "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry", "kp_slope",
     "damping_slope", "slew", "torque_limit", "hum", "hum_rate", "coupling",
-    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "load_friction",
+    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles",
 )  # fmt: skip
 COLUMN = {name: number for number, name in enumerate(NAMES)}
 CURVE_POINTS = 37
@@ -26,7 +26,7 @@ LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (wp.consta
 GAP, STIFFNESS, DAMPING, ARMATURE, BIAS, QUANTUM, FILTER = (wp.constant(i) for i in range(9, 16))
 COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (wp.constant(i) for i in range(16, 24))
 DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in range(24, 30))
-INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES, LOADED = (wp.constant(i) for i in range(30, 37))
+INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES = (wp.constant(i) for i in range(30, 36))
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
 RENEW = wp.constant(STEPS_PER_INERTIA)
@@ -255,7 +255,6 @@ def simulate(
             u = u - table[variant, joint, DAMPING_SLOPE] * speed * wp.abs(speed)
             away = (q[j] - table[variant, joint, RUB_AT]) / RUB_WIDTH
             rub = table[variant, joint, RUB] * wp.exp(-away * away)
-            rub = rub + table[variant, joint, LOADED] * wp.abs(delivered[j])
             u = u - rub * wp.tanh(speed / 0.03)
             u = u - table[variant, joint, SPRING] * (q[j] - table[variant, joint, REST])
             if level > 0.0:

@@ -57,7 +57,7 @@ TUNING_OUTSIDE: dict[Kind, tuple[str, ...]] = {
     "imu": ("gyro_scale", "acc_hum"),
 }  # fmt: skip
 SEALED_OUTSIDE: dict[Kind, tuple[str, ...]] = {
-    "joints": ("integral_term", "rubbing_spot", "dropouts", "eccentric_encoder", "load_friction"),
+    "joints": ("integral_term", "rubbing_spot", "dropouts", "eccentric_encoder"),
     "camera": ("rolled_camera", "column_pattern", "breathing_scale", "soft_mount"),
     "body": ("loose_load", "nudges"),
     "imu": ("gyro_cross", "attitude_wander"),
