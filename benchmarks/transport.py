@@ -232,7 +232,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")
-            latency, overruns, ages, behind, share = _watched(service.pid, endpoint, prefixes, epoch_ns, count)
+            latency, overruns, ages, behind, share, memory = _watched(service.pid, endpoint, prefixes, epoch_ns, count)
         finally:
             service.terminate()
             service.wait()
@@ -249,14 +249,15 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         "histogram": {"edges_ms": list(EDGES_MS), "counts": histogram.tolist()},
         "robots": robots,
         "service_core_share": round(share, 3),
+        "service_rss_mb": round(1e-6 * memory),
         "load": round(load, 1),
     }
 
 
 def _watched(
     pid: int, endpoint: str, prefixes: list[str], epoch_ns: int, count: int
-) -> tuple[Floats, int, list[float], list[int], float]:
-    """Latencies [ms], overruns of the sender, the consumer's ages [ms] and lags, and the service's share of a core."""
+) -> tuple[Floats, int, list[float], list[int], float, int]:
+    """Latencies [ms], overruns of the sender, ages [ms] and lags of the consumer, core share and RSS of the service."""
     newest, over = SPAWN.Value("q", -1), SPAWN.Event()
     robots_end, robots_result = SPAWN.Pipe(duplex=False)
     consumer_end, consumer_result = SPAWN.Pipe(duplex=False)
@@ -271,11 +272,12 @@ def _watched(
     latency, overruns = robots_end.recv()
     after = service.cpu_times()
     share = (after.user + after.system - before.user - before.system) / (time.monotonic() - start_s)
+    memory = service.memory_info().rss
     over.set()
     ages, behind = consumer_end.recv()
     robots.join()
     consumer.join()
-    return latency, overruns, ages, behind, share
+    return latency, overruns, ages, behind, share, memory
 
 
 def microseconds(call: Callable[[], object]) -> float:

@@ -23,7 +23,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str) -> None:
     own = context.config.robot
     with contextlib.ExitStack() as buses:
         contexts = []
-        for robot in robots or [own]:
+        for robot in dict.fromkeys(robots or [own]):
             if robot == own:
                 contexts.append(context)
                 continue
