@@ -31,6 +31,7 @@ class ModelInbox:
         self._seen = self._signature()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model-inbox")
         self._trial: Future[HeightmapNetwork] | None = None
+        self._process: subprocess.Popen[str] | None = None
 
     def poll(self) -> HeightmapNetwork | None:
         """Returns a model that was given and has passed; never waits.
@@ -43,7 +44,7 @@ class ModelInbox:
             if signature != self._seen:
                 self._seen = signature
                 if signature is not None:
-                    self._trial = self._worker.submit(load_tried, self._path)
+                    self._trial = self._worker.submit(self._load_tried)
             return None
         if not self._trial.done():
             return None
@@ -51,8 +52,37 @@ class ModelInbox:
         return trial.result()
 
     def close(self) -> None:
-        """Waits for a trial that is under way, and ends the thread."""
-        self._worker.shutdown()
+        """Ends a trial that is under way, and the thread."""
+        if self._process is not None:
+            self._process.kill()
+        self._worker.shutdown(cancel_futures=True)
+
+    def _load_tried(self) -> HeightmapNetwork:
+        """Loads a model that has been tried out in another process.
+
+        Raises:
+            ModelError: it has no checksum, is damaged, does not fit, or did not survive.
+        """
+        path = self._path
+        _ask_for_checksum(path)
+        command = [sys.executable, "-m", "heightmap.trial_load", str(path)]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment) as self._process:
+            try:
+                model_id, complaint = self._process.communicate(timeout=TIMEOUT_S)
+            except subprocess.TimeoutExpired as error:
+                self._process.kill()
+                raise ModelError(f"model {path} was not loaded within {TIMEOUT_S:g} s") from error
+        if self._process.returncode != 0:
+            lines = complaint.strip().splitlines()
+            raise ModelError(
+                lines[-1] if lines else f"model {path} ended its trial with code {self._process.returncode}"
+            )
+        network = HeightmapNetwork(path)
+        if network.model_id != model_id.strip():
+            raise ModelError(f"model {path} was replaced while it was tried out")
+        return network
 
     def _signature(self) -> tuple[int, int, int] | None:
         """Tells one file from the next; None where there is none."""
@@ -77,28 +107,6 @@ def give(model: Path, run_dir: Path) -> str:
         shutil.copyfile(source, partial)
         partial.replace(place)
     return model_id
-
-
-def load_tried(path: Path) -> HeightmapNetwork:
-    """Loads a model that has been tried out in another process.
-
-    Raises:
-        ModelError: it has no checksum, is damaged, does not fit, or did not survive.
-    """
-    _ask_for_checksum(path)
-    command = [sys.executable, "-m", "heightmap.trial_load", str(path)]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    try:
-        trial = subprocess.run(command, check=False, capture_output=True, text=True, timeout=TIMEOUT_S, env=environment)
-    except subprocess.TimeoutExpired as error:
-        raise ModelError(f"model {path} was not loaded within {TIMEOUT_S:g} s") from error
-    if trial.returncode != 0:
-        lines = trial.stderr.strip().splitlines()
-        raise ModelError(lines[-1] if lines else f"model {path} ended its trial with code {trial.returncode}")
-    network = HeightmapNetwork(path)
-    if network.model_id != trial.stdout.strip():
-        raise ModelError(f"model {path} was replaced while it was tried out")
-    return network
 
 
 def _ask_for_checksum(path: Path) -> None:

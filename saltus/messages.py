@@ -21,7 +21,7 @@ class HeightmapStatus(IntEnum):
 
     OK = 0
     WARMING = 1  # fewer frames since the last reset of the memory than the model needs
-    DEGRADED = 2  # the image is 50 ms older than nominal, or too many pixels are invalid
+    DEGRADED = 2  # the image is 50 ms older than nominal, too many pixels or images are missing, or the output is stuck
     INVALID = 3  # the image is 100 ms older than nominal, or the output is not plausible
 
 

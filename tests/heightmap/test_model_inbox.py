@@ -128,3 +128,27 @@ def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_pat
     with pytest.raises(ModelError, match=r"new\.onnx"):
         give(model, run_dir)
     assert list(run_dir.iterdir()) == []
+
+
+def test_closing_does_not_wait_for_a_trial(model_path: Path, tmp_path: Path) -> None:
+    inbox = ModelInbox(tmp_path / FILE)
+    give(model_path, tmp_path)
+    assert inbox.poll() is None
+    before_s = time.monotonic()
+    inbox.close()
+    assert time.monotonic() - before_s < PATIENCE_S / 2
+    assert inbox._trial is not None
+    assert inbox._trial.done()
+
+
+def test_a_trial_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+    """As it is when the runtime crashes or asks for too much memory."""
+    give(model_path, tmp_path)
+    assert inbox.poll() is None
+    deadline_s, waiting = time.monotonic() + PATIENCE_S, threading.Event()
+    while inbox._process is None:
+        assert time.monotonic() < deadline_s
+        waiting.wait(0.001)
+    inbox._process.kill()
+    with pytest.raises(ModelError, match="ended its trial with code -9"):
+        verdict(inbox)
