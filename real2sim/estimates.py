@@ -1,6 +1,6 @@
 """Where an effect acts, how large it is there, and how sure that is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -89,6 +89,7 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """
     everywhere = list(range(len(places)))
     present = present_at(problem, places, least)
+    has_shape = any(unknown.is_shape for unknown in problem.candidates[places[0].candidate].unknowns)
     kinds = {problem.candidates[place.candidate].where for place in places}
     tiers: list[list[list[int]]] = [
         [everywhere],
@@ -100,13 +101,16 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
         misfits = [_misfit(problem, places, members, present) for members in tier]
         best = int(np.argmax(misfits))
         if misfits[best] > CONSISTENT:
-            return [_pool([places[i] for i in tier[best]])]
+            own = [places[i] for i in tier[best]]
+            # where an effect leaves no trace, its shape is anything
+            telling = [places[i] for i in tier[best] if not has_shape or i in present]
+            return [replace(_pool(telling), places=tuple(own))]
     members = [places[i] for i in present]
     if _agreement(problem, members) > CONSISTENT:
         return [_pool(members)]
-    alike = [own for own in _by_kind(problem, members) if _agreement(problem, own) > CONSISTENT]
-    rest = [place for own in _by_kind(problem, members) if own not in alike for place in own]
-    return [_pool(own) for own in (*alike, *([place] for place in rest))]
+    alike = [kind for kind in _by_kind(problem, members) if _agreement(problem, kind) > CONSISTENT]
+    rest = [place for kind in _by_kind(problem, members) if kind not in alike for place in kind]
+    return [_pool(each) for each in (*alike, *([place] for place in rest))]
 
 
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:

@@ -44,7 +44,12 @@ KINDS = (
         starts=((0.004,), (0.012,)),
         resolution=5e-5,
     ),
-    Kind(effect="feedforward_delay", unknowns=(_size("delay", 0.0, 0.06, 1e-3),), starts=((0.004,), (0.012,))),
+    Kind(
+        effect="feedforward_delay",
+        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=4e-4,  # packets come with jitter, of which a delay says nothing
+    ),
     Kind(
         effect="actuator_lag",
         unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
