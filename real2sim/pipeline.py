@@ -6,7 +6,7 @@ Problems of different sensors know nothing of each other: one that fails does no
 import json
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from real2sim.fault import Fault
 from real2sim.findings import Findings, FoundEffect
 from real2sim.joints import JointProblem
 from real2sim.log import SHARED_CLAIMS, load
+from real2sim.narrowed import Narrowed
 from real2sim.next_experiment import next_experiment
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
 from real2sim.problem import Problem
@@ -111,8 +112,23 @@ def find(
     return judgement
 
 
-def examine(log: RunLog, *, profile: Profile = IDEAL, seed: int = 0, progress: Progress | None = None) -> Examined:
-    """Compares one log with the simulator, sensor by sensor; arguments as `find`."""
+def examine(
+    log: RunLog,
+    *,
+    profile: Profile = IDEAL,
+    without: Collection[str] = (),
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Examined:
+    """Compares one log with the simulator, sensor by sensor.
+
+    Args:
+        log: Of one rig.
+        profile: As in `find`.
+        without: Effects that the library is to lack.
+        seed: As in `find`.
+        progress: As in `find`.
+    """
     tell = progress or (lambda _stage, _share: None)
     tell("screen", 0.0)
     faults = tuple(screen(log))
@@ -126,7 +142,9 @@ def examine(log: RunLog, *, profile: Profile = IDEAL, seed: int = 0, progress: P
     for index, sensor in enumerate(posed):
         tell(sensor.name, index / len(posed))
         try:
-            compared.append(_compare(sensor, log, profile, seed, _counted(tell, sensor.name, index, len(posed))))
+            compared.append(
+                _compare(sensor, log, profile, without, seed, _counted(tell, sensor.name, index, len(posed)))
+            )
         except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
             logging.getLogger(__name__).exception("the %s could not be compared", sensor.name)
             failures.append(f"the {sensor.name} could not be compared: {type(error).__name__}: {error}")
@@ -151,11 +169,18 @@ def _counted(tell: Progress, name: str, index: int, count: int) -> Callable[[str
 
 
 def _compare(
-    sensor: Sensor, log: RunLog, profile: Profile, seed: int, progress: Callable[[str, int], None]
+    sensor: Sensor,
+    log: RunLog,
+    profile: Profile,
+    without: Collection[str],
+    seed: int,
+    progress: Callable[[str, int], None],
 ) -> Compared:
     problem = sensor.problem(log)
     if profile != IDEAL:
         problem = Rebased(problem, profile)
+    if without:
+        problem = Narrowed(problem, without)
     findings = search(problem, progress=progress, seed=seed)
     if isinstance(problem, JointProblem):
         findings = with_curves(problem, findings)
