@@ -1,0 +1,119 @@
+"""The two effects that the paper found by hand, hidden in the simulated robot and searched for in its raw run logs.
+
+    python -m benchmarks.paper_cases [--seeds 0 1 2] [--out paper_cases.json]
+
+1. The dynamometer's table of torque, in large steps of a held robot. The fitted curve of the calf is compared with the
+   table from 0 to 35 Nm commanded; then the patch is applied and the same log searched again.
+2. 50 ms of latency in the camera: on heave and pitch chirps, and on one sine of body height.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from real2sim.experiments import run
+from real2sim.menu import experiment_named
+from real2sim.pipeline import Judgement, find
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import IDEAL, Profile
+from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.run_log import write_run_log
+
+LATENCY_S = 0.050  # paper
+FARTHEST_NM = 35.0
+"""Commanded; the end of the table."""
+NEAREST_NM = 0.5
+"""Below it a share of the torque says nothing."""
+
+
+def main() -> None:
+    """Prints a line for each case and seed; writes JSON where asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of the sensors' noise")
+    parser.add_argument("--out", type=Path, help="JSON with all results")
+    options = parser.parse_args()
+    results = []
+    print(f"{'case':28} {'seed':>4} {'CPU s':>6}  verdict")
+    for seed in options.seeds:
+        for case in (saturation, latency_in_chirps, latency_in_a_sine):
+            start = time.process_time()
+            with tempfile.TemporaryDirectory() as folder:
+                result = {"case": case.__name__, "seed": seed, **case(Path(folder), seed)}
+            result["cpu_s"] = round(time.process_time() - start, 1)
+            results.append(result)
+            print(f"{case.__name__:28} {seed:4d} {result['cpu_s']:6.1f}  {result['in_words']}", flush=True)
+    if options.out is not None:
+        options.out.write_text(json.dumps(results, indent=1) + "\n")
+
+
+def saturation(folder: Path, seed: int) -> dict[str, Any]:
+    """The table of torque in large steps."""
+    hidden = Profile(actuator=(TorqueSaturation(curve=GO1_CURVE),))
+    first = _search("large_steps", hidden, seed, folder)
+    names = [effect.name for effect in first.verdict.effects]
+    curves = [effect.curve for effect in first.verdict.effects if "FR_calf" in effect.where and effect.curve]
+    worst = _apart(curves[0]) if len(curves) == 1 else float("nan")
+    again = find([folder / "log"], folder, profile=first.patch.applied_to(IDEAL), seed=seed, report=False)
+    result = {
+        "verdict": first.verdict.verdict,
+        "effects": sorted(set(names)),
+        "worst_error_of_curve": round(worst, 4),
+        "after_the_patch": again.verdict.verdict,
+    }
+    curve = f"the calf's curve is within {worst:.1%} of the table to {FARTHEST_NM:g} Nm"
+    return result | {"in_words": f"{_said(first)}; {curve}; after the patch {again.verdict.verdict}"}
+
+
+def latency_in_chirps(folder: Path, seed: int) -> dict[str, Any]:
+    """50 ms in heave and pitch chirps."""
+    found = _search("heave_and_pitch", Profile(camera=(CameraLatency(latency=LATENCY_S),)), seed, folder)
+    values = [e.params["latency"] for e in found.verdict.effects if e.name == CameraLatency.name]
+    told = f"latency {1e3 * values[0].value:.2f} ms" if values else "no latency"
+    result = {
+        "verdict": found.verdict.verdict,
+        "effects": [effect.name for effect in found.verdict.effects],
+        "error_ms": round(1e3 * (values[0].value - LATENCY_S), 3) if values else None,
+        "ci90_ms": [round(1e3 * end, 2) for end in values[0].ci90] if values else None,
+    }
+    return result | {"in_words": f"{_said(found)}; {told}"}
+
+
+def latency_in_a_sine(folder: Path, seed: int) -> dict[str, Any]:
+    """50 ms in one sine of 1 Hz."""
+    found = _search("heave_sine", Profile(camera=(CameraLatency(latency=LATENCY_S),)), seed, folder)
+    proposed = found.verdict.next_experiment
+    name = "none" if proposed is None else proposed.name
+    result = {
+        "verdict": found.verdict.verdict,
+        "sets": [list(names) for names in found.verdict.sets],
+        "next_experiment": name,
+    }
+    return result | {"in_words": f"{_said(found)}; next experiment {name}"}
+
+
+def _search(experiment: str, hidden: Profile, seed: int, folder: Path) -> Judgement:
+    write_run_log(run(experiment_named(experiment), hidden, seed=seed), folder / "log")
+    return find([folder / "log"], folder, seed=seed, report=False)
+
+
+def _apart(curve: tuple[tuple[float, float], ...]) -> float:
+    """Largest relative error of a curve against the table."""
+    torque = np.linspace(NEAREST_NM, FARTHEST_NM, 500)
+    fitted, table = (np.interp(torque, *np.array(((0.0, 0.0), *pairs)).T) for pairs in (curve, GO1_CURVE))
+    return float(np.max(np.abs(fitted / table - 1.0)))
+
+
+def _said(judgement: Judgement) -> str:
+    verdict = judgement.verdict
+    names = sorted({effect.name for effect in verdict.effects})
+    sets = ["{" + ", ".join(each) + "}" for each in verdict.sets]
+    return f"{verdict.verdict} {', '.join([*names, *sets])}".rstrip()
+
+
+if __name__ == "__main__":
+    main()
