@@ -14,6 +14,7 @@ import pytest
 
 from heightmap.model_inbox import FILE, ModelInbox, give
 from heightmap.network import HeightmapNetwork
+from saltus.cli.main import main
 from saltus.errors import ModelError
 from saltus.model_file import checksum_path, put_model
 
@@ -152,3 +153,19 @@ def test_a_trial_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path:
     inbox._process.kill()
     with pytest.raises(ModelError, match="ended its trial with code -9"):
         verdict(inbox)
+
+
+def test_the_command_puts_a_model_where_the_service_looks(
+    model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["heightmap", "give", str(model_path), "--run-dir", str(tmp_path)]) == 0
+    model_id = HeightmapNetwork(tmp_path / FILE).model_id
+    assert f"model {model_id} is in {tmp_path}" in capsys.readouterr().out
+    assert checksum_path(tmp_path / FILE).read_text() == checksum_path(model_path).read_text()
+
+
+def test_the_command_says_what_is_wrong_and_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "new.onnx"
+    put(b"not a model", model)
+    assert main(["heightmap", "give", str(model), "--run-dir", str(tmp_path)]) == 2
+    assert "new.onnx is not a model that can be run" in capsys.readouterr().err
