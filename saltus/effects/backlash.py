@@ -10,17 +10,18 @@ from saltus.effects.effect import Effect, Site, Values, like, parameter, period
 from saltus.effects.signals import Drive
 from saltus.go1 import ARMATURE, PHYSICS_DT
 
-Play = tuple[Array, Array] | tuple[()]
-"""How far the motor is ahead of the joint [rad], and how fast it gets ahead [rad/s]; empty before the first torque."""
+Play = tuple[Array, Array, Array, Array, Array] | tuple[()]
+"""How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming
+step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen; empty before the first torque."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Effect[Drive]):
     """The motor turns freely against the joint within a gap of `width`, and pushes it at either end.
 
-    Drive and encoder of the PD law are on the motor's side; what is logged is on the joint's. Inside the gap the joint
-    feels no torque, and the rotor is driven alone. A plant keeps the rotor's inertia at the joint for those few
-    milliseconds.
+    Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the joint's. In contact both
+    move as one, until the rotor would have to pull. Inside the gap the joint feels neither torque nor rotor; where the
+    gap ends, the rotor's momentum goes to the joint, without rebound.
     """
 
     name: ClassVar[str] = "backlash"
@@ -42,18 +43,34 @@ class Backlash(Effect[Drive]):
         torque = signal.torque
         xp = namespace(torque)
         half = 0.5 * like(self.width, torque, xp)
-        if not state:
-            return signal, (xp.sign(torque) * half, xp.zeros_like(torque))
-        offset, rate = state
-        # 1. the rotor alone over one period, from where it is
-        acceleration = torque / _ROTOR.like(torque)
-        free = offset + self.dt_s * rate + 0.5 * self.dt_s**2 * acceleration
-        # 2. it stays or arrives at an end, or it is under way
-        ahead = xp.minimum(xp.maximum(free, -half + 0.0 * free), half + 0.0 * free)
-        touches = (xp.abs(free) >= half) & (torque * free >= 0.0)
+        velocity, rotor = signal.velocity, _ROTOR.like(torque)
         zero = xp.zeros_like(torque)
-        rate = xp.where(touches, zero, rate + self.dt_s * acceleration)
-        return replace(signal, torque=xp.where(touches, torque, zero)), (ahead, rate)
+        if not state:
+            return signal, (xp.where(torque < 0.0, -half + zero, half + zero), zero, zero == zero, velocity, zero)
+        offset, rate, touched, before, expected = state
+        # 1. what the joint did over the last step, in place of what was expected of it
+        turning = (velocity - before) / self.dt_s
+        surprise = xp.where(touched, zero, self.dt_s * (expected - turning))
+        offset, rate = offset + 0.5 * self.dt_s * surprise, rate + surprise
+        # 2. rotors that would have to pull leave; those under way go on
+        leaves = touched & ((torque - rotor * turning) * offset < 0.0)
+        is_free = leaves | ~touched
+        ahead = rate + self.dt_s * (torque / rotor - turning)
+        reached = xp.where(is_free, offset + 0.5 * self.dt_s * (rate + ahead), offset)
+        # 3. those that arrive bring their momentum
+        arrives = is_free & (xp.abs(reached) >= half)
+        touches = arrives | ~is_free
+        pushed = xp.where(touches, torque + xp.where(arrives, rotor * rate / self.dt_s, zero), zero)
+        end = xp.minimum(xp.maximum(reached, -half + zero), half + zero)
+        return replace(signal, torque=pushed), (end, xp.where(touches, zero, ahead), touches, velocity, turning)
+
+    def missing(self, state: Play) -> Array | float:
+        """Inertia that the joint lacks over the coming step, as the rotor turns without it [kg m^2]."""
+        if not state:
+            return 0.0
+        _, rate, touches, _, _ = state
+        xp = namespace(rate)
+        return xp.where(touches, xp.zeros_like(rate), _ROTOR.like(rate))
 
 
 _ROTOR = Constant(ARMATURE)

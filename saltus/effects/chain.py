@@ -1,6 +1,6 @@
 """From a joint command to the torque at the joint: the effects of an actuator in their physical order."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -98,7 +98,7 @@ class ActuatorChain:
         drive = Drive(torque=believed, position=position, velocity=velocity)
         drive = self._pass("torque", drive, time_s, memories)
         # 5. what resists there
-        resistance = self._resistance(velocity, time_s)
+        resistance = self._resistance(velocity, time_s, memories)
         return Torques(applied=drive.torque, believed=believed, resistance=resistance), tuple(memories)
 
     def _pass(self, site: str, signal: Signal, time_s: float, memories: list[Any]) -> Signal:
@@ -114,14 +114,17 @@ class ActuatorChain:
                 return JointState(position=motion.position + memory[0], velocity=motion.velocity + memory[1])
         return motion
 
-    def _resistance(self, velocity: Floats, time_s: float) -> Resistance | None:
+    def _resistance(self, velocity: Floats, time_s: float, memories: list[Any]) -> Resistance | None:
         resisting = [effect for effect in self.effects if effect.site == "joint"]
-        if not resisting:
+        play = [(e, memory) for e, memory in zip(self.effects, memories, strict=True) if isinstance(e, Backlash)]
+        if not resisting and not play:
             return None
         none = namespace(velocity).zeros_like(velocity)
         resistance = Resistance(velocity=velocity, friction=none, damping=none, armature=none)
         for effect in resisting:
             resistance, _ = effect.apply(resistance, time_s, None)
+        for backlash, memory in play:
+            resistance = replace(resistance, armature=resistance.armature - backlash.missing(memory))
         return resistance
 
 

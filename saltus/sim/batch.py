@@ -1,6 +1,7 @@
 """Many Go1s at once on the cores of a CPU, each with its own terrain, friction and payload."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import mujoco
@@ -174,7 +175,7 @@ class BatchPlant:
             torque = Torques(
                 applied=_merged(fresh, torque.applied, kept.applied),
                 believed=_merged(fresh, torque.believed, kept.believed),
-                resistance=torque.resistance,  # has no memory
+                resistance=_merged(fresh, torque.resistance, kept.resistance),
             )
             state = _merged(fresh, state, old)
         self._actuators = state
@@ -261,7 +262,9 @@ class BatchPlant:
 
 
 def _merged(fresh: NDArray[np.bool_], new: Any, old: Any) -> Any:
-    """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples of arrays."""
+    """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples and signals."""
+    if isinstance(new, Resistance):
+        return Resistance(**{f.name: _merged(fresh, getattr(new, f.name), getattr(old, f.name)) for f in fields(new)})
     if isinstance(new, tuple):
         return tuple(_merged(fresh, a, b) for a, b in zip(new, old, strict=True))
     if isinstance(new, np.ndarray):
