@@ -1,6 +1,7 @@
 """From fitted models to findings: the ruling, values and places, the gap on untouched segments, what would be seen."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,9 +42,7 @@ def findings(
     chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
     confusion = signature.confusion(court.layout, around, chosen.fit.model)
     alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
-    reported = {effect: _report(problem, court, chosen.fit, effect) for effect in chosen.fit.model}
-    unknowns = _as_reported(court, chosen.fit, [group for groups in reported.values() for group in groups])
-    final = np.asarray(evaluate("reported values", unknowns[np.newaxis])[0]) if reported else chosen.fit.residuals
+    reported, unknowns, final = _reported(problem, court, evaluate, null, chosen)
     tested = Cells.of(problem, ~court.split.is_fit)
     ruling = _rule(problem, court, tested, null, chosen, alike, final)
     is_told = ruling in ("named", "set")
@@ -78,8 +77,27 @@ def _dispersion(court: Court, scored: Sequence[Scored]) -> float:
     return bootstrap.dispersion(best.quadratic(court.layout, court.split), np.ones(len(best.columns), dtype=bool))
 
 
-def _report(problem: Problem, court: Court, fit: Fit, effect: str) -> list[estimates.Group]:
-    return estimates.group(problem, estimates.places_of(problem, court, fit, effect), court.size)
+def _reported(
+    problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored
+) -> tuple[dict[str, list[estimates.Group]], Floats, Floats]:
+    """Groups of each effect of the chosen model, the unknowns that they are, and the residuals that those leave.
+
+    Values that places share are kept where they explain the gap as the fit does; else each place has its own.
+    """
+    fit = chosen.fit
+    if not fit.model:
+        return {}, fit.unknowns, fit.residuals
+    places = {effect: estimates.places_of(problem, court, fit, effect) for effect in fit.model}
+    shared = {effect: estimates.group(problem, found, court.size) for effect, found in places.items()}
+    apart = {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()}
+    sets = np.array(
+        [_as_reported(court, fit, [g for groups in way.values() for g in groups]) for way in (shared, apart)]
+    )
+    left = evaluate("reported values", sets)
+    closed = [court.closed(null, null, replace(chosen, structure=court.cells.structure(r))) for r in left]
+    least = decide.explained_share(court, fit.model)
+    best = 1 if closed[0] < least <= closed[1] else 0
+    return (shared, apart)[best], sets[best], left[best]
 
 
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:

@@ -113,6 +113,11 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     return [_pool(each) for each in (*alike, *([place] for place in rest))]
 
 
+def each_alone(problem: Problem, places: list[Place], least: float) -> list[Group]:
+    """Every place at which an effect is present, with its own value; arguments as `group`."""
+    return [_pool([places[i]]) for i in present_at(problem, places, least)]
+
+
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
     """At which places an effect is larger than chance and than what simulations differ by; at least one."""
     largest = int(np.argmax([place.rms for place in places]))
