@@ -77,6 +77,8 @@ class Court:
     rng: np.random.Generator
     size: float
     """Least RMS of an effect [sigma of a residual]."""
+    further_share: float = FURTHER_SHARE
+    """Share of the whole gap that a further effect must close at least."""
 
     def score(self, fit: Fit) -> Scored:
         """Held-out cost and remainder of a fit."""
@@ -125,7 +127,7 @@ def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Score
         null = next(each for each in scored if not each.fit.model)
         more = court.closed(null, null, rival) - court.closed(null, null, held)
         further = court.closed(null, held, rival)
-        if further < REMAINDER_SHARE or more < FURTHER_SHARE:
+        if further < REMAINDER_SHARE or more < court.further_share:
             return False
         is_clear = further >= CLEAR_SHARE
     fits = {each.fit.model: each.fit for each in scored}
@@ -141,7 +143,7 @@ def may_gain(court: Court, null: Fit, fit: Fit) -> bool:
     if court.cells.largest_rms(after) <= court.size:
         return False
     left = 1.0 - court.cells.share_gone(before, after, court.cells.shows(before, court.size))
-    return left >= FURTHER_SHARE and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
+    return left >= court.further_share and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
 def explained_share(court: Court, model: Model) -> float:

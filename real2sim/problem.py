@@ -100,6 +100,9 @@ class Problem(ABC):
     untestable: dict[str, str]
     samples_per_residual: float = 1.0
     """Samples of the log that a residual averages: by its square root an effect stands out more than in one sample."""
+    simulation_doubt: float = 1.0
+    """How much two right simulations of one effect differ, in units of what they do where robots have drives and
+    contacts."""
 
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:

@@ -72,6 +72,7 @@ class _Search:
             cells=Cells.of(self._problem, self._split.is_fit),
             rng=np.random.default_rng(self._seed),
             size=decide.SIZE_RMS * self._problem.samples_per_residual**0.5,
+            further_share=decide.FURTHER_SHARE * self._problem.simulation_doubt,
         )
         if self._is_worth_fitting():
             self._fit_singles()
