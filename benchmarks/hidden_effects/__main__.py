@@ -1,25 +1,28 @@
-"""Command line of the benchmark of hidden effects: generate, identify, score."""
+"""Command line of the benchmark of hidden effects: generate, identify, follow up, score."""
 
 import argparse
 import json
 from pathlib import Path
 
-from benchmarks.hidden_effects import cases, confusion, identify, score
+from benchmarks.hidden_effects import cases, confusion, followup, identify, score
 from benchmarks.hidden_effects.generate import generate
 from benchmarks.hidden_effects.plan import KINDS, make_plan
 
 
 def main() -> None:
-    """Runs one of the three parts."""
+    """Runs one of the parts."""
     options = _options()
     if options.part == "generate":
         runs = make_plan(options.seed, options.runs, tuple(options.kinds), tuning=options.tuning)
         generate(runs, options.out, options.truth, tuning=options.tuning, jobs=options.jobs)
     elif options.part == "identify":
-        identify.identify(options.logs, options.out, identify.command, options.jobs)
+        identify.identify(options.logs, options.out, identify.command, options.jobs, options.second)
+    elif options.part == "followup":
+        followup.followup(cases.read_cases(options.verdicts, options.truth), options.out)
     else:
         marked = cases.read_cases(options.verdicts, options.truth)
-        table = score.table(marked)
+        again = None if options.followup is None else cases.read_cases(options.followup, options.truth)
+        table = score.table(marked, again)
         (options.verdicts / "score.json").write_text(json.dumps(table, indent=1))
         confusion.write_confusion(marked, options.verdicts)
         print(json.dumps(table) if options.json else _text(table))
@@ -40,9 +43,17 @@ def _options() -> argparse.Namespace:
     look.add_argument("logs", type=Path)
     look.add_argument("--out", type=Path, required=True)
     look.add_argument("--jobs", type=int, default=2)
+    look.add_argument(
+        "--with", dest="second", type=Path, help="second logs of some of the robots: both are read as one"
+    )
+    more = parts.add_parser("followup", help="have robots do what was proposed for them; opens the truth")
+    more.add_argument("verdicts", type=Path)
+    more.add_argument("truth", type=Path)
+    more.add_argument("--out", type=Path, required=True)
     mark = parts.add_parser("score", help="compare sealed verdicts with the truth")
     mark.add_argument("verdicts", type=Path)
     mark.add_argument("truth", type=Path)
+    mark.add_argument("--followup", type=Path, help="verdicts on robots that did what was proposed")
     mark.add_argument("--json", action="store_true")
     return parser.parse_args()
 

@@ -8,6 +8,7 @@ import numpy as np
 from benchmarks.hidden_effects import stances
 from benchmarks.hidden_effects.joint_effects import Family, draw_sign
 from benchmarks.hidden_effects.mjcf import model_text
+from benchmarks.hidden_effects.motions import Segment
 from benchmarks.hidden_effects.noise import coloured
 from benchmarks.hidden_effects.pushes import Pushes
 from benchmarks.hidden_effects.robot import STAND, Floats
@@ -47,6 +48,8 @@ BODY = {
     "base_inertia": Family(usual=0.1, largest=1.5),
     "foot_friction": Family(usual=0.01, largest=0.5),
     "contact_compliance": Family(usual=0.01, largest=0.06),
+    # never hidden here, but what a payload can be taken for
+    "torque_gain": Family(usual=0.02, largest=0.5, shape=draw_sign),
 }
 IMU = {
     "imu_bias": Family(usual=0.02, largest=0.3, shape=_bias),
@@ -105,14 +108,26 @@ class BodyScene(Scene):
         self.position, self.velocity, self.segments = stances.commands(rng, control_dt=CONTROL_DT, tuning=tuning)
         self.corner_hz = float(rng.uniform(20, 150))
         self.level = np.exp(rng.uniform(-0.3, 0.3))
-        self.known_payload_kg = 0.0
+        self.known_payload_kg = self.release_m = 0.0
         self._model = mujoco.MjModel.from_xml_string(
             model_text(
                 free=True, timestep=STEP_S, friction=GROUND["friction"], contact_time=GROUND["contact_time_constant"]
             )
         )
         self._ideal = self._simulate({})
+        self._slope = self._ideal.slope
         self._known: dict[str, Floats] = {}
+        self._index()
+
+    def perform(
+        self, position: Floats, segments: tuple[Segment, ...], *, known_payload_kg: float, release_m: float
+    ) -> None:
+        """Has the same robot do something else, with a payload that is claimed, or let fall onto its feet."""
+        self.position, self.velocity = position, np.gradient(position, CONTROL_DT, axis=0)
+        self.segments = segments
+        self.known_payload_kg, self.release_m = known_payload_kg, release_m
+        self._known.clear()
+        self._ideal = self._simulate({})
         self._index()
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
@@ -186,24 +201,27 @@ class BodyScene(Scene):
 
     def _friction(self, size: float) -> float:
         """Below what the motion needs: from there on feet slip."""
-        return GROUND["friction"] if size == 0 else min(GROUND["friction"], self._ideal.slope * (1 - size**0.5))
+        return GROUND["friction"] if size == 0 else min(GROUND["friction"], self._slope * (1 - size**0.5))
 
     def _simulate(self, by: dict[str, Setting]) -> Motion:
         model, data = self._altered(by), None
         data = mujoco.MjData(model)
         data.qpos[7:] = STAND
         per_row = round(CONTROL_DT / STEP_S)
-        settle = round(SETTLE_S / CONTROL_DT)
+        data.qpos[2] += self.release_m
+        settle = 0 if self.release_m else round(SETTLE_S / CONTROL_DT)
         rows = len(self.position)
         base, velocity, gyro, acc = np.zeros((rows, 7)), np.zeros((rows, 3)), np.zeros((rows, 3)), np.zeros((rows, 3))
         joints, load = np.zeros((rows, 12, 3)), np.zeros((-(-rows // FEET_EVERY), 4))
         slopes = []
         push = Pushes(by, rows)
+        drive = by.get("torque_gain")
+        gain = 1.0 if drive is None else 1.0 + drive.size * drive.shape["sign"]
         for k in range(-settle, rows):
             row = max(k, 0)
             q, dq = data.qpos[7:], data.qvel[6:]
             torque = self.kp * (self.position[row] - q) + self.kd * (self.velocity[row] - dq)
-            data.ctrl[:] = torque
+            data.ctrl[:] = gain * torque
             data.xfrc_applied[1, :2] = push.force(k, data.qvel[:2])
             if k >= 0:
                 joints[k, :, 0], joints[k, :, 1], joints[k, :, 2] = q, dq, torque

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from benchmarks.hidden_effects import experiments
 from benchmarks.hidden_effects.body import CONTROL_DT, FEET_EVERY, GROUND, PAYLOAD_POSITION, BodyScene, quaternions
 from benchmarks.hidden_effects.plan import Run
 from benchmarks.hidden_effects.scene import Setting
@@ -31,6 +32,15 @@ class BodyStage(Stage):
         del rng
         return PLACE
 
+    def follow(self, experiment: str, rng: np.random.Generator) -> bool:
+        """See `Stage`."""
+        if experiment not in experiments.BODY:
+            return False
+        position, segments = experiments.body_commands(experiment, CONTROL_DT, rng)
+        payload, release = experiments.PAYLOAD_KG.get(experiment, 0.0), experiments.RELEASE.get(experiment, 0.0)
+        self._body.perform(position, segments, known_payload_kg=payload, release_m=release)
+        return True
+
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
         """See `Stage`."""
         scene, start = self._body, float(rng.uniform(0, 1000))
@@ -48,6 +58,8 @@ class BodyStage(Stage):
         meta = claim(
             base="free", kp=scene.kp * gains, kd=scene.kd * gains, control_dt=CONTROL_DT, segments=scene.segments
         )
+        if scene.known_payload_kg:
+            meta["payload_kg"] = scene.known_payload_kg
         meta["ground"], meta["payload_position"] = dict(GROUND), list(PAYLOAD_POSITION)
         for segment in meta["excitation"]["segments"]:
             segment["t0"], segment["t1"] = round(segment["t0"] + start, 6), round(segment["t1"] + start, 6)

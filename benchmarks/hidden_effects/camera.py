@@ -106,11 +106,16 @@ class CameraScene(Scene):
         self.boxes = view.scenery(rng, flat=flat)
         length = float(rng.uniform(10, 14))
         self.path = view.path(rng, length_s=length, tuning=tuning, static=static)
-        # long enough before the first image for the oldest exposure
-        exact = np.arange(0.3, length, 1 / self.optics.rate)
-        self.arrival = exact + rng.normal(0, 2e-4, len(exact))
+        self.arrival = self._arrivals(rng)
         self.sigma = float(rng.uniform(1.0e-3, 2.0e-3))
         self.speckle = float(rng.uniform(0.005, 0.015))
+        self._index(rng)
+        self.farthest = float(self._ideal[self._ideal < self.range_max].max())
+
+    def move(self, path: view.Path, boxes: tuple[view.Box, ...], rng: np.random.Generator) -> None:
+        """Takes the same camera along another path, before other boxes."""
+        self.path, self.boxes = path, boxes
+        self.arrival = self._arrivals(rng)
         self._index(rng)
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
@@ -234,11 +239,15 @@ class CameraScene(Scene):
         seen = np.where(depth > 0, depth, self._reference)
         return np.concatenate([self._weight * seen / self.sigma, HOLE * (depth > 0)])
 
+    def _arrivals(self, rng: np.random.Generator) -> Floats:
+        # long enough before the first image for the oldest exposure
+        exact = np.arange(0.3, self.path.segments[-1].end_s, 1 / self.optics.rate)
+        return np.asarray(exact + rng.normal(0, 2e-4, len(exact)))
+
     def _index(self, rng: np.random.Generator) -> None:
         truth = self._geometry({}, self.arrival - self.latency)
         self._ideal = truth
         self._sound = np.random.default_rng(self.seed).random(truth.shape, dtype=np.float32) >= self.speckle
-        self.farthest = float(truth[truth < self.range_max].max())
         near_edge = _edges(truth) | np.roll(_edges(truth), -1, axis=2)
         near_edge |= np.abs(np.diff(truth, axis=1, prepend=truth[:, :1])) > EDGE * truth
         for axis in (1, 2):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from benchmarks.hidden_effects import experiments
 from benchmarks.hidden_effects.camera import CameraScene
 from benchmarks.hidden_effects.plan import Run
 from benchmarks.hidden_effects.robot import JOINTS, STAND, Floats
@@ -38,6 +39,14 @@ class CameraStage(Stage):
         """See `Stage`."""
         del rng
         return PLACE
+
+    def follow(self, experiment: str, rng: np.random.Generator) -> bool:
+        """See `Stage`."""
+        if experiment not in experiments.CAMERA:
+            return False
+        path, boxes = experiments.camera_path(experiment)
+        self._camera.move(path, boxes, rng)
+        return True
 
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
         """See `Stage`."""

@@ -47,6 +47,15 @@ class Case:
         sets = self.verdict.get("sets", []) if self.said in ("named", "set") else []
         return set(self.named) | {name for one in sets if len(one) <= LONGEST_SET for name in one}
 
+    @property
+    def proposal(self) -> str:
+        """Experiment that is proposed for a set in which the truth is; empty where there is none."""
+        in_sets = {name for one in self.verdict.get("sets", []) for name in one}
+        holds = bool(self.true_names) and set(self.true_names) <= self.offered and bool(in_sets & set(self.true_names))
+        if self.said != "set" or not holds:
+            return ""
+        return str((self.verdict.get("next_experiment") or {}).get("name") or "")
+
     def counts(self) -> bool:
         """Whether every hidden effect is large enough and the motion shows it."""
         multiples, shown = self.truth["multiples"], self.truth["shown_rms"]

@@ -10,25 +10,31 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-Find = Callable[[Path, Path], None]
-"""From the directory of a log and one for results; writes verdict.json there."""
+Find = Callable[[tuple[Path, ...], Path], None]
+"""From the directories of logs of one robot and one for results; writes verdict.json there."""
 LIMIT_S = 600.0
 """What one log may take: the time that sixty seconds of log may take on two cores."""
 
 
-def identify(logs: Path, verdicts: Path, find: Find, jobs: int) -> None:
+def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> None:
     """Writes a verdict for every log that has none yet, then the hashes of all.
+
+    With second logs those robots are looked at that have one, in both together.
 
     A log that cannot be finished gets the verdict "error", which counts as wrong.
     """
     names = sorted(path.name for path in logs.iterdir() if (path / "meta.json").exists())
+    if second is not None:
+        names = [name for name in names if (second / name / "meta.json").exists()]
+    folders = (logs,) if second is None else (logs, second)
     open_ = [name for name in names if not (verdicts / name / "verdict.json").exists()]
     print(f"{len(names) - len(open_)} of {len(names)} verdicts are there", flush=True)
     with ThreadPoolExecutor(jobs) as pool:
-        futures = {pool.submit(_look, find, logs / name, verdicts / name): name for name in open_}
+        futures = {pool.submit(_look, find, tuple(f / name for f in folders), verdicts / name): name for name in open_}
         for number, future in enumerate(as_completed(futures), start=len(names) - len(open_) + 1):
             print(f"{number}/{len(names)} {futures[future]}: {future.result()}", flush=True)
     hashes = {name: digest(verdicts / name / "verdict.json") for name in names}
+    verdicts.mkdir(parents=True, exist_ok=True)
     (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1))
 
 
@@ -37,9 +43,9 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def command(log: Path, out: Path) -> None:
+def command(logs: tuple[Path, ...], out: Path) -> None:
     """Finds with the project's command line, in a process of its own on one core."""
-    find = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", str(log), "--out", str(out)]
+    find = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", *map(str, logs), "--out", str(out)]
     call = [*find, "--json", "--no-report"]
     done = subprocess.run(
         call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
@@ -48,11 +54,11 @@ def command(log: Path, out: Path) -> None:
         raise RuntimeError(f"exit code {done.returncode}: {done.stderr[-2000:]}")
 
 
-def _look(find: Find, log: Path, out: Path) -> str:
+def _look(find: Find, logs: tuple[Path, ...], out: Path) -> str:
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     try:
-        find(log, out)
+        find(logs, out)
     except Exception as error:  # whatever stops an identifier must not stop the benchmark
         (out / "verdict.json").write_text(json.dumps({"verdict": "error", "message": str(error)}))
     seconds = time.monotonic() - start

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from benchmarks.hidden_effects import experiments
 from benchmarks.hidden_effects.joints import JointScene, draw_where
 from benchmarks.hidden_effects.plan import Run
 from benchmarks.hidden_effects.robot import LEGS, Floats
@@ -33,6 +34,14 @@ class JointStage(Stage):
         """See `Stage`."""
         del rng
         return self._where
+
+    def follow(self, experiment: str, rng: np.random.Generator) -> bool:
+        """See `Stage`."""
+        if experiment not in experiments.JOINTS:
+            return False
+        command, segments = experiments.joint_commands(experiment, self._joints.rig.control_dt, rng)
+        self._joints.perform(command, segments, experiments.STIFFER.get(experiment, 1.0))
+        return True
 
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
         """See `Stage`."""

@@ -8,13 +8,15 @@ from benchmarks.hidden_effects import joint_effects, motions
 from benchmarks.hidden_effects.joint_effects import FAMILIES, LIBRARY, OUTSIDE, Peak
 from benchmarks.hidden_effects.legs import Hidden, Rig, mean_delay, simulate
 from benchmarks.hidden_effects.noise import coloured
-from benchmarks.hidden_effects.robot import JOINTS, KINDS, LEGS, Floats
+from benchmarks.hidden_effects.robot import JOINTS, KINDS, LEGS, STAND, TORQUE_LIMIT, Floats
 from benchmarks.hidden_effects.scene import Scene, Setting
 
 FASTEST_TICK, SLOWEST_TICK = 1, 16
 """Steps of 0.125 ms between two evaluations of the PD law: 8 kHz, and the 500 Hz that every drive has at least."""
 CLOCK_S = 1e-3
 """By which a drive's clock may be off: half of a period at 500 Hz, the mean age of a torque that is held."""
+ASKED = 1.1
+"""Of the largest torque that may be asked for in an experiment, in parts of a joint's limit."""
 SHOWN = 2
 """Signals that count in a response: position and velocity. Believed torque follows from them and the command; a packet
 that is late by nothing at all would move its sample at a jump by the whole jump."""
@@ -62,6 +64,15 @@ class JointScene(Scene):
         ideal = simulate(self.rig, [Hidden()])[0]
         self.peak = Peak(speed=np.abs(ideal[..., 1]).max(axis=0), torque=np.abs(ideal[..., 2]).max(axis=0))
         self._index()
+
+    def perform(self, command: Floats, segments: tuple[motions.Segment, ...], stiffer: float) -> None:
+        """Has the same robot do something else, with other gains, within what its drives can give."""
+        kp, kd = (stiffer * self.rig.kp).round(2), (np.sqrt(stiffer) * self.rig.kd).round(3)
+        rig = replace(self.rig, command=command, kp=kp, kd=kd)
+        torque = np.abs(simulate(rig, [Hidden()])[0][..., 2]).max(axis=0)
+        part = min(1.0, float((ASKED * TORQUE_LIMIT / torque).min()))
+        rest = np.stack([STAND, np.zeros(12), np.zeros(12)], axis=-1)
+        self.rig, self.segments = replace(rig, command=rest + part * (command - rest)), segments
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         """See `Scene`."""

@@ -155,7 +155,9 @@ def commands(
     parts, segments = [], []
     for place, (name, number) in enumerate(plan):
         size = (0.15 if quiet else 1.0) * (1.0, 1.0, 0.6, 0.8, 1.0)[number]
-        parts.append(_segment(library[name], rows, control_dt, size, np.random.default_rng(seeds[name])))
+        motion = library[name]
+        rng_again = np.random.default_rng(seeds[name])
+        parts.append(segment(motion, rows, control_dt, size, rng_again, jumps=motion in JUMPS))
         start, end = place * rows * control_dt, (place + 1) * rows * control_dt
         segments.append(Segment(name=f"{name}-{number}", start_s=start, end_s=end, condition=name))
     return np.concatenate(parts), tuple(segments)
@@ -176,7 +178,8 @@ def _choose(rng: np.random.Generator, tuning: bool, quiet: bool) -> list[str]:
     return [*always, *rng.permutation(others)[: rng.integers(2, 4)].tolist()]
 
 
-def _segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.Generator) -> Floats:
+def segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.Generator, *, jumps: bool) -> Floats:
+    """Commands of one segment, shape (rows, 12, 3); what jumps is commanded without a velocity."""
     length = rows * dt - REST_S
     t = np.arange(rows) * dt
     moving = t < length
@@ -186,7 +189,7 @@ def _segment(motion: Motion, rows: int, dt: float, size: float, rng: np.random.G
     forward = np.zeros((rows, 12))
     forward[moving] = size * PUSH * push
     velocity = np.gradient(position, dt, axis=0)
-    if motion in JUMPS:  # a jump is commanded without a velocity
+    if jumps:
         velocity[:] = 0.0
     return np.stack([position, velocity, forward], axis=-1)
 

@@ -10,8 +10,13 @@ from benchmarks.hidden_effects.parameters import parameter_rows
 from benchmarks.hidden_effects.shares import median, share
 
 
-def table(cases: list[Case]) -> dict[str, Any]:
-    """Every row of the benchmark's table; see the README for what each counts."""
+def table(cases: list[Case], followed: list[Case] | None = None) -> dict[str, Any]:
+    """Every row of the benchmark's table; see the README for what each counts.
+
+    Args:
+        cases: All runs.
+        followed: Those of them that did the experiment that was proposed for them, with the new verdicts.
+    """
     kept = [case for case in cases if case.counts()]
     by = {
         name: [c for c in cases if c.truth["category"] == name] for name in ("none", "one", "two", "outside", "damaged")
@@ -52,12 +57,19 @@ def table(cases: list[Case]) -> dict[str, Any]:
             for kind in ("joints", "camera", "body", "imu")
         },
         "baselines": {name: _baseline(name, clear, by["none"]) for name in ("threshold", "lowest_training_error")},
+        **({} if followed is None else {"experiment_resolves_set": _resolved(kept, followed)}),
         **parameter_rows([c for c in one if _exact(c, c.named)]),
     }
 
 
 def _exact(case: Case, names: list[str]) -> bool:
     return set(names) == set(case.true_names)
+
+
+def _resolved(cases: list[Case], followed: list[Case]) -> dict[str, Any]:
+    """Sets with an experiment that became the true names; one that could not be done did not help."""
+    exact = {c.truth["name"]: c.said == "named" and _exact(c, c.named) for c in followed}
+    return share([exact.get(c.truth["name"], False) for c in cases if c.proposal])
 
 
 def _wrong(case: Case) -> bool:

@@ -30,6 +30,10 @@ class Stage(ABC):
         """A place at which the sizes of effects that are not there are stated."""
 
     @abstractmethod
+    def follow(self, experiment: str, rng: np.random.Generator) -> bool:
+        """Has the same robot do an experiment from now on; false where this kind of rig cannot do it."""
+
+    @abstractmethod
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
         """The log of a run that has these effects."""
 

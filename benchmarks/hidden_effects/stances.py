@@ -87,15 +87,20 @@ def commands(
     rows = round(rng.uniform(20, 24) / len(order) / control_dt)
     seeds = {name: int(rng.integers(2**31)) for name in names}
     parts, segments = [], []
-    t = np.arange(rows) * control_dt
-    ease = np.clip(np.minimum(t, t[-1] - t) / EASE_S, 0, 1)
-    envelope = ease * ease * (3 - 2 * ease)
     for place, (name, number) in enumerate(order):
         size = 1.0 if number == 0 else 0.8
-        parts.append(STAND + size * library[name](t, envelope, np.random.default_rng(seeds[name])))
+        rng_again = np.random.default_rng(seeds[name])
+        parts.append(stretch(library[name], rows, control_dt, rng_again, size))
         start = place * rows * control_dt
         segments.append(
             Segment(name=f"{name}-{number}", start_s=start, end_s=start + rows * control_dt, condition=name)
         )
     position = np.concatenate(parts)
     return position, np.gradient(position, control_dt, axis=0), tuple(segments)
+
+
+def stretch(stance: Stance, rows: int, control_dt: float, rng: np.random.Generator, size: float = 1.0) -> Floats:
+    """Desired positions of one segment, (rows, 12)."""
+    t = np.arange(rows) * control_dt
+    ease = np.clip(np.minimum(t, t[-1] - t) / EASE_S, 0, 1)
+    return np.asarray(STAND + size * stance(t, ease * ease * (3 - 2 * ease), rng))

@@ -113,7 +113,12 @@ def path(rng: np.random.Generator, *, length_s: float, tuning: bool, static: boo
         inside = (t >= start) & (t < start + each)
         values[:, inside] = _move(name, t[inside] - start, each, np.random.default_rng(seeds[name]))
         segments.append(Segment(name=f"{name}-{number}", start_s=start, end_s=start + each, condition=name))
-    return Path(time_s=t, x=values[0], z=STAND_HEIGHT + values[1], pitch=values[2], segments=tuple(segments))
+    return path_of(t, values, tuple(segments))
+
+
+def path_of(time_s: Floats, offsets: Floats, segments: tuple[Segment, ...]) -> Path:
+    """Path of a trunk that is moved by `offsets` of x, z and pitch, shape (3, n), from where it stands."""
+    return Path(time_s=time_s, x=offsets[0], z=STAND_HEIGHT + offsets[1], pitch=offsets[2], segments=segments)
 
 
 def _move(name: str, t: Floats, length: float, rng: np.random.Generator) -> Floats:

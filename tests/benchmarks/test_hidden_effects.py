@@ -285,8 +285,8 @@ def scored(tmp_path: Path, truths: list[dict], say) -> dict:
         (truth / f"{one['name']}.json").write_text(json.dumps(one))
     by_name = {one["name"]: one for one in truths}
 
-    def find(log: Path, out: Path) -> None:
-        (out / "verdict.json").write_text(json.dumps(say(by_name[log.name])))
+    def find(logs: tuple[Path, ...], out: Path) -> None:
+        (out / "verdict.json").write_text(json.dumps(say(by_name[logs[0].name])))
 
     identify.identify(logs, verdicts, find, jobs=1)
     return score.table(cases.read_cases(verdicts, truth))

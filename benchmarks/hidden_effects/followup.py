@@ -1,0 +1,37 @@
+"""The same hidden robots once more, in the experiments that were proposed for them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.plan import Run
+from benchmarks.hidden_effects.scene import Setting
+from benchmarks.hidden_effects.stage import make_stage
+from benchmarks.hidden_effects.tables import write
+
+SEED = 11
+"""Added to a run's own: another start, other noise."""
+
+
+def followup(cases: list[Case], logs: Path) -> None:
+    """Writes a second log for each set that holds the truth and comes with an experiment, where none is there yet."""
+    proposed = [case for case in cases if case.proposal]
+    for number, case in enumerate(proposed, start=1):
+        done = follow(case, logs)
+        print(f"{number}/{len(proposed)} {case.truth['name']}: {case.proposal}{'' if done else ' cannot be done'}")
+
+
+def follow(case: Case, logs: Path) -> bool:
+    """Writes the second log of one run; whether its rig can do the experiment."""
+    run = Run(**{**case.truth["run"], **{k: tuple(case.truth["run"][k]) for k in ("effects", "multiples")}})
+    out = logs / run.name
+    if (out / "meta.json").exists():
+        return True
+    stage = make_stage(run, case.truth["tuning"])
+    rng = np.random.default_rng(run.seed + SEED)
+    if not stage.follow(case.proposal, rng):
+        return False
+    settings = tuple(Setting(**{**one, "where": tuple(one["where"])}) for one in case.truth["settings"])
+    write(stage.record(settings, rng), out)
+    return True
