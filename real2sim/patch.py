@@ -41,6 +41,8 @@ from saltus.errors import ConfigError, nearest_hint
 from saltus.run_log import RunLog
 
 SCHEMA = "saltus-patch/1"
+AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
+"""Effects that are absent at what a log claims, not at the null value of the library (schema of run logs)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,25 @@ def load_patch(path: Path) -> Patch:
         raise ConfigError(f"cannot read the patch {path}: {error}") from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def supported(effects: Sequence[FoundEffect]) -> tuple[FoundEffect, ...]:
+    """The effects that a profile may have: with values that the effect can have, and a size that is not null."""
+    return tuple(effect for effect in effects if effect.name not in EFFECTS or _is_told(effect))
+
+
+def _is_told(found: FoundEffect) -> bool:
+    known = {f.name: f.metadata for f in fields(EFFECTS[found.name])}
+    crosses = []
+    for name, interval in found.params.items():
+        null, least, most = known[name].get("null"), float(known[name]["low"]), float(known[name]["high"])
+        low, high = interval.ci90
+        # absent without end: what cannot be 0 is not told by an interval that reaches it
+        if not least <= interval.value <= most or (null == np.inf and least > 0.0 >= low):
+            return False
+        if null is not None:
+            crosses.append(found.name not in AS_CLAIMED and low <= null <= high)
+    return not all(crosses)
 
 
 def evidence_of(directory: Path) -> Evidence:

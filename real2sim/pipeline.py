@@ -17,7 +17,7 @@ from real2sim.joints import JointProblem
 from real2sim.log import SHARED_CLAIMS, load
 from real2sim.narrowed import Narrowed
 from real2sim.next_experiment import next_experiment
-from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of
+from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
 from real2sim.saturation_curve import with_curves
@@ -212,7 +212,7 @@ def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Jud
             next_experiment=next_experiment(verdict.sets, rivals),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
-    patch = Patch(effects=verdict.effects, evidence=evidence, range=_range(examined))
+    patch = Patch(effects=supported(verdict.effects), evidence=evidence, range=_range(examined))
     return Judgement(verdict=verdict, patch=patch, examined=examined, evidence=evidence)
 
 

@@ -1,5 +1,6 @@
 """Patches: what a verdict says of a robot is what its profile holds after the patch."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,9 @@ import pytest
 from real2sim.findings import Findings, FoundEffect, Interval
 from real2sim.menu import EXPERIMENTS
 from real2sim.next_experiment import next_experiment, separations
-from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml
+from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
 from real2sim.pipeline import resolved
-from real2sim.torque_curve import as_knee
+from real2sim.torque_curve import as_knee, delivered
 from saltus import go1
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.coulomb_friction import CoulombFriction
@@ -67,6 +68,42 @@ def test_a_patch_composes_with_what_the_profile_has() -> None:
     friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
     np.testing.assert_array_equal(friction.torque, np.where(np.array(go1.JOINTS) == "RL_hip", 0.5, 0.2))
     assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(GO1).actuator == GO1.actuator
+
+
+def test_what_is_no_size_reaches_no_patch() -> None:
+    def at(name: str, **told: tuple[float, float, float]) -> FoundEffect:
+        params = {key: Interval(value=v, ci90=(low, high), unit="") for key, (v, low, high) in told.items()}
+        return FoundEffect(name=name, where="all", params=params)
+
+    good = (
+        *ONE_OF_EACH_PART,
+        at("torque_speed_limit", corner=(0.0, -0.2, 0.2), no_load=(30.0, 28.0, 32.0)),
+        at("stiction", breakaway=(0.3, 0.2, 0.4), stribeck_velocity=(0.05, -0.1, 0.2)),
+        at("camera_latency", latency=(0.0, -0.001, 0.001)),
+        at("imu_bias", gyro_x=(0.02, 0.01, 0.03), roll=(0.0, -0.01, 0.01)),
+    )
+    assert supported(good) == good
+    assert not supported(
+        (
+            at("torque_saturation", knee=(0.01, 0.005, 0.015), plateau=(20.0, 19.0, 21.0)),
+            at("torque_saturation", knee=(9.0, -3.0, 21.0), plateau=(20.0, 19.0, 21.0)),
+            at("torque_gain", gain=(1.02, 0.97, 1.07)),
+            at("coulomb_friction", torque=(0.1, -0.05, 0.25)),
+        )
+    )
+
+
+def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
+    """One for calves on a profile that has a knee at hips already: both are there afterwards, to the fourth digit."""
+    before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4)
+    curve = ((10.0, 10.0), (20.0, 18.0), (30.0, 24.0))
+    one = FoundEffect(name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params)
+    applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)))
+    (after,) = profile_from_toml(profile_to_toml(applied)).actuator
+    assert isinstance(after, TorqueSaturation)
+    torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
+    expected = np.where(np.arange(12) % 3 == 2, delivered(curve, torque), before.delivered(torque))
+    np.testing.assert_allclose(after.delivered(torque), expected, atol=1e-3)
 
 
 def test_an_empty_patch_changes_nothing() -> None:
