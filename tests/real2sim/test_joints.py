@@ -9,6 +9,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from real2sim import joint_motion
+from real2sim.joint_candidates import LOOP_RATE
 from real2sim.joint_drives import lost
 from real2sim.joints import JointProblem
 from real2sim.problem import Floats
@@ -137,6 +139,21 @@ def test_the_replay_is_the_plant() -> None:
     clean = JointProblem(log)
     apart = clean._measured[:, 0] - simulated.q.reshape(-1, 4, 3)[problem._sample]
     assert np.sqrt(np.mean(apart[50:] ** 2)) < 1e-4
+
+
+@pytest.mark.parametrize("stairs", [2, 4])
+def test_a_faster_loop_is_what_smaller_steps_make_of_it(stairs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nuisance stands for a drive that evaluates its law several times in a step of the replay."""
+    log = motion()
+    coarse = JointProblem(log)
+    sets = np.zeros((2, 4, coarse._candidates.count))
+    sets[1, :, coarse._candidates.columns(LOOP_RATE, 0)] = 1.0 - 1.0 / stairs
+    slow, fast = np.moveaxis(coarse._simulate(coarse._candidates.drives(sets, coarse._motion.dt_s)).q, -1, 0)
+    monkeypatch.setattr(joint_motion, "SLOWEST_LOOP_S", coarse._motion.dt_s / stairs)
+    fine = JointProblem(log)
+    assert fine._motion.every == stairs * coarse._motion.every
+    true = fine._simulate(fine._candidates.drives(sets[:1], fine._motion.dt_s)).q[..., 0]
+    assert np.std(fast - true) < 0.1 * np.std(slow - true)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
