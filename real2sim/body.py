@@ -128,10 +128,11 @@ class BodyProblem(Problem):
         return rig_of(names_of(nothing), self._claims, start)
 
     def _likeliest(self, noise: Noise) -> Solver:
-        def squares(solver: Solver, softer: float) -> Floats:
+        def squares(solver: Solver, softer: float, rougher: float) -> Floats:
             replay = Replay(self._windows, self._terrain, self._span_s, solver)
             rig = self._rig_at_rest()
             rig.body.contact_time_constant[:] *= softer
+            rig.body.friction[:] *= rougher
             return np.asarray(np.mean(noise.plain(self._errors(replay.states(rig)))[0] ** 2, axis=(1, 2)))
 
         return likeliest(squares)

@@ -17,18 +17,20 @@ GROUNDS = (
     Solver(impratio=1.0, impedance=SOFTER),
     Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
 )
-TIME_CONSTANTS = (1.0, 2.0)
-"""Times the claimed one: a ground that is softer than claimed must not be taken for one that creeps."""
+OTHERWISE = ((1.0, 1.0), (2.0, 1.0), (1.0, 0.5), (1.0, 0.15))
+"""Time constant and friction, times the claimed ones: ground that is soft or slippery must not be taken for one that
+creeps."""
 
 
-def likeliest(squares: Callable[[Solver, float], Floats]) -> Solver:
+def likeliest(squares: Callable[[Solver, float, float], Floats]) -> Solver:
     """The way to compute contacts with which a log agrees best, whatever else its robot has.
 
     Args:
-        squares: Mean square of what is left in each window under a solver and a multiple of the claimed time constant,
-            shape (w,). Their logarithms are compared: windows with much to explain otherwise do not decide alone.
+        squares: Mean square of what is left in each window under a solver and multiples of the claimed time constant
+            and friction, shape (w,). Their logarithms are compared: windows with much to explain otherwise do not
+            decide alone.
     """
-    left = [min(float(np.sum(np.log(squares(ground, t)))) for t in TIME_CONSTANTS) for ground in GROUNDS]
+    left = [min(float(np.sum(np.log(squares(ground, *o)))) for o in OTHERWISE) for ground in GROUNDS]
     return GROUNDS[int(np.argmin(left))]
 
 
