@@ -195,7 +195,7 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
 
 def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:
     """Values of an effect's parameters after a finding: of all joints, or of those that the finding names."""
-    known = {f.name: f.metadata for f in fields(effect) if "null" in f.metadata}
+    known = {f.name: f.metadata for f in fields(effect) if "low" in f.metadata}
     values: dict[str, Any] = {}
     for name, interval in found.params.items():
         if name not in known:

@@ -36,6 +36,7 @@ ONE_OF_EACH_PART = (
     found("coulomb_friction", CALVES, torque=0.3),
     found("command_delay", "all", delay=0.004),
     found("torque_saturation", ("FR_calf",), knee=14.0, plateau=25.0),
+    found("stiction", ("FR_calf",), breakaway=0.3, stribeck_velocity=0.1),
     found("battery_sag", "all", loss_at_end=0.1),
     found("camera_latency", "camera", latency=0.06),
     found("imu_bias", "imu", roll=0.01, pitch=-0.01),
