@@ -136,11 +136,11 @@ class CameraScene(Scene):
         return np.stack([self._respond(settings) for settings in variants])
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
-        """See `Scene`."""
+        """See `Scene`; of frames the part that was lost indeed."""
         size, signed = setting.size, setting.size * setting.shape.get("sign", 1.0)
         table: dict[str, dict[str, float]] = {
             "camera_latency": {"latency": self.latency + signed},
-            "frame_drop": {"fraction": size},
+            "frame_drop": {"fraction": float(self._lost(size, len(self.arrival)).mean())},
             "temporal_smear": {"alpha": 1.0 - size},
             "camera_pitch": {"offset": signed},
             "camera_height": {"offset": signed},
@@ -158,7 +158,7 @@ class CameraScene(Scene):
         """Images as they arrive; without a generator without the noise that every run has."""
         by = {setting.effect: setting for setting in settings}
         # the same chance in every variant, whatever else is there
-        chance = [np.random.default_rng(self.seed + number) for number in range(1, 5)]
+        chance = [np.random.default_rng(self.seed + number) for number in range(1, 4)]
         capture = self.arrival - self.latency - self._signed(by, "camera_latency")
         true = self._geometry(by, capture) if MOVES_RAYS & set(by) else self._ideal
         depth = self._range(by, true, chance[0])
@@ -168,7 +168,7 @@ class CameraScene(Scene):
         valid &= ~_beside_edges(true, self._size(by, "edge_holes"), chance[1])
         depth = np.where(valid, depth, np.float32(0.0))
         depth = _filled(depth, self._size(by, "hole_fill"), chance[2])
-        kept, source = self._drop(by, len(capture), chance[3])
+        kept, source = self._drop(by, len(capture))
         depth = depth[source]
         if "temporal_smear" in by:
             depth = _smeared(depth, 1.0 - by["temporal_smear"].size)
@@ -227,9 +227,14 @@ class CameraScene(Scene):
         part = rng.random(depth.shape, dtype=np.float32)
         return np.where(mixed, part * noisy + (1 - part) * left, noisy)
 
-    def _drop(self, by: dict[str, Setting], count: int, chance: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        lost = chance.uniform(size=count) < self._size(by, "frame_drop")
+    def _lost(self, fraction: float, count: int) -> np.ndarray:
+        """Images that never come: the same ones whatever else is there."""
+        lost = np.random.default_rng(self.seed + 4).uniform(size=count) < fraction
         lost[0] = False
+        return np.asarray(lost)
+
+    def _drop(self, by: dict[str, Setting], count: int) -> tuple[np.ndarray, np.ndarray]:
+        lost = self._lost(self._size(by, "frame_drop"), count)
         source = np.maximum.accumulate(np.where(lost, 0, np.arange(count)))
         repeats = "frame_drop" in by and by["frame_drop"].shape["repeat"] > 0
         return (np.ones(count, dtype=bool) if repeats else ~lost), source
