@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from real2sim.image_pixels import to_images
 from render.camera import moved_camera
 from render.embree import EmbreeRenderer
 from saltus import go1
@@ -84,7 +85,7 @@ def film(
     depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0
-    shown, arrival_s, kept = _through(profile, depth, capture_s, rng)
+    shown, arrival_s, kept = _through(to_images(profile, camera.intrinsics.fx), depth, capture_s, rng)
     return DepthTable(
         arrival_s=arrival_s[kept],
         capture_s=None,

@@ -29,6 +29,7 @@ import numpy as np
 import tomli_w
 
 from real2sim.findings import FoundEffect
+from real2sim.image_pixels import to_robot
 from real2sim.torque_curve import as_knee, with_curve
 from real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus import go1
@@ -65,6 +66,8 @@ class Applicability:
     """Farthest depth."""
     duration_s: float | None = None
     """Length of the log."""
+    focal_px: float | None = None
+    """Focal length of its images: what effects tell in pixels, they tell in pixels of these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +169,7 @@ def applicability(log: RunLog) -> Applicability:
         speed_rad_s=None if joints.dq is None else _largest(joints.dq),
         depth_m=None if log.depth is None or not log.depth.depth_mm.size else 1e-3 * float(log.depth.depth_mm.max()),
         duration_s=float(joints.time_s[-1] - joints.time_s[0]),
+        focal_px=None if log.depth is None or "camera" not in log.meta else float(log.meta["camera"]["fx"]),
     )
 
 
@@ -189,6 +193,8 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
         after = replace(before, **_values(before, found))
     if isinstance(after, BatterySag) and reach.duration_s is not None:
         after = replace(after, duration_s=reach.duration_s)
+    if reach.focal_px is not None:
+        after = to_robot(after, reach.focal_px)
     others = tuple(effect for effect in effects if effect.name != found.name)
     return replace(profile, **{part: (*others, after)})
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from real2sim.align import ClockOffset, align
 from real2sim.fault import Fault
 from real2sim.findings import Findings, FoundEffect
+from real2sim.image_pixels import to_images
 from real2sim.joints import JointProblem
 from real2sim.log import SHARED_CLAIMS, load
 from real2sim.narrowed import Narrowed
@@ -178,6 +179,8 @@ def _compare(
 ) -> Compared:
     problem = sensor.problem(log)
     if profile != IDEAL:
+        if "camera" in log.meta:
+            profile = to_images(profile, float(log.meta["camera"]["fx"]))
         problem = Rebased(problem, profile)
     if without:
         problem = Narrowed(problem, without)

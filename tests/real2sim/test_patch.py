@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 
 from real2sim.findings import Findings, FoundEffect, Interval
+from real2sim.image_pixels import to_images
 from real2sim.menu import EXPERIMENTS
 from real2sim.next_experiment import next_experiment, separations
 from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
 from real2sim.pipeline import resolved
 from real2sim.torque_curve import as_knee, delivered
 from saltus import go1
+from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.depth_noise import DepthNoise
+from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.profile import GO1, IDEAL, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.errors import ConfigError
@@ -192,3 +196,18 @@ def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
     assert (second.sets, second.verdict, second.effects) == (sure.sets, sure.verdict, sure.effects)
     (alone,) = resolved((unsure,))
     assert (alone.sets, alone.verdict) == (unsure.sets, "set")
+
+
+@pytest.mark.parametrize("focal_px", [50.0, D435I.fx, 600.0])
+def test_what_is_told_in_pixels_is_told_of_the_images_of_the_log(focal_px: float) -> None:
+    told = (found("edge_holes", "camera", width=3.0), found("depth_noise", "camera", subpixel_sigma=0.05))
+    whole = Patch(effects=told, evidence=(), range=Applicability(focal_px=focal_px))
+    profile = whole.applied_to(IDEAL)
+    holes = next(e for e in profile.camera if isinstance(e, EdgeHoles))
+    noise = next(e for e in profile.camera if isinstance(e, DepthNoise))
+    assert holes.width == pytest.approx(3.0 * D435I.fx / focal_px)  # the same angle
+    assert noise.subpixel_sigma / noise.focal_px == pytest.approx(0.05 / focal_px)  # the same depth
+    back = to_images(profile, focal_px)
+    assert [e.width for e in back.camera if isinstance(e, EdgeHoles)] == pytest.approx([3.0])
+    assert whole.applied_to(profile) == profile
+    assert patch_from_toml(whole.to_toml()) == whole
