@@ -1,15 +1,20 @@
 """Laws of the body problem, on logs of the plant."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from standing_robot import Motion, run_log
 
 from real2sim.body import BodyProblem
+from real2sim.body_support import carried_by
+from real2sim.sensors import SENSORS
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.effect import Effect
 from saltus.effects.foot_friction import FootFriction
 from saltus.effects.payload_mass import PayloadMass
 from saltus.errors import RecordingError
+from saltus.run_log import RunLog
 
 SHORT = (
     Motion(name="stand", duration_s=0.7),
@@ -69,6 +74,37 @@ def test_a_stand_cannot_show_what_needs_slip_or_flight() -> None:
     assert "base_inertia" in problem.untestable
     assert "flight" in problem.untestable["base_inertia"]
     assert "payload_mass" not in problem.untestable
+
+
+def test_a_robot_that_is_carried_poses_no_body_problem() -> None:
+    log = run_log(motions=SHORT[:1])
+    assert carried_by(log) == pytest.approx(1.0, abs=0.1)
+    assert not lacks("body", log)
+    carried = dataclasses.replace(log, joints=dataclasses.replace(log.joints, q_des=log.joints.q, dq=None))
+    assert "0% of its weight" in lacks("body", carried)
+    assert lacks("joints", log)
+    assert lacks("joints", carried)
+
+
+def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
+    log = run_log(motions=SHORT[:1])
+    ground = {"friction": 0.6, "contact_time_constant": 0.01}
+    problem = BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
+    by_name = {c.effect: c for c in problem.candidates}
+    none = np.zeros(1)
+    assert problem.physical(by_name["foot_friction"], none)["coefficient"].value == pytest.approx(0.6)
+    assert problem.physical(by_name["contact_compliance"], none)["time_constant"].value == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("ground", [{"friction": -1.0}, {"contact_time_constant": 0.0}])
+def test_a_ground_that_cannot_be_is_an_error(ground: dict[str, float]) -> None:
+    log = run_log(motions=SHORT[:1])
+    with pytest.raises(RecordingError, match="ground"):
+        BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
+
+
+def lacks(name: str, log: RunLog) -> str:
+    return next(sensor for sensor in SENSORS if sensor.name == name).lacks(log)
 
 
 def test_without_a_measured_base_there_is_no_problem() -> None:
