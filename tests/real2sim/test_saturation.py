@@ -1,0 +1,43 @@
+"""A saturation as a curve: from a robot to its log, and from a profile to the simulator that a log is compared with."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from real2sim import motions
+from real2sim.experiments import run
+from real2sim.joints import JointProblem
+from real2sim.menu import EXPERIMENTS
+from real2sim.rebased import Rebased
+from saltus.effects.profile import Profile
+from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+
+STEPS = dataclasses.replace(
+    EXPERIMENTS["large_steps"],
+    sections=lambda: motions.repeated("steps", 2, lambda: motions.steps(2.2, 0.6, (0.48, 0.48, 0.8))),
+)
+CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in GO1_CURVE)
+"""The same table at the calves, nothing elsewhere."""
+
+
+@pytest.mark.parametrize("curve", [GO1_CURVE, CALVES_ONLY], ids=["all joints", "calves"])
+def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple[float, ...], ...]) -> None:
+    robot = Profile(actuator=(TorqueSaturation(curve=curve),))
+    inner = JointProblem(run(STEPS, robot, seed=2))
+    nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
+    with_curve = Rebased(inner, robot)
+    assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)
+    assert np.mean(inner.residuals(nothing) ** 2) > 4.0
+    calf = next(c for c in with_curve.candidates if (c.effect, c.where) == ("torque_saturation", "calf"))
+    told = with_curve.physical(calf, np.array([0.0, 10.0, 1.0]))
+    assert told["knee"].value == pytest.approx(13.4, abs=0.1)
+    assert told["plateau"].value == pytest.approx(25.9, abs=0.1)
+
+
+def test_a_curve_of_each_joint_has_as_many_columns_as_joints() -> None:
+    torque = np.linspace(-40.0, 40.0, 41)[:, None] * np.ones(12)
+    given = TorqueSaturation(curve=CALVES_ONLY).delivered(torque)
+    calf = np.arange(12) % 3 == 2
+    np.testing.assert_array_equal(given[:, ~calf], torque[:, ~calf])
+    np.testing.assert_allclose(given[:, calf], TorqueSaturation(curve=GO1_CURVE).delivered(torque)[:, calf], rtol=1e-12)
