@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments import run
-from real2sim.menu import experiment_named
+from real2sim.experiments.menu import experiment_named
+from real2sim.experiments.run import run
 from real2sim.pipeline import Judgement, find
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile

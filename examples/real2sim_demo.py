@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from real2sim.demonstration import Demonstration, demonstrate
-from real2sim.experiments import run
-from real2sim.instruments import SensorNoise
-from real2sim.motions import Floats
-from real2sim.words import sentence
+from real2sim.experiments.instruments import SensorNoise
+from real2sim.experiments.motions import Floats
+from real2sim.experiments.run import run
+from real2sim.reporting.words import sentence
 from saltus import go1
 from saltus.effects.profile import IDEAL, Profile, profile_to_toml
 from saltus.run_log import RunLog, read_run_log

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments import run
-from real2sim.menu import Experiment, experiment_named
+from real2sim.experiments.menu import Experiment, experiment_named
+from real2sim.experiments.run import run
 from real2sim.pipeline import Judgement, Progress, find
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.armature import Armature

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.row_times import evenly, rate_scale, state_times
+from real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.errors import ModelError, RecordingError
 from saltus.run_log import SCHEMA, JointTable, RunLog, write_run_log
 

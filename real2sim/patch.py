@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from real2sim.findings import FoundEffect
-from real2sim.image_pixels import to_robot
-from real2sim.torque_curve import as_knee, with_curve
+from real2sim.camera.image_pixels import to_robot
+from real2sim.joints.torque_curve import as_knee, with_curve
+from real2sim.search.findings import FoundEffect
 from real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus import go1
 from saltus.effects.battery_sag import BatterySag

@@ -10,20 +10,20 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from real2sim.align import ClockOffset, align
-from real2sim.fault import Fault
-from real2sim.findings import Findings, FoundEffect
-from real2sim.image_pixels import to_images
-from real2sim.joints import JointProblem
+from real2sim.camera.image_pixels import to_images
+from real2sim.experiments.next_experiment import next_experiment
+from real2sim.joints.problem import JointProblem
+from real2sim.joints.saturation_curve import with_curves
 from real2sim.log import SHARED_CLAIMS, load
-from real2sim.narrowed import Narrowed
-from real2sim.next_experiment import next_experiment
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
-from real2sim.saturation_curve import with_curves
-from real2sim.screen import screen
-from real2sim.search import search
+from real2sim.screening.align import ClockOffset, align
+from real2sim.screening.fault import Fault
+from real2sim.screening.screen import screen
+from real2sim.search.findings import Findings, FoundEffect
+from real2sim.search.narrowed import Narrowed
+from real2sim.search.search import search
 from real2sim.sensors import SENSORS, Sensor
 from real2sim.verdict import Verdict, merge
 from saltus.effects.profile import IDEAL, Profile
@@ -107,7 +107,7 @@ def find(
     judgement = judge(tuple(examined), tuple(evidence_of(run) for run in runs))
     _write(judgement, out)
     if report:
-        from real2sim.report import write_report
+        from real2sim.reporting.report import write_report
 
         write_report(judgement, out / "report.html", profile=profile, seed=seed)
     return judgement

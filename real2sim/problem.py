@@ -2,7 +2,7 @@
 
 A problem belongs to one kind of sensor: the joints, the camera, the body, the IMU. It replays a run log through the
 simulator with effects added and returns measured minus simulated, whitened: white noise of unit variance where the
-model is right. The search (`real2sim.search`) knows nothing of robots; problems know nothing of statistics.
+model is right. The search (`real2sim.search.search`) knows nothing of robots; problems know nothing of statistics.
 """
 
 from abc import ABC, abstractmethod
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.localise import Driver
+from real2sim.reporting.localise import Driver
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

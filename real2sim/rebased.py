@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from real2sim.joints import JointProblem
-from real2sim.localise import Driver
+from real2sim.joints.problem import JointProblem
 from real2sim.problem import Candidate, Estimate, Floats, Problem, Unknown
+from real2sim.reporting.localise import Driver
 from saltus import go1
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from real2sim.body_support import LEAST_SHARE, carried_by
+from real2sim.body.support import LEAST_SHARE, carried_by
 from real2sim.problem import Problem
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
@@ -66,25 +66,25 @@ def _no_imu(log: RunLog) -> str:
 
 
 def _joints(log: RunLog) -> Problem:
-    from real2sim.joints import JointProblem
+    from real2sim.joints.problem import JointProblem
 
     return JointProblem(log)
 
 
 def _camera(log: RunLog) -> Problem:
-    from real2sim.camera import CameraProblem
+    from real2sim.camera.problem import CameraProblem
 
     return CameraProblem(log)
 
 
 def _body(log: RunLog) -> Problem:
-    from real2sim.body import BodyProblem
+    from real2sim.body.problem import BodyProblem
 
     return BodyProblem(log)
 
 
 def _imu(log: RunLog) -> Problem:
-    from real2sim.imu import ImuProblem
+    from real2sim.imu.problem import ImuProblem
 
     return ImuProblem(log)
 

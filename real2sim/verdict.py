@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from real2sim.findings import Findings, FoundEffect, Interval
 from real2sim.problem import Estimate
+from real2sim.search.findings import Findings, FoundEffect, Interval
 
 Ruling = Literal["named", "set", "unexplained", "no_gap", "bad_log"]
 

@@ -4,7 +4,8 @@
 
 SI units; `t` in seconds on one monotonic clock; world z up; quaternions (w, x, y, z), body to world. Everything but
 `meta.json` and `joints.csv` may be missing; a table may be Parquet with the same columns, e.g. `joints.parquet`.
-Reading checks the form only: columns and types. Whether the contents make sense is for `real2sim.screen` to say.
+Reading checks the form only: columns and types. Whether the contents make sense is for `real2sim.screening.screen` to
+say.
 """
 
 import json

@@ -14,7 +14,7 @@ from saltus.cli.output import print_json, run_directory
 from saltus.errors import ConfigError
 
 if TYPE_CHECKING:
-    from real2sim.menu import Experiment
+    from real2sim.experiments.menu import Experiment
 
 Json = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -39,7 +39,7 @@ class Find:
     def run(self) -> int:
         """Prints what was found; 0, whatever it is."""
         from real2sim.pipeline import find
-        from real2sim.words import sentence
+        from real2sim.reporting.words import sentence
         from saltus.effects.profile import load_profile
 
         profile = load_profile(self.profile)
@@ -130,7 +130,7 @@ class Experiments:
 
     def run(self) -> int:
         """Runs the experiment; without one, prints the table."""
-        from real2sim.menu import EXPERIMENTS, experiment_named
+        from real2sim.experiments.menu import EXPERIMENTS, experiment_named
 
         if self.run_ is not None and self.list:
             raise ConfigError("--list and --run exclude each other")
@@ -150,8 +150,8 @@ class Experiments:
         return 0
 
     def _run(self, experiment: "Experiment") -> int:
-        from real2sim.experiments import run
-        from real2sim.footage import Camera
+        from real2sim.experiments.footage import Camera
+        from real2sim.experiments.run import run
         from saltus.effects.profile import load_profile
         from saltus.run_log import write_run_log
 
@@ -194,7 +194,7 @@ class Demo:
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
         from real2sim.demonstration import demonstrate
-        from real2sim.words import sentence
+        from real2sim.reporting.words import sentence
         from saltus.effects.profile import profile_to_toml
 
         directory = run_directory("real2sim-demo", self.out)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from real2sim.align import ClockOffset, Motion, align, fit_offset
+from real2sim.screening.align import ClockOffset, Motion, align, fit_offset
 from saltus.run_log import RunLog
 
 

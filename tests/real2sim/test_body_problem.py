@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from standing_robot import Motion, run_log
 
-from real2sim.body import BodyProblem
-from real2sim.body_support import carried_by
+from real2sim.body.problem import BodyProblem
+from real2sim.body.support import carried_by
 from real2sim.sensors import SENSORS
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.effect import Effect

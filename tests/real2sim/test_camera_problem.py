@@ -9,10 +9,10 @@ import open3d
 import pytest
 from camera_logs import FLAT, POST, STEP, WALL, Recipe, Truth, camera_log, chirp, corners, rocking, sine, still
 
-from real2sim.camera import CameraProblem
-from real2sim.camera_edges import edge_counts
-from real2sim.camera_frames import frames_of
-from real2sim.rays import claimed_scenes
+from real2sim.camera.edges import edge_counts
+from real2sim.camera.frames import frames_of
+from real2sim.camera.problem import CameraProblem
+from real2sim.camera.rays import claimed_scenes
 from saltus.errors import RecordingError
 from saltus.run_log import DepthTable
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim import motions
-from real2sim.experiments import run
-from real2sim.footage import Camera
-from real2sim.instruments import SensorNoise
-from real2sim.menu import EXPERIMENTS, experiment_named
-from real2sim.safety import Limits, UnsafeMotionError
-from real2sim.screen import screen
+from real2sim.experiments import motions
+from real2sim.experiments.footage import Camera
+from real2sim.experiments.instruments import SensorNoise
+from real2sim.experiments.menu import EXPERIMENTS, experiment_named
+from real2sim.experiments.run import run
+from real2sim.experiments.safety import Limits, UnsafeMotionError
+from real2sim.screening.screen import screen
 from saltus import go1
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.coulomb_friction import CoulombFriction

@@ -7,8 +7,8 @@ import pytest
 
 from real2sim.go2 import END_STOP, JOINTS, LEGS, bare_model, import_motor_response
 from real2sim.log import load, segments_of
-from real2sim.row_times import evenly, rate_scale, state_times
-from real2sim.screen import screen
+from real2sim.screening.row_times import evenly, rate_scale, state_times
+from real2sim.screening.screen import screen
 from saltus.errors import ModelError, RecordingError
 from saltus.sim.held import HeldRobot
 

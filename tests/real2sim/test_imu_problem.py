@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from standing_robot import MOTIONS, run_log
 
-from real2sim.imu import ImuProblem
+from real2sim.imu.problem import ImuProblem
 from saltus.effects.effect import Effect
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency

@@ -9,12 +9,12 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from real2sim import joint_motion
-from real2sim.joint_candidates import LOOP_RATE
-from real2sim.joint_drives import lost
-from real2sim.joints import JointProblem
+from real2sim.joints import motion as joint_motion
+from real2sim.joints.candidates import LOOP_RATE
+from real2sim.joints.drives import lost
+from real2sim.joints.problem import JointProblem
+from real2sim.joints.saturation_curve import saturation_curves
 from real2sim.problem import Floats
-from real2sim.saturation_curve import saturation_curves
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rig_logs import Rig, joints_log
 
-from real2sim.localise import Channel, Driver, in_words, localise, table
-from real2sim.regimes import drivers_of
+from real2sim.reporting.localise import Channel, Driver, in_words, localise, table
+from real2sim.reporting.regimes import drivers_of
 from saltus import go1
 
 ROWS = 3000

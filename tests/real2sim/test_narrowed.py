@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from real2sim.narrowed import Narrowed
-from real2sim.search import search
+from real2sim.search.narrowed import Narrowed
+from real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
 

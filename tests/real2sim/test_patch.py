@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim.findings import Findings, FoundEffect, Interval
-from real2sim.image_pixels import to_images
-from real2sim.menu import EXPERIMENTS
-from real2sim.next_experiment import next_experiment, separations
+from real2sim.camera.image_pixels import to_images
+from real2sim.experiments.menu import EXPERIMENTS
+from real2sim.experiments.next_experiment import next_experiment, separations
+from real2sim.joints.torque_curve import as_knee, delivered
 from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
 from real2sim.pipeline import resolved
-from real2sim.torque_curve import as_knee, delivered
+from real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus import go1
 from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay

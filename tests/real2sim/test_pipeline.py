@@ -7,16 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim import motions, pipeline
-from real2sim.experiments import run
-from real2sim.menu import EXPERIMENTS
+from real2sim import pipeline
+from real2sim.experiments import motions
+from real2sim.experiments.menu import EXPERIMENTS
+from real2sim.experiments.run import run
 from real2sim.patch import load_patch
 from real2sim.pipeline import examine, find, judge
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
+from real2sim.reporting.words import sentence
 from real2sim.sensors import SENSORS
 from real2sim.verdict import Verdict
-from real2sim.words import sentence
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.viscous_friction import ViscousFriction

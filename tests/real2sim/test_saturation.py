@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from real2sim import motions
-from real2sim.experiments import run
-from real2sim.joints import JointProblem
-from real2sim.menu import EXPERIMENTS
+from real2sim.experiments import motions
+from real2sim.experiments.menu import EXPERIMENTS
+from real2sim.experiments.run import run
+from real2sim.joints.problem import JointProblem
 from real2sim.rebased import Rebased
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation

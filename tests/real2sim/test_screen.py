@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from real2sim.screen import screen
+from real2sim.screening.screen import screen
 from saltus.run_log import JointTable, RunLog, Table
 
 Damage = Callable[[RunLog], RunLog]

@@ -2,7 +2,7 @@ import numpy as np
 from linear_problem import LinearProblem
 from one_joint import OneJoint
 
-from real2sim.split import TEST, split
+from real2sim.search.split import TEST, split
 
 
 def test_the_last_of_repeats_is_the_test() -> None:

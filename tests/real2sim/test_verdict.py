@@ -1,7 +1,7 @@
 import pytest
 
-from real2sim.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
 from real2sim.problem import Estimate
+from real2sim.search.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
 from real2sim.verdict import Gap, NextExperiment, Verdict, merge
 
 EFFECT = FoundEffect(

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from real2sim.findings import FoundEffect, Interval
 from real2sim.patch import Applicability, Patch
+from real2sim.search.findings import FoundEffect, Interval
 from saltus.cli.main import main
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import GO1, load_profile

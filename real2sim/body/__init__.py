@@ -1,0 +1,1 @@
+"""The body on the ground: short replays, candidates."""

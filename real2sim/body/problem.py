@@ -1,0 +1,165 @@
+"""The body problem: a robot on the ground, replayed in short windows from its measured state.
+
+Residuals are what motion capture and encoders measured minus what the simulator makes of the logged commands, under
+the claimed body and ground with effects added. Payload, centre of mass and inertia show in how the body sinks, leans
+and turns; ground and soles in slip, touchdown and rebound. Drives are between commands and body: their effects are
+candidates too, as a weak motor looks like a heavy trunk.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from real2sim.body.candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
+from real2sim.body.ground import likeliest, neighbours
+from real2sim.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
+from real2sim.body.replay import Replay
+from real2sim.body.testable import untestable
+from real2sim.body.windows import BLOCKS, cut_windows
+from real2sim.log import segments_of
+from real2sim.problem import Candidate, Estimate, Floats, Problem
+from saltus.errors import RecordingError
+from saltus.run_log import RunLog
+from saltus.sim.free import Box, Solver
+
+LARGEST = 100.0
+"""Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
+DRAWS = 16
+"""Random starts by which it is judged how far errors of a start are from linear: their variance within a third."""
+SCANNED = 8
+SMALLEST_LESS = 0.02
+"""Coefficients this close to the claimed one are not told from it by scanning."""
+SLIP_QUANTILE = 0.97
+"""Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
+
+
+class BodyProblem(Problem):
+    """One robot on the ground, one block "trunk".
+
+    Args:
+        log: With base "free", `base.csv` and the joints of a Go1.
+
+    Raises:
+        RecordingError: the log does not have that, or no stretch of it is long enough.
+    """
+
+    name = "body"
+    blocks = ("trunk",)
+    places = ({"trunk": "trunk", "feet": "feet", "joints": "all"},)
+    simulation_doubt = 0.3
+    """What right ways to compute contacts differ by is in the noise already."""
+
+    def __init__(self, log: RunLog) -> None:
+        if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
+            raise RecordingError("the body shows only where a Go1 stands free and base.csv says how its base moves")
+        self.segments = segments_of(log)
+        self._windows = cut_windows(log, self.segments)
+        if not len(self._windows.start_s):
+            raise RecordingError("no segment of the log is as long as a window of 0.65 s")
+        self._claims = Claims.of(log.meta)
+        self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
+        self._index()
+        noise = read_noise(log)
+        self._ground = self._likeliest(noise)
+        self._replay = Replay(self._windows, self._terrain, self._span_s, self._ground)
+        self._prepare(noise, has_gyro=log.imu is not None)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """Whitened residuals, shape (n, 1, m)."""
+        rig = rig_of(self._names, self._claims, unknowns[:, 0])
+        whitened = self._whiten(self._errors(self._replay.states(rig)))
+        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST, LARGEST)
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """Parameters in the schema's names and units."""
+        return estimates(candidate.effect, self._claims, values)
+
+    @property
+    def claims(self) -> Claims:
+        """What the log claims of body and ground."""
+        return self._claims
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, "effect.unknown"."""
+        return self._names
+
+    def _index(self) -> None:
+        """Segment, signal and time of each residual."""
+        windows, signals = self._windows, len(SIGNALS)
+        shape = (len(windows.start_s), BLOCKS, signals)
+        self.signals = SIGNALS
+        self.segment = np.broadcast_to(windows.segment[:, None, None], shape).ravel()
+        self.signal = np.broadcast_to(np.arange(signals), shape).ravel()
+        self.time_s = np.broadcast_to(windows.block_s[..., None], shape).ravel()
+
+    def _prepare(self, noise: Noise, *, has_gyro: bool) -> None:
+        """Noise, the candidates, and what they could not show."""
+        tangential, normal = self._replay.foot_forces(self._rig_at_rest())
+        loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
+        ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
+        demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
+        slips_at = min(0.9 * demand, 0.9 * self._claims.friction)
+        self.candidates = candidates(self._claims, slips_at)
+        self._names = names_of(self.candidates)
+        self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
+        self._whiten = self._whitening(noise, has_gyro=has_gyro)
+        self.candidates = candidates(self._claims, self._slipperiest(slips_at))
+        self.untestable = untestable(self, self._at_rest, ratio, normal)
+
+    def _slipperiest(self, otherwise: float) -> float:
+        """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
+
+        Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
+        """
+        column, most = self._names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
+        best, grid = 0.0, np.linspace(0.0, most, SCANNED)
+        for _ in range(3):
+            sets = np.repeat(self._at_rest[None, None], len(grid), axis=0)
+            sets[:, 0, column] = grid
+            best = float(grid[np.argmin(np.sum(self.residuals(sets) ** 2, axis=(1, 2)))])
+            step = grid[1] - grid[0]
+            grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, most)
+        return self._claims.friction - best if best > SMALLEST_LESS else otherwise
+
+    def _rig_at_rest(self) -> Any:
+        nothing = candidates(self._claims, 0.5 * self._claims.friction)
+        start = np.array([[value for c in nothing for value in c.starts[0]]])
+        return rig_of(names_of(nothing), self._claims, start)
+
+    def _likeliest(self, noise: Noise) -> Solver:
+        def squares(solver: Solver, softer: float, rougher: float) -> Floats:
+            replay = Replay(self._windows, self._terrain, self._span_s, solver)
+            rig = self._rig_at_rest()
+            rig.body.contact_time_constant[:] *= softer
+            rig.body.friction[:] *= rougher
+            return np.asarray(np.mean(noise.plain(self._errors(replay.states(rig)))[0] ** 2, axis=(1, 2)))
+
+        return likeliest(squares)
+
+    def _whitening(self, noise: Noise, *, has_gyro: bool) -> Whitening:
+        windows, rig = self._windows, self._rig_at_rest()
+        start = StartNoise.of(noise, has_gyro=has_gyro)
+        draws = np.random.default_rng(0).standard_normal((DRAWS, len(windows.start_s), start.sigma.size))
+        draws[..., start.is_free] = 0.0  # far off, but to no effect
+        single = np.eye(start.sigma.size)[:, None, :].repeat(len(windows.start_s), axis=1)
+        moved = start.moved(windows.qpos, windows.qvel, np.concatenate([single, draws]))
+        claimed = self._errors(self._replay.states(rig))
+        claims = rig_of(self._names, self._claims, np.repeat(self._at_rest[None], len(moved[0]), axis=0))
+        change = self._errors(self._replay.states(claims, *moved)) - claimed
+        others = neighbours(self._ground)
+        other = [Replay(windows, self._terrain, self._span_s, solver).states(rig) for solver in others]
+        solvers = self._errors(np.concatenate(other)) - claimed
+        return Whitening(noise, change[: len(single)], change[len(single) :], draws, solvers, windows.segment)
+
+    def _errors(self, states: Floats) -> Floats:
+        """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""
+        return np.nan_to_num(errors(self._windows.measured, states), nan=1e3, posinf=1e3, neginf=-1e3)
+
+
+def _boxes(terrain: Any) -> list[Box]:
+    return [] if terrain == "flat" else [(box["center"], box["size"]) for box in terrain]
+
+
+def _span(log: RunLog) -> tuple[float, float]:
+    return float(log.joints.time_s[0]), float(log.joints.time_s[-1])

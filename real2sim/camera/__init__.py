@@ -1,0 +1,1 @@
+"""The depth camera: images against what the measured pose shows."""

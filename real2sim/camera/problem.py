@@ -1,0 +1,103 @@
+"""The camera as a problem: images of a run log against depth from the measured pose of the base."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from real2sim.camera.candidates import CameraEffects, camera_candidates, physical
+from real2sim.camera.counts import counted_rows
+from real2sim.camera.data import AS_CLAIMED, camera_data
+from real2sim.camera.shake import shake_of
+from real2sim.camera.testable import untestable_effects
+from real2sim.problem import Candidate, Estimate, Floats, Problem
+from real2sim.reporting.localise import Driver
+from saltus.run_log import RunLog
+
+RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
+LIMIT = 100.0  # of a residual, in units of noise (contract of a problem)
+LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
+PROBE_S = 0.010  # latency by which it is judged whether the scene moves
+
+
+class CameraProblem(Problem):
+    """See `Problem`; one block, "camera".
+
+    The base's pose is interpolated at the time of each exposure, rays go to the claimed terrain, and pixels are
+    compared on a grid. Pixels near edges of depth are left out there: what happens at edges is counted instead, as are
+    lost images and the spread of the noise, in rows of their own.
+
+    Args:
+        log: with images, and with the claimed camera in its `meta.json`.
+
+    Raises:
+        RecordingError: no images, no claimed camera, or no image within the segments of the log.
+    """
+
+    name = "camera"
+    blocks = ("camera",)
+    places = ({"camera": "camera"},)
+    signals = ("noise", "holes", "copies", "lost images", "usual noise", "depth")
+
+    def __init__(self, log: RunLog) -> None:
+        self._data = data = camera_data(log)
+        self._counts = counts = counted_rows(data)
+        self._at = np.nonzero(data.known)
+        self._sigma = np.where(data.known, data.noise.sigma(data.predicted), np.inf)
+        self._shake = shake_of(data.model, data.kept, self._sigma)
+        frame = self._at[0]
+        self.segments = data.segments
+        self.segment = np.concatenate([data.owner[frame], counts.segment])
+        self.signal = np.concatenate([np.full(len(frame), len(self.signals) - 1), counts.kind])
+        self.time_s = np.concatenate([data.frames.stamp_s[data.kept][frame], counts.time_s])
+        self._set_candidates()
+
+    def _set_candidates(self) -> None:
+        data = self._data
+        probe = replace(AS_CLAIMED, latency=PROBE_S)
+        shift = self._depth_residuals(probe) - self._depth_residuals(AS_CLAIMED)
+        predicted = data.predicted[self._at]
+        self.untestable = untestable_effects(data, self._counts, shift)
+        farthest_m = float(np.max(predicted, initial=1.0))
+        without = set(self.untestable)
+        if not np.any(data.frames.jitter_s):
+            without.add("arrival_jitter")
+        every = camera_candidates(data.camera.latency_s, data.clip_m or farthest_m, farthest_m)
+        self.candidates = tuple(c for c in every if c.effect not in without)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """See `Problem`; shape (n, 1, m)."""
+        rows = []
+        for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
+            effects = CameraEffects.of(self.candidates, values)
+            counted = self._counts.residuals(effects)
+            rows.append(np.concatenate([self._depth_residuals(effects), _bent(counted)]))
+        return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """See `Problem`."""
+        return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx)
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """Where in the image, and how far away; for depth only, not for what is counted."""
+        data = self._data
+        _, pixel = self._at
+        seen = (
+            (RANGE, "m", data.predicted[self._at]),
+            (ROW, "px", data.grid.row[pixel].astype(np.float64)),
+            (COLUMN, "px", data.grid.column[pixel].astype(np.float64)),
+            ("distance to edges and holes", "px", data.grid.distance_to_others(data.known)[self._at]),
+        )
+        nothing = np.full(len(self._counts.kind), np.nan)
+        return tuple(Driver(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen)
+
+    def _depth_residuals(self, effects: CameraEffects) -> Floats:
+        predicted = self._data.model.predict(effects, self._data.kept)
+        residual = (self._data.measured - predicted) / self._sigma
+        return self._shake.whitened(_bent(residual))[self._at]
+
+
+def _bent(residual: Floats) -> Floats:
+    """Large residuals are bent so that none passes the limit; their order stays."""
+    size = np.abs(residual)
+    beyond = np.maximum(size - LINEAR, 0.0) / (LIMIT - LINEAR)
+    return np.asarray(np.sign(residual) * np.where(size > LINEAR, LINEAR + (LIMIT - LINEAR) * np.tanh(beyond), size))

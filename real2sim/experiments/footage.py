@@ -1,0 +1,113 @@
+"""What a depth camera with the effects of a profile delivers of a robot that moves."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.camera.image_pixels import to_images
+from render.camera import moved_camera
+from render.embree import EmbreeRenderer
+from saltus import go1
+from saltus.depth import D435I, Intrinsics
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile
+from saltus.effects.signals import DepthImage
+from saltus.run_log import DepthTable
+from saltus.terrain.terrain import Terrain
+
+Floats = NDArray[np.float64]
+
+POOLING = 5  # as many pixels of the D435i as make one of the model's image
+AXIAL_NOISE = 1.3e-3  # standard deviation over squared depth [1/m], plane fits on frames of a D435i
+RANGE_MAX_M = 10.0  # D435i datasheet
+
+
+def _pooled_d435i() -> Intrinsics:
+    """420 x 240 pixels of the D435i, pooled by five."""
+    width, height = D435I.width // POOLING, D435I.height // POOLING
+    cut = 0.5 * (D435I.width - POOLING * width)
+    return Intrinsics(
+        width=width, height=height, fx=D435I.fx / POOLING, fy=D435I.fy / POOLING,
+        cx=(D435I.cx - cut) / POOLING, cy=D435I.cy / POOLING,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """What is claimed of a camera."""
+
+    rate_hz: float = 50.0
+    latency_s: float = 0.0
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Of its images."""
+        return _pooled_d435i()
+
+    def claim(self) -> dict[str, Any]:
+        """`meta.camera` of a run log."""
+        return {
+            **{name: getattr(self.intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")},
+            "position": go1.CAMERA_POSITION.tolist(),
+            "pitch": go1.CAMERA_PITCH,
+            "rate": self.rate_hz,
+            "latency": self.latency_s,
+            "range_max": RANGE_MAX_M,
+        }
+
+
+def film(
+    camera: Camera,
+    profile: Profile,
+    terrain: Terrain,
+    *,
+    capture_s: Floats,
+    position: Floats,
+    quaternion: Floats,
+    joints: Floats,
+    rng: np.random.Generator,
+) -> DepthTable:
+    """Images as they arrive.
+
+    Args:
+        camera: As claimed; the effects of `profile` are what it does in truth.
+        profile: Its camera part.
+        terrain: What there is to see.
+        capture_s: When images are exposed [s], shape (n,).
+        position: Of the base then [m], world, shape (n, 3).
+        quaternion: (w, x, y, z), base to world, shape (n, 4).
+        joints: [rad], shape (n, 12).
+        rng: Of the noise and of what effects draw.
+    """
+    renderer = EmbreeRenderer(terrain, *moved_camera(profile.view_chain, camera.intrinsics), threads=1)
+    depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
+    depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
+    depth[~(depth <= RANGE_MAX_M)] = 0.0
+    shown, arrival_s, kept = _through(to_images(profile, camera.intrinsics.fx), depth, capture_s, rng)
+    return DepthTable(
+        arrival_s=arrival_s[kept],
+        capture_s=None,
+        frame_id=np.flatnonzero(kept).astype(np.int64),
+        depth_mm=np.rint(1e3 * shown[kept]).astype(np.uint16),
+    )
+
+
+def _through(
+    profile: Profile, depth: Floats, capture_s: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Images through the camera's effects, when they arrive, and which of them do."""
+    arrival_s = capture_s.copy()
+    kept = np.ones(len(depth), dtype=bool)
+    for effect in profile.camera_chain.effects:
+        state = effect.init((), rng)
+        if isinstance(effect, CameraLatency):
+            arrival_s = np.asarray(effect.arrival_s(capture_s, state[0]))
+            continue
+        for i, captured in enumerate(capture_s):
+            signal = DepthImage(depth=depth[i], time_s=np.asarray(captured))
+            image, state = effect.apply(signal, float(captured), state)
+            kept[i] &= bool(image.time_s == captured)
+            depth[i] = image.depth
+    return depth, arrival_s, kept

@@ -1,0 +1,103 @@
+"""What the sensors of a simulated robot read: the truth, and noise of the class of a Go1's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from real2sim.experiments.motions import Commands, Floats
+from saltus.effects.imu import ImuReading
+from saltus.run_log import JointTable, Table
+from saltus.sim.state import PlantState
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """Standard deviations of white noise, of the class of a Go1 whose base is tracked by motion capture."""
+
+    q_rad: float = 1e-3
+    dq_rad_s: float = 0.05
+    tau_nm: float = 0.2
+    gyro_rad_s: float = 0.01
+    acc_m_s2: float = 0.1
+    orientation_rad: float = 0.002
+    base_position_m: float = 0.0003
+    base_orientation_rad: float = 0.0005
+    velocity_m_s: float = 0.02
+    foot_n: float = 2.0
+
+
+class Instruments:
+    """Sensors with noise.
+
+    Args:
+        noise: Its size.
+        rng: Where it comes from.
+    """
+
+    def __init__(self, noise: SensorNoise, rng: np.random.Generator) -> None:
+        self._noise = noise
+        self._rng = rng
+
+    def joints(
+        self,
+        time_s: Floats,
+        states: Sequence[PlantState],
+        told: Sequence[tuple[Commands, int]],
+        believed: Sequence[Floats],
+    ) -> JointTable:
+        """What encoders measured, and what drives were told and believed.
+
+        Args:
+            time_s: Of the rows, shape (n,).
+            states: Of the robot.
+            told: Commands and the tick of them that was sent.
+            believed: Torque by the drives' own law [Nm], each of shape (12,).
+        """
+        return JointTable(
+            time_s=time_s,
+            q=self._noisy(_stacked(states, "joint_position"), self._noise.q_rad),
+            dq=self._noisy(_stacked(states, "joint_velocity"), self._noise.dq_rad_s),
+            q_des=np.array([commands.q_des[tick] for commands, tick in told]),
+            dq_des=np.array([commands.dq_des[tick] for commands, tick in told]),
+            tau_ff=np.array([commands.tau_ff[tick] for commands, tick in told]),
+            tau_est=self._noisy(np.array(believed), self._noise.tau_nm),
+        )
+
+    def imu(self, time_s: Floats, readings: Sequence[ImuReading]) -> Table:
+        """The table `imu` of a run log."""
+        noise = self._noise
+        columns = [
+            self._tilted(_stacked(readings, "quaternion"), noise.orientation_rad),
+            self._noisy(_stacked(readings, "angular_velocity"), noise.gyro_rad_s),
+            self._noisy(_stacked(readings, "acceleration"), noise.acc_m_s2),
+        ]
+        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+
+    def base(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+        """The table `base` of a run log: motion capture."""
+        noise = self._noise
+        columns = [
+            self._noisy(_stacked(states, "position_base_in_world"), noise.base_position_m),
+            self._tilted(_stacked(states, "quaternion_base_in_world"), noise.base_orientation_rad),
+            self._noisy(_stacked(states, "velocity_base_in_world"), noise.velocity_m_s),
+        ]
+        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+
+    def feet(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+        """The table `feet` of a run log."""
+        return Table(time_s=time_s, values=self._noisy(_stacked(states, "foot_force"), self._noise.foot_n))
+
+    def _noisy(self, values: Floats, sigma: float) -> Floats:
+        return values + sigma * self._rng.standard_normal(values.shape)
+
+    def _tilted(self, quaternion: Floats, sigma_rad: float) -> Floats:
+        """Quaternions (n, 4) turned by small random rotations."""
+        half = 0.5 * sigma_rad * self._rng.standard_normal((len(quaternion), 3))
+        w, v = quaternion[:, :1], quaternion[:, 1:]
+        turned = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
+        return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def _stacked(samples: Sequence[PlantState] | Sequence[ImuReading], name: str) -> Floats:
+    return np.array([getattr(sample, name) for sample in samples], dtype=np.float64)

@@ -1,0 +1,221 @@
+"""Runs an experiment on a robot through joint commands, and writes down what a robot would log.
+
+The robot is the simulated one with the effects of a profile; its sensors have the noise that those of a Go1 have.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.experiments.footage import Camera, film
+from real2sim.experiments.instruments import Instruments, SensorNoise
+from real2sim.experiments.menu import Experiment
+from real2sim.experiments.motions import Floats, Section
+from saltus import go1
+from saltus.effects.imu import ImuReading
+from saltus.effects.profile import Profile
+from saltus.messages import JointCommand
+from saltus.run_log import SCHEMA, DepthTable, RunLog
+from saltus.sim.plant import CLEARANCE, Plant
+from saltus.sim.state import PlantState
+from saltus.terrain.terrain import Terrain
+
+SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
+CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere
+TIME_DIGITS = 6  # of a clock that counts microseconds
+BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
+AHEAD_M = 0.6
+"""Where the first edge lies at the start: the Go1's camera sees the ground from 0.5 to 2 m before the base."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Row:
+    """The robot at one tick and what it was told then."""
+
+    time_s: float
+    state: PlantState
+    imu: ImuReading
+    believed: Floats
+    section: int
+    tick: int
+
+
+@dataclass(kw_only=True, eq=False)
+class _Tape:
+    """What was recorded."""
+
+    rows: list[_Row] = field(default_factory=list)
+    segments: list[dict[str, Any]] = field(default_factory=list)
+
+
+def run(
+    experiment: Experiment,
+    profile: Profile,
+    *,
+    seed: int = 0,
+    noise: SensorNoise | None = None,
+    camera: Camera | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RunLog:
+    """Runs an experiment on a simulated robot.
+
+    Args:
+        experiment: What is done.
+        profile: The effects of the robot's hardware; the log claims none of them but the camera's latency.
+        seed: Of the noise and of what effects draw.
+        noise: Of the sensors.
+        camera: What is claimed of the camera, where the experiment needs one.
+        progress: Told the share of the motion that is done.
+
+    Returns:
+        What the robot logged.
+
+    Raises:
+        UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.
+    """
+    sections, terrain = experiment.sections(), experiment.terrain()
+    for section in sections:
+        experiment.limits.check_commands(section.commands, experiment.kp)
+    plant = _plant(experiment, profile, terrain, seed)
+    tape = _move(plant, experiment, sections, terrain, progress)
+    rng = np.random.default_rng([seed, 1])
+    log = _log(tape, experiment, sections, terrain, Instruments(noise or SensorNoise(), rng))
+    if not experiment.camera:
+        return log
+    camera = camera or Camera()
+    log.meta["camera"] = camera.claim()
+    return RunLog(
+        meta=log.meta, joints=log.joints, imu=log.imu, base=log.base, feet=log.feet,
+        depth=_depth(tape, terrain, camera, profile, rng),
+    )  # fmt: skip
+
+
+def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int) -> Plant:
+    return Plant(
+        terrain,
+        payload_kg=experiment.payload_kg,
+        chain=profile.actuator_chain,
+        body=profile.body_chain,
+        imu=profile.imu_chain,
+        seed=seed,
+        held=experiment.base == "fixed",
+    )
+
+
+def _move(
+    plant: Plant,
+    experiment: Experiment,
+    sections: tuple[Section, ...],
+    terrain: Terrain,
+    progress: Callable[[float], None] | None,
+) -> _Tape:
+    """Plays all sections; those that put the robot elsewhere begin with a rest, unless it is let fall."""
+    tape = _Tape()
+    now = 0.0
+    rest = round(SETTLE_S / go1.PHYSICS_DT)
+    for index, section in enumerate(sections):
+        length = len(section.commands.q_des)
+        ticks = np.arange(length)
+        if index == 0 or section.ahead_m is not None:
+            now += CARRIED_S if index else 0.0
+            _put(plant, section, terrain)
+            if section.drop_m == 0.0:
+                ticks = np.concatenate([np.zeros(rest, dtype=np.int64), ticks])
+        begin = now + (len(ticks) - length) * go1.PHYSICS_DT
+        now = _play(plant, experiment, section, index, ticks, now, tape)
+        tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
+        if progress is not None:
+            progress((index + 1) / len(sections))
+    return tape
+
+
+def _put(plant: Plant, section: Section, terrain: Terrain) -> None:
+    ahead = AHEAD_M if section.ahead_m is None else section.ahead_m
+    x = terrain.first_edge_x - ahead if terrain.edges_x.size else 0.0
+    plant.reset(position_x=x, clearance=section.drop_m or CLEARANCE)
+
+
+def _play(
+    plant: Plant,
+    experiment: Experiment,
+    section: Section,
+    index: int,
+    ticks: NDArray[np.int64],
+    now: float,
+    tape: _Tape,
+) -> float:
+    """Sends the commands of `ticks`, one every 2 ms; returns the time afterwards."""
+    kp, kd = np.full(12, experiment.kp), np.full(12, experiment.kd)
+    commands = section.commands
+    for tick in ticks:
+        state, imu = plant.state, plant.imu
+        experiment.limits.check_state(now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity)
+        command = JointCommand(
+            position=commands.q_des[tick], velocity=commands.dq_des[tick], kp=kp, kd=kd, torque=commands.tau_ff[tick]
+        )
+        believed = plant.step(command).joint_torque
+        tape.rows.append(_Row(time_s=now, state=state, imu=imu, believed=believed, section=index, tick=int(tick)))
+        now = round(now + go1.PHYSICS_DT, TIME_DIGITS)
+    return now
+
+
+def _log(
+    tape: _Tape,
+    experiment: Experiment,
+    sections: tuple[Section, ...],
+    terrain: Terrain,
+    instruments: Instruments,
+) -> RunLog:
+    rows = tape.rows
+    time_s = np.array([row.time_s for row in rows])
+    states = [row.state for row in rows]
+    told = [(sections[row.section].commands, row.tick) for row in rows]
+    meta = _meta(tape, experiment, terrain)
+    joints = instruments.joints(time_s, states, told, [row.believed for row in rows])
+    if experiment.base == "fixed":
+        return RunLog(meta=meta, joints=joints)
+    return RunLog(
+        meta=meta,
+        joints=joints,
+        imu=instruments.imu(time_s, [row.imu for row in rows]),
+        base=instruments.base(time_s[::BASE_EVERY], states[::BASE_EVERY]),
+        feet=instruments.feet(time_s, states),
+    )
+
+
+def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, Any]:
+    meta: dict[str, Any] = {
+        "schema": SCHEMA,
+        "robot": "go1",
+        "base": experiment.base,
+        "joints": list(go1.JOINTS),
+        "kp": experiment.kp,
+        "kd": experiment.kd,
+        "control_dt": go1.PHYSICS_DT,
+        "excitation": {"text": f"{experiment.name}: {experiment.how}", "segments": tape.segments},
+        "terrain": "flat",
+        "payload_kg": experiment.payload_kg,
+    }
+    if terrain.edges_x.size:
+        boxes = zip(terrain.box_center.tolist(), terrain.box_size.tolist(), strict=True)
+        meta["terrain"] = [{"center": center, "size": size} for center, size in boxes]
+    return meta
+
+
+def _depth(tape: _Tape, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator) -> DepthTable:
+    """Images from the true poses at the camera's rate."""
+    every = round(1.0 / (camera.rate_hz * go1.PHYSICS_DT))
+    rows = tape.rows[::every]
+    return film(
+        camera,
+        profile,
+        terrain,
+        capture_s=np.array([row.time_s for row in rows]),
+        position=np.array([row.state.position_base_in_world for row in rows]),
+        quaternion=np.array([row.state.quaternion_base_in_world for row in rows]),
+        joints=np.array([row.state.joint_position for row in rows]),
+        rng=rng,
+    )

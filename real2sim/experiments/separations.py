@@ -1,0 +1,139 @@
+"""Measures what each experiment of the menu shows of each effect, and how alike effects look there.
+
+    python -m real2sim.experiments.separations [experiment ...]
+
+writes `separations.json`, which `real2sim.experiments.next_experiment` reads: each experiment is run once on a robot
+without effects, and every effect is added to the simulator in an amount that matters, at all of its places at once. Not
+in a small one: in the limit a filter and a delay are the same.
+"""
+
+import json
+import sys
+from typing import Any
+
+import numpy as np
+
+from real2sim.experiments.instruments import SensorNoise
+from real2sim.experiments.menu import EXPERIMENTS, Experiment
+from real2sim.experiments.next_experiment import TABLE
+from real2sim.experiments.run import run
+from real2sim.problem import Candidate, Floats, Problem, Unknown
+from real2sim.sensors import SENSORS
+from saltus.effects.profile import IDEAL
+
+SEED = 20
+STEADY = SensorNoise(base_position_m=1e-6, base_orientation_rad=1e-6)
+"""The noise of the base's pose moves when a latency is added: it would look like a motion that shows one."""
+DIGITS = 4
+TELLING = 10.0
+"""Added amount in scales of the unknown: 10 ms of a delay."""
+NOTHING = 1e-9
+"""Share of a signature's norm below which it is rounding."""
+
+
+def measure(experiment: Experiment) -> dict[str, Any]:
+    """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order."""
+    log = run(experiment, IDEAL, seed=SEED, noise=STEADY)
+    signatures: dict[str, tuple[float, Floats]] = {}
+    cosine: dict[tuple[str, str], float] = {}
+    for sensor in SENSORS:
+        if sensor.lacks(log):
+            continue
+        here = _signatures(sensor.problem(log))
+        for a, (_, mine) in here.items():
+            for b, (_, theirs) in here.items():
+                cosine[a, b] = _alignment(mine, theirs)
+        signatures |= {name: seen for name, seen in here.items() if name not in signatures}
+    names = sorted(signatures)
+    visible = {name: [_short(signatures[name][0]), _short(_norm(signatures[name][1]))] for name in names}
+    # sensors see different things: two effects that no sensor sees both of cannot be taken for each other
+    return {"visible": visible, "cosine": [[_short(cosine.get((a, b), 0.0)) for b in names] for a in names]}
+
+
+def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
+    """By effect: the size that was added, and what each of its unknowns then changes, shape (residuals, unknowns)."""
+    spans, start = [], 0
+    for candidate in problem.candidates:
+        spans.append(slice(start, start + len(candidate.unknowns)))
+        start += len(candidate.unknowns)
+    null = np.concatenate([_null(candidate) for candidate in problem.candidates])
+    rows = [null]
+    columns: dict[str, list[int]] = {}
+    nuisances: list[int] = []
+    for name in dict.fromkeys(candidate.effect for candidate in problem.candidates):
+        own = [i for i, candidate in enumerate(problem.candidates) if candidate.effect == name]
+        for k, unknown in enumerate(problem.candidates[own[0]].unknowns):
+            if unknown.is_shape:
+                continue
+            row = null.copy()
+            for i in own:
+                row[spans[i].start + k] += _amount(problem.candidates[i].unknowns[k])
+            (nuisances if problem.candidates[own[0]].is_nuisance else columns.setdefault(name, [])).append(len(rows))
+            rows.append(row)
+    unknowns = np.repeat(np.array(rows)[:, None], len(problem.blocks), axis=1)
+    residuals = np.concatenate([problem.residuals(unknowns[i : i + 1]) for i in range(len(unknowns))])
+    change = (residuals[1:] - residuals[0]).reshape(len(rows) - 1, -1)
+    basis = _basis(change[[i - 1 for i in nuisances]].T)
+    by_name = {candidate.effect: candidate for candidate in problem.candidates}
+    found = {}
+    for name, indices in columns.items():
+        signature = change[[i - 1 for i in indices]].T
+        found[name] = (_size(problem, by_name[name]), signature - basis @ (basis.T @ signature))
+    return found
+
+
+def _amount(unknown: Unknown) -> float:
+    return min(TELLING * unknown.scale, 0.5 * unknown.high)
+
+
+def _null(candidate: Candidate) -> Floats:
+    start = candidate.starts[0]
+    return np.array([s if u.is_shape else 0.0 for u, s in zip(candidate.unknowns, start, strict=True)])
+
+
+def _size(problem: Problem, candidate: Candidate) -> float:
+    """What the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
+    null = _null(candidate)
+    added = null + np.array([0.0 if u.is_shape else _amount(u) for u in candidate.unknowns])
+    before, after = (next(iter(problem.physical(candidate, x).values())).value for x in (null, added))
+    return abs(after - before) if np.isfinite(after - before) else 0.0
+
+
+def _basis(columns: Floats) -> Floats:
+    """Orthonormal columns with the span of the given ones."""
+    if not columns.shape[1]:
+        return columns
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > NOTHING * max(s[0], NOTHING)])
+
+
+def _norm(signature: Floats) -> float:
+    return float(np.linalg.norm(signature))
+
+
+def _alignment(mine: Floats, theirs: Floats) -> float:
+    """Cosine of the smallest angle between two spans."""
+    if _norm(mine) == 0.0 or _norm(theirs) == 0.0:
+        return 1.0
+    return float(min(1.0, np.linalg.svd(_basis(mine).T @ _basis(theirs), compute_uv=False)[0]))
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def main(names: list[str]) -> None:
+    """Measures experiments, all where none is named, and writes the table."""
+    measured: dict[str, Any] = json.loads(TABLE.read_text())["experiments"] if TABLE.exists() else {}
+    for name in names or list(EXPERIMENTS):
+        measured[name] = measure(EXPERIMENTS[name])
+        order = [known for known in EXPERIMENTS if known in measured]
+        table = {
+            "source": "python -m real2sim.experiments.separations",
+            "experiments": {known: measured[known] for known in order},
+        }
+        TABLE.write_text(json.dumps(table, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

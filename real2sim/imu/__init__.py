@@ -1,0 +1,1 @@
+"""The IMU against the measured base."""

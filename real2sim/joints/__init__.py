@@ -1,0 +1,1 @@
+"""Joints of a robot whose base is held: replay, noise, candidates."""

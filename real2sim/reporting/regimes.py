@@ -1,0 +1,106 @@
+"""What a run log says of the regime at every residual: the drivers that `localise` lays beside residuals."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.problem import Problem
+from real2sim.reporting.localise import Channel, Driver
+from saltus.run_log import JointTable, RunLog
+
+Floats = NDArray[np.float64]
+
+TIME = "time in the run"
+"""Name of the driver that every residual has."""
+SMOOTH_S = 0.02  # moving average before an acceleration is taken: noise of dq would drown it
+REVERSAL_S = 0.05  # after a reversal, in which play closes and friction turns over
+MOVING = 0.05  # rad/s, one sigma of dq: below it direction is noise
+
+
+def channels_of(
+    problem: Problem, log: RunLog, residuals: Floats, chosen: NDArray[np.bool_] | None = None
+) -> tuple[Channel, ...]:
+    """Residuals of a problem, one channel for each signal of each block, with their drivers.
+
+    Args:
+        problem: The problem.
+        log: Its log.
+        residuals: Shape (blocks, m).
+        chosen: Shape (blocks, m): rows that count; all where it is not given.
+    """
+    channels = []
+    own = problem.drivers()
+    counts = np.ones(residuals.shape, dtype=bool) if chosen is None else chosen
+    for block, places in enumerate(problem.places):
+        for index, name in enumerate(problem.signals):
+            rows = np.flatnonzero((problem.signal == index) & counts[block])
+            rows = rows[np.argsort(problem.time_s[rows], kind="stable")]
+            if not len(rows):
+                continue
+            where = next((w for w in places if name.endswith(f"_{w}")), "")
+            signal = name.removesuffix(f"_{where}") if where else name
+            place = places[where] if where else problem.name
+            seen = (replace(driver, values=driver.values[rows]) for driver in own)
+            every = (*drivers_of(log, place, problem.time_s[rows]), *seen)
+            drivers = tuple(driver for driver in every if np.isfinite(driver.values).all())
+            channels.append(Channel(signal=signal, place=place, residual=residuals[block, rows], drivers=drivers))
+    return tuple(channels)
+
+
+def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
+    """What may drive a residual of a joint, or of anything else, at given times."""
+    drivers = [Driver(name="a constant", unit="", values=np.ones(len(time_s)))]
+    if place in log.meta["joints"]:
+        drivers += _joint_drivers(log, log.meta["joints"].index(place), time_s)
+    drivers.append(Driver(name=TIME, unit="s", values=time_s - float(log.joints.time_s[0])))
+    if log.base is not None:
+        for name, unit, column in (("height", "m", 2), ("vertical speed", "m/s", 9)):
+            values = _at(time_s, log.base.time_s, log.base.values[:, column])
+            drivers.append(Driver(name=f"the base's {name}", unit=unit, values=values))
+    return tuple(drivers)
+
+
+def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
+    joints = log.joints
+    q, dq = joints.q[:, joint], _rate(joints, joint)
+    torque = _torque(log, joint)
+    width = max(1, round(SMOOTH_S / float(np.median(np.diff(joints.time_s)))))
+    smooth = np.convolve(dq, np.ones(width) / width, mode="same")
+    direction = np.where(np.abs(smooth) > MOVING, np.sign(smooth), 0.0)
+    turned = np.flatnonzero(np.diff(np.sign(smooth)) != 0)
+    turns_s = np.concatenate([[-np.inf], joints.time_s[turned]])
+    since = joints.time_s - turns_s[np.searchsorted(turns_s, joints.time_s, side="right") - 1]
+    signals = (
+        ("tau", "Nm", torque),
+        ("dq", "rad/s", dq),
+        ("ddq", "rad/s2", np.gradient(smooth, joints.time_s)),
+        ("the direction of motion", "", direction),
+        ("q", "rad", q - np.nanmean(q)),
+    )
+    drivers = [Driver(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
+    turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))
+    return [*drivers, Driver(name="just after reversals", unit="", values=turning, is_regime=True)]
+
+
+def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:
+    """Values in between, across samples that are missing; NaN where all are."""
+    known = np.isfinite(values)
+    return np.interp(time_s, times[known], values[known]) if known.any() else np.full(len(time_s), np.nan)
+
+
+def _rate(joints: JointTable, joint: int) -> Floats:
+    return np.gradient(joints.q[:, joint], joints.time_s) if joints.dq is None else joints.dq[:, joint]
+
+
+def _torque(log: RunLog, joint: int) -> Floats:
+    """What the drive believes, or what it was told [Nm]."""
+    joints = log.joints
+    if joints.tau_est is not None:
+        return joints.tau_est[:, joint]
+    count = len(log.meta["joints"])
+    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), (count,))[joint] for key in ("kp", "kd"))
+    torque = kp * (joints.q_des[:, joint] - joints.q[:, joint]) - kd * _rate(joints, joint)
+    for signal, gain in ((joints.dq_des, kd), (joints.tau_ff, 1.0)):
+        torque = torque if signal is None else torque + gain * signal[:, joint]
+    return np.asarray(torque, np.float64)

@@ -1,0 +1,167 @@
+"""One HTML file about a verdict: what was found, by which evidence, and what these data cannot say.
+
+It opens without a network. All residuals are in units of noise (sigma) and on segments that no fit has seen, except
+where the page says otherwise.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from plotly.offline import get_plotlyjs
+
+from real2sim.camera.problem import COLUMN, ROW
+from real2sim.problem import Problem
+from real2sim.reporting import figures, text
+from real2sim.reporting.localise import Channel, localise
+from real2sim.reporting.regimes import channels_of
+from real2sim.search.findings import Findings, Residuals
+from saltus.effects.profile import IDEAL, Profile
+from saltus.errors import RecordingError
+from saltus.report import STYLE
+from saltus.run_log import RunLog
+
+if TYPE_CHECKING:
+    from real2sim.pipeline import Compared, Examined, Judgement
+
+MORE_STYLE = """
+h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }
+table.words td, table.words th { text-align: left; vertical-align: top; }
+"""
+SAID_BEFORE, SAID_AFTER = 6, 3
+"""Statements on where the gap lies, and on what is left."""
+
+
+def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL, seed: int = 0) -> None:
+    """Writes the report.
+
+    Args:
+        judgement: All that was found.
+        path: Of the HTML file.
+        profile: Effects that the simulator had from the start.
+        seed: Of the bootstraps.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    verdict = judgement.verdict
+    findings = [compared.findings for each in judgement.examined for compared in each.compared]
+    rivals = [rival for each in findings for rival in each.rivals]
+    parts = [text.headline(verdict), text.effects_table(verdict.effects, rivals)]
+    if findings:
+        parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
+    parts += [_examined(each, is_alone=len(judgement.examined) == 1) for each in judgement.examined]
+    parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
+    parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
+    parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
+    parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>What the simulator lacks</title>'
+        f"<style>{STYLE}{MORE_STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
+    )
+    try:
+        path.write_text(page)
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _examined(examined: "Examined", *, is_alone: bool) -> str:
+    """What was found in the runs of one rig."""
+    clocks = text.clocks(examined)
+    parts = ["<h2>Clocks</h2>", clocks] if clocks else []
+    return "".join([*parts, *(_compared(examined.log, compared, is_alone) for compared in examined.compared)])
+
+
+def _compared(log: RunLog, compared: "Compared", is_alone: bool) -> str:
+    """The evidence of one sensor."""
+    problem, findings = compared.problem, compared.findings
+    which = "" if is_alone else f" of {', '.join(problem.blocks)}"
+    parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
+    if findings.residuals is not None:
+        parts += _residuals(problem, log, findings.residuals)
+    if any(gap.before > 0.0 for gap in findings.gaps):
+        parts += [
+            "<h3>Each signal on segments that no fit has seen</h3>",
+            _note("Root mean square in units of noise; 1 is noise alone."),
+            figures.figure_html(figures.gap_figure(findings.gaps)),
+        ]
+    return "".join([*parts, *_comparison(findings)])
+
+
+def _comparison(findings: Findings) -> list[str]:
+    """What was fitted, and what looks alike."""
+    parts = []
+    chosen = findings.residuals.effects if findings.residuals is not None else ()
+    if any(rung.effects and rung.gain >= text.LEAST_NATS for rung in findings.ladder):
+        parts += [
+            "<h3>Models that were compared</h3>",
+            _note(
+                "Gain on data held out from each fit, by cross-validation with intervals from a block bootstrap; "
+                "beside it the share of the gap that the model closes. Green: the model that was chosen, the smallest "
+                "that no larger one beats by more than chance, and whose effects are all larger than what two correct "
+                "simulations differ by."
+            ),
+            figures.figure_html(figures.ladder_figure(findings.ladder, chosen)),
+            text.idle_models(findings.ladder),
+        ]
+    if len(findings.confusion.effects) > 1:
+        parts += [
+            "<h3>What looks alike in these data</h3>",
+            _note(
+                "Cosine between what two effects do to these residuals; from 0.95 on they cannot be told apart. "
+                "An effect that leaves no trace has 0."
+            ),
+            figures.figure_html(figures.confusion_figure(findings.confusion)),
+        ]
+    return parts
+
+
+def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]:
+    """Where residuals lie, before and after."""
+    both = (residuals.before, residuals.after)
+    known = (residuals.before != 0.0) | (residuals.after != 0.0)  # samples that are missing are 0
+    whole = [channels_of(problem, log, left, known) for left in both]
+    tested = [channels_of(problem, log, left, known & residuals.is_test) for left in both]
+    parts = [
+        "<h3>Where the gap lies</h3>",
+        _note("Read off the whole log, independently of every fit. Sigma is one standard deviation of the noise."),
+        text.statements(localise(whole[0]), SAID_BEFORE),
+    ]
+    if not np.array_equal(residuals.before, residuals.after):
+        parts += [text.what_is_left(residuals.effects), text.statements(localise(whole[1]), SAID_AFTER)]
+    if len({channel.place for channel in tested[0]}) > 1:
+        parts += [
+            "<h3>Every joint</h3>",
+            _note("Root mean square of the residual in units of noise."),
+            figures.figure_html(figures.matrix_figure(*tested)),
+        ]
+    parts += _regimes(*tested)
+    return parts
+
+
+def _regimes(before: tuple[Channel, ...], after: tuple[Channel, ...]) -> list[str]:
+    """The signals that are farthest off, over what may drive them."""
+    worst = figures.worst_channels(before)
+    if not worst:
+        return []
+    parts = [
+        "<h3>The signals that are farthest off, by regime</h3>",
+        _note("One of each kind. Root mean square in bins of equal count; the dotted line is noise alone."),
+        *(figures.figure_html(figures.regime_figure(before[i], after[i])) for i in worst),
+    ]
+    for i in worst:
+        drivers = {driver.name: driver for driver in before[i].drivers}
+        if ROW in drivers:
+            picture = figures.image_figure(before[i], after[i], drivers[ROW], drivers[COLUMN])
+            parts += ["<h3>Mean residual over the image</h3>", figures.figure_html(picture)]
+    first = worst[0]
+    parts += [
+        "<h3>The two seconds that are farthest off</h3>",
+        _note("Measured minus simulated, of the first of these signals; for images, the mean over their pixels."),
+        figures.figure_html(figures.trace_figure(before[first], after[first])),
+    ]
+    return parts
+
+
+def _note(words: str) -> str:
+    return f'<p class="note">{words}</p>'

@@ -1,0 +1,179 @@
+"""Tables and paragraphs of the report on what a simulator lacks."""
+
+import html
+import json
+import platform
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from real2sim.reporting.localise import Statement
+from real2sim.reporting.words import sentence
+from real2sim.search.findings import FoundEffect, Rung
+from real2sim.verdict import Gap, Verdict
+from saltus.effects.profile import Profile, profile_to_toml
+from saltus.provenance import commit, package_version
+
+if TYPE_CHECKING:
+    from real2sim.pipeline import Examined, Judgement
+
+MEANING = {
+    "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
+    "set": "A set: something is missing, but these data cannot tell which of these effects it is.",
+    "unexplained": "Unexplained: there is a gap that no effect of the library closes.",
+    "no_gap": "No gap: what the log differs by is within its noise.",
+    "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
+}
+PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
+NO_EXPERIMENT = {
+    "named": "None is needed.",
+    "set": "No experiment of the menu would tell them apart.",
+    "unexplained": "None is proposed: what is missing is not in the library, and these data are where to look.",
+    "no_gap": "None is needed.",
+    "bad_log": "The log must be mended first.",
+}
+IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
+LEAST_NATS = 1.0
+"""Gain below which a model is not drawn: it is chance."""
+LONG = 12  # numbers of a list; longer ones are cut in what is claimed
+
+
+def headline(verdict: Verdict) -> str:
+    """The verdict in a sentence, what such a verdict means, and what is wrong with the log."""
+    kind = "good" if verdict.verdict in ("named", "no_gap") else "bad"
+    meaning = IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
+    said = sentence(verdict)
+    faults = "".join(f'<p class="bad">{_text(fault)}</p>' for fault in verdict.log_faults)
+    return f'<h1>{_text(said[0].upper() + said[1:])}</h1><p class="{kind}">{meaning}</p>{faults}'
+
+
+def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -> str:
+    """Effects with their values; of the members of sets too, as they fit alone."""
+    rows = [
+        (effect.name, _where(effect), name, f"{value.value:.4g}", _interval(*value.ci90), value.unit, remark)
+        for effects, remark in ((found, "named"), (rivals, "in a set"))
+        for effect in effects
+        for name, value in effect.params.items()
+    ]
+    return (
+        _table(("effect", "where", "parameter", "value", "90 % interval", "unit", "status"), rows, text=True)
+        if rows
+        else ""
+    )
+
+
+def gap_paragraph(gap: Gap | None) -> str:
+    """Before, after and floor in words."""
+    if gap is None:
+        return "<p>Nothing was left to judge by.</p>"
+    return (
+        f"<p>Mean squared residual on segments that no fit has seen: <b>{gap.before:.3g}</b> before, "
+        f"<b>{gap.after:.3g}</b> after, {gap.floor:.3g} for a perfect model. "
+        f"Of what could be closed, <b>{gap.closed:.0%}</b> is closed.</p>"
+    )
+
+
+def statements(found: Sequence[Statement], count: int) -> str:
+    """The first statements on where a gap lies."""
+    if not found:
+        return "<p>Nothing that goes with anything else in the log.</p>"
+    return "<ul>" + "".join(f"<li>{_text(statement.text)}</li>" for statement in found[:count]) + "</ul>"
+
+
+def what_is_left(effects: Sequence[str]) -> str:
+    """What comes after is what a model leaves."""
+    return f"<p>With {_text(' and '.join(effects))} added, where it is large enough to be told, this is left:</p>"
+
+
+def next_paragraph(verdict: Verdict) -> str:
+    """The experiment that would decide, and what it must tell apart."""
+    sets = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
+    experiment = verdict.next_experiment
+    if experiment is None:
+        return sets + f"<p>{NO_EXPERIMENT[verdict.verdict]}</p>"
+    run = f"saltus real2sim experiments --run {experiment.name}"
+    return f"{sets}<p><b>{_text(experiment.name)}</b>, {_text(experiment.why)}</p><pre>{_text(run)}</pre>"
+
+
+def untestable_table(verdict: Verdict) -> str:
+    """Effects about which these data say nothing."""
+    if not verdict.untestable:
+        return "<p>All effects of the library were tested.</p>"
+    reasons: dict[str, list[str]] = {}
+    for name, why in verdict.untestable.items():
+        reasons.setdefault(why, []).append(name)
+    rows = "".join(
+        f"<tr><td>{_text(', '.join(names))}</td><td>{_text(why)}</td></tr>" for why, names in reasons.items()
+    )
+    return f'<table class="words"><tr><th>effects</th><th>why</th></tr>{rows}</table>'
+
+
+def detectable_table(verdict: Verdict) -> str:
+    """Smallest size of each effect that would have been found."""
+    sizes = sorted(verdict.minimum_detectable.items())
+    if not sizes:
+        return "<p>None was worked out.</p>"
+    return _table(
+        ("effect", "smallest size that would be seen", "unit"), [(n, f"{s.value:.4g}", s.unit) for n, s in sizes]
+    )
+
+
+def idle_models(ladder: Sequence[Rung]) -> str:
+    """The models that gain nothing on data held out."""
+    names = [" + ".join(rung.effects) for rung in ladder if rung.effects and rung.gain < LEAST_NATS]
+    return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
+
+
+def clocks(examined: "Examined") -> str:
+    """How late streams are against each other."""
+    return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examined.offsets)
+
+
+def provenance(judgement: "Judgement", profile: Profile, seed: int) -> str:
+    """Logs by their contents, code by its commit, and what was claimed."""
+    logs = _table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], text=True)
+    runs = sum(compared.findings.evaluations for each in judgement.examined for compared in each.compared)
+    lines = [
+        f"commit = {commit()}",
+        f"seed = {seed}",
+        f"python = {platform.python_version()}",
+        *(f"{name} = {package_version(name)}" for name in PACKAGES),
+        f"simulated sets of unknowns = {runs}",
+        "",
+        "# effects that the simulator had from the start",
+        profile_to_toml(profile).strip() or "none",
+    ]
+    claims = [
+        "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])
+        for claimed in (_claims(each.log.meta) for each in judgement.examined)
+    ]
+    return logs + "".join(f"<pre>{_text(part)}</pre>" for part in ("\n".join(lines), *claims))
+
+
+def _claims(meta: dict[str, Any]) -> dict[str, Any]:
+    """What was claimed, without the path of a model and the list of segments."""
+    claims = {name: value for name, value in meta.items() if name not in ("excitation", "segments")}
+    claims["robot"] = Path(str(meta.get("robot", ""))).name
+    return {name: _short(value) for name, value in claims.items()}
+
+
+def _short(value: Any) -> Any:
+    return [*value[:LONG], "..."] if isinstance(value, list) and len(value) > LONG else value
+
+
+def _where(effect: FoundEffect) -> str:
+    return effect.where if isinstance(effect.where, str) else ", ".join(effect.where)
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{low:.4g} to {high:.4g}"
+
+
+def _text(value: str) -> str:
+    return html.escape(str(value))
+
+
+def _table(head: Iterable[str], rows: Iterable[Sequence[str]], *, text: bool = False) -> str:
+    cells = "".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    kind = ' class="text"' if text else ""
+    return f"<table{kind}><tr>{''.join(f'<th>{_text(name)}</th>' for name in head)}</tr>{cells}</table>"

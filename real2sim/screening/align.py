@@ -1,0 +1,256 @@
+"""How late the streams of a run log are against each other: offset and drift of clocks, with intervals.
+
+A stream that shows the same motion as another, later and scaled, is fitted to it by its time alone. Between two sensors
+an offset of clocks and a latency are the same number: such offsets are relative, and only an event that both clocks
+have stamped could part them. Between columns of one table there is one clock, and the offset is a true delay.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
+
+from real2sim.camera.view import expected_depth
+from saltus.run_log import RunLog, Table
+
+Floats = NDArray[np.float64]
+
+SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
+GRID_S = 0.005
+ITERATIONS = 8
+SMOOTH_S = 0.02  # either way; a body turns and heaves at a few hertz
+BLOCK_S = 2.0  # whose offsets are compared with each other: longer than the memory of any motion
+MIN_BLOCKS = 3
+MIN_POWER = 1e-3  # of the best block; a block at rest tells nothing
+MIN_CORRELATION = 0.5  # below it, the two streams do not show the same motion
+DEPTH_GRID = 8  # rows and columns of an image that are compared
+TOLD_DRIFT = 1e-5  # 1 ms in two minutes; quartz clocks differ by more
+POSES_S = 0.01  # between poses at which images are foretold; the motion of a body is slower
+MIN_VALID = 0.8  # of the images of a pixel
+NEAR_RANGE = 0.9  # of the camera's range
+JUMP_M = 0.1  # between poses: at 10 m/s along a ray; only an edge is faster
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockOffset:
+    """How late one stream is against another."""
+
+    stream: str
+    reference: str
+    offset_s: float
+    """Positive: the stream is late. At the middle of the log."""
+    ci90_s: tuple[float, float]
+    drift: float
+    """Growth of the offset [s/s]."""
+    drift_ci90: tuple[float, float]
+    is_relative: bool
+    """Whether clock offset and latency are one number here."""
+
+    @property
+    def text(self) -> str:
+        """The finding in a sentence."""
+        first, last = (1e3 * end for end in self.ci90_s)
+        late = f"{self.stream} is {1e3 * self.offset_s:.1f} ms ({first:.1f} to {last:.1f}) behind {self.reference}"
+        low, high = self.drift_ci90
+        drifts = (
+            f", drifts by {1e3 * self.drift:.2f} ms per s"
+            if (low > 0 or high < 0) and abs(self.drift) > TOLD_DRIFT
+            else ""
+        )
+        return late + drifts + (" (clock and latency cannot be told apart)" if self.is_relative else "")
+
+
+def align(log: RunLog) -> tuple[ClockOffset, ...]:
+    """Offsets of all pairs of streams in a log that show the same motion."""
+    found = (
+        _torque_on_command(log),
+        _gyro_on_base(log),
+        _depth_on_base(log, is_capture=False),
+        _depth_on_base(log, is_capture=True),
+    )
+    return tuple(offset for offset in found if offset is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Samples of something that moves."""
+
+    name: str
+    time_s: Floats
+    """Shape (n,), increasing."""
+    values: Floats
+    """Shape (n, channels)."""
+    held_s: float = 0.0
+    """How long a value stays, as commands do: one that arrives earlier than this is not seen to."""
+
+    def at(self, time_s: Floats) -> Floats:
+        """Values at other times, shape (m, channels)."""
+        return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.values.T])
+
+
+def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> ClockOffset | None:
+    """Finds how late a stream is against a reference that shows the same motion; None if it does not.
+
+    Each channel may have its own scale and mean. The interval comes from how blocks of the log disagree.
+    """
+    stream, reference = _smooth(stream), _smooth(reference)
+    low, high = SEARCH_S
+    inside = (stream.time_s > reference.time_s[0] + high) & (stream.time_s < reference.time_s[-1] + low)
+    time_s, values = stream.time_s[inside], stream.values[inside]
+    blocks = np.floor((time_s - time_s[0]) / BLOCK_S).astype(int) if len(time_s) else np.zeros(0, int)
+    if len(np.unique(blocks)) < MIN_BLOCKS:
+        return None
+    values = values - values.mean(axis=0)
+    offset = max(np.arange(low, high, GRID_S), key=lambda d: _explained(reference.at(time_s - d), values))
+    for _ in range(ITERATIONS):
+        error, slope = _linearise(reference, time_s, values, offset)
+        step = float(np.sum(error * slope) / max(np.sum(slope**2), 1e-30))
+        offset += float(np.clip(step, -GRID_S, GRID_S))
+    if _explained(reference.at(time_s - offset), values) < MIN_CORRELATION**2:
+        return None
+    error, slope = _linearise(reference, time_s, values, offset)
+    trend = _trend(np.sum(slope**2, axis=1), np.sum(error * slope, axis=1), time_s, blocks)
+    if trend is None:
+        return None
+    (mean, spread), (drift, drift_spread) = trend
+    drift_spread += reference.held_s / float(time_s[-1] - time_s[0])
+    return ClockOffset(
+        stream=stream.name,
+        reference=reference.name,
+        offset_s=float(offset) + mean,
+        ci90_s=(float(offset) + mean - spread - reference.held_s, float(offset) + mean + spread),
+        drift=drift,
+        drift_ci90=(drift - drift_spread, drift + drift_spread),
+        is_relative=is_relative,
+    )
+
+
+def _smooth(motion: Motion) -> Motion:
+    """The same without noise that is faster than motions are.
+
+    Between noisy samples a line is less noisy than at them, and an offset would be drawn to halfway.
+    """
+    half = round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
+    return replace(motion, values=uniform_filter1d(motion.values, 2 * half + 1, axis=0))
+
+
+def _explained(reference: Floats, values: Floats) -> float:
+    """Share of the power of all channels that a scale for each explains."""
+    reference = reference - reference.mean(axis=0)
+    scale = np.sum(reference * values, axis=0) / np.maximum(np.sum(reference**2, axis=0), 1e-30)
+    return 1 - float(np.sum((values - scale * reference) ** 2) / max(np.sum(values**2), 1e-30))
+
+
+def _linearise(reference: Motion, time_s: Floats, values: Floats, offset: float) -> tuple[Floats, Floats]:
+    """What the reference leaves at an offset, and how it changes with the offset; shapes (n, channels)."""
+    width = 2e-3  # s, for the difference: a row of a fast log
+    early, now, late = (reference.at(time_s - offset + shift) for shift in (width, 0.0, -width))
+    now = now - now.mean(axis=0)
+    scale = np.sum(now * values, axis=0) / np.maximum(np.sum(now**2, axis=0), 1e-30)
+    slope = scale * (late - early) / (2 * width)
+    # What scale and mean can also do is not the offset's
+    slope = slope - slope.mean(axis=0)
+    slope = slope - now * np.sum(slope * now, axis=0) / np.maximum(np.sum(now**2, axis=0), 1e-30)
+    return values - scale * now, slope
+
+
+def _trend(
+    power: Floats, product: Floats, time_s: Floats, blocks: NDArray[np.int_]
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Line through the offsets of blocks, each weighed by how much it tells.
+
+    Returns:
+        Mean and half the width of its 90 % interval [s], slope and half the width of its interval [s/s].
+    """
+    count = int(blocks[-1]) + 1
+    power = np.bincount(blocks, power, count).astype(np.float64)
+    product = np.bincount(blocks, product, count).astype(np.float64)
+    middle = np.bincount(blocks, time_s, count) / np.maximum(np.bincount(blocks, minlength=count), 1)
+    telling = power > MIN_POWER * power.max()
+    if telling.sum() < MIN_BLOCKS:
+        return None
+    deviation, weight = product[telling] / power[telling], power[telling] / power[telling].sum()
+    since = middle[telling] - np.sum(weight * middle[telling])
+    spread = float(np.sum(weight * since**2))
+    mean, slope = float(np.sum(weight * deviation)), float(np.sum(weight * since * deviation)) / spread
+    left = weight * (deviation - mean - slope * since)
+    freedom = len(left) - 2
+    # From the scatter itself (a sandwich): blocks that tell much may also err much
+    wide = float(student.ppf(0.95, freedom) * np.sqrt(len(left) / freedom))
+    return (mean, wide * float(np.sqrt(np.sum(left**2)))), (
+        slope,
+        wide * float(np.sqrt(np.sum((left * since) ** 2))) / spread,
+    )
+
+
+def _torque_on_command(log: RunLog) -> ClockOffset | None:
+    """The drive's torque without what its own encoder adds shows when the command arrived there."""
+    joints = log.joints
+    if joints.tau_est is None or joints.dq is None:
+        return None
+    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), joints.q.shape[1:]) for key in ("kp", "kd"))
+    command = kp * joints.q_des
+    for signal, gain in ((joints.dq_des, kd), (joints.tau_ff, 1.0)):
+        command = command if signal is None else command + gain * signal
+    moved = np.ptp(command, axis=0) > 0
+    if not moved.any():
+        return None
+    row_s = float(np.median(np.diff(joints.time_s)))
+    received = joints.tau_est + kp * joints.q + kd * joints.dq
+    reference = Motion(name="command", time_s=joints.time_s, values=command[:, moved], held_s=row_s)
+    stream = Motion(name="tau_est", time_s=joints.time_s, values=received[:, moved])
+    return fit_offset(stream, reference, is_relative=False)
+
+
+def _gyro_on_base(log: RunLog) -> ClockOffset | None:
+    """Gyro against the turning of the measured pose."""
+    if log.imu is None or log.base is None or len(log.base.time_s) < 3:
+        return None
+    rotations = Rotation.from_quat(log.base.values[:, 3:7], scalar_first=True)
+    steps_s = np.diff(log.base.time_s)[:, None]
+    turn = np.asarray((rotations[:-1].inv() * rotations[1:]).as_rotvec() / steps_s, np.float64)
+    between = 0.5 * (log.base.time_s[1:] + log.base.time_s[:-1])
+    reference = Motion(name="base", time_s=between, values=turn)
+    return fit_offset(
+        Motion(name="gyro", time_s=log.imu.time_s, values=log.imu.values[:, 4:7]), reference, is_relative=True
+    )
+
+
+def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
+    """Images against those that the measured pose foretells, by arrival or by the camera's own stamps."""
+    camera = log.meta.get("camera")
+    if log.depth is None or log.base is None or not isinstance(camera, dict):
+        return None
+    times = log.depth.capture_s if is_capture else log.depth.arrival_s
+    if times is None:
+        return None
+    rows = np.linspace(0, log.depth.depth_mm.shape[1] - 1, DEPTH_GRID).astype(int)
+    columns = np.linspace(0, log.depth.depth_mm.shape[2] - 1, DEPTH_GRID).astype(int)
+    foretold = _foretold(log, log.base, rows, columns)
+    measured: Floats = 1e-3 * log.depth.depth_mm[:, rows][:, :, columns].reshape(len(times), -1).astype(np.float64)
+    # No time can be read off a pixel that is often invalid, out of range, or crossed by an edge
+    reach = NEAR_RANGE * float(camera.get("range_max", 3.0))
+    steady = (np.mean(measured > 0, axis=0) > MIN_VALID) & np.all(foretold.values < reach, axis=0)
+    foretold_steps = np.diff(np.where(np.isfinite(foretold.values), foretold.values, 1e3), axis=0)
+    steady &= np.abs(foretold_steps).max(axis=0) < JUMP_M
+    if not steady.any():
+        return None
+    for pixel in np.flatnonzero(steady):
+        valid = measured[:, pixel] > 0
+        measured[:, pixel] = np.interp(times, times[valid], measured[valid, pixel])
+    name = "images by capture stamps" if is_capture else "images by arrival"
+    stream = Motion(name=name, time_s=times, values=measured[:, steady])
+    reference = Motion(name="base", time_s=foretold.time_s, values=foretold.values[:, steady])
+    return fit_offset(stream, reference, is_relative=True)
+
+
+def _foretold(log: RunLog, base: Table, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Motion:
+    """Chosen pixels at every pose that a camera could tell apart."""
+    step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
+    terrain = log.meta.get("terrain")
+    boxes = terrain if isinstance(terrain, list) else []
+    depth = expected_depth(base.values[::step, :7], log.meta["camera"], boxes, rows, columns)
+    return Motion(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))

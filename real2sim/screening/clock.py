@@ -1,0 +1,124 @@
+"""Faults of rows and clocks: numbers that are none, time that runs backwards, rows that are lost or repeated."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.log import segments_of
+from real2sim.screening.fault import Fault
+from saltus.run_log import JOINT_SIGNALS, RunLog
+
+Floats = NDArray[np.float64]
+
+MIN_ROWS = 20  # fewer have no median to speak of
+LOST_ROW = 1.6  # times the usual step: jitter stays below, one lost row makes it 2
+MAX_LOST = 0.01  # of the rows: one in a hundred is a hole in every short window
+MAX_GAP_S = 0.1  # of a motion that nobody saw: longer than any delay that is looked for
+MAX_REPEATED = 0.01
+CONTROL_DT_OFF = 1.3  # times the claim
+MOVING = 0.2  # rad/s: a joint this fast changes its reading from row to row, coarse encoders (1.5 mrad) included
+
+
+def clock_faults(log: RunLog) -> list[Fault]:
+    """Faults of the rows of all tables."""
+    faults = [*_numbers(log)]
+    if faults:
+        return faults
+    for name, time_s in _clocks(log):
+        faults += _order(name, time_s)
+    if not any(fault.is_fatal for fault in faults):
+        faults += [*_steps(log), *_lost(log), *_repeated(log)]
+    return faults
+
+
+def _clocks(log: RunLog) -> Iterator[tuple[str, Floats]]:
+    yield "joints", log.joints.time_s
+    for name, table in (("imu", log.imu), ("base", log.base), ("feet", log.feet)):
+        if table is not None:
+            yield name, table.time_s
+    if log.depth is not None:
+        yield "depth", log.depth.arrival_s
+
+
+def _numbers(log: RunLog) -> Iterator[Fault]:
+    for name, time_s in _clocks(log):
+        if not np.isfinite(time_s).all():
+            yield Fault(name="not_a_number", text=f"{name}: 't' holds {_share(~np.isfinite(time_s))} that is no number")
+    signals = {s: values for s in JOINT_SIGNALS if (values := getattr(log.joints, s)) is not None}
+    tables = {n: t.values for n, t in (("imu", log.imu), ("base", log.base), ("feet", log.feet)) if t is not None}
+    for name, values in {**signals, **tables}.items():
+        wrong = ~np.isfinite(values)
+        if wrong.any():
+            yield Fault(name="not_a_number", text=f"{name}: {_share(wrong)} of the values are no numbers; fill them")
+    if len(log.joints.time_s) < MIN_ROWS:
+        yield Fault(
+            name="too_short", text=f"joints: {len(log.joints.time_s)} rows are too few to compare with anything"
+        )
+
+
+def _share(wrong: NDArray[np.bool_]) -> str:
+    return f"{int(wrong.sum())} of {wrong.size}"
+
+
+def _order(name: str, time_s: Floats) -> Iterator[Fault]:
+    steps = np.diff(time_s)
+    back = np.flatnonzero(steps < 0)
+    if len(back):
+        text = f"{name}: time runs backwards {len(back)} times, first by {-steps[back[0]]:.4g} s"
+        yield Fault(name="time_backwards", text=text)
+    same = float(np.mean(steps == 0)) if len(steps) else 0.0
+    if same:
+        text = f"{name}: {same:.1%} of the rows bear the time of the row before them"
+        yield Fault(name="repeated_rows", text=text, is_fatal=same > MAX_REPEATED)
+
+
+def _steps(log: RunLog) -> Iterator[Fault]:
+    """Time between rows against the claimed time between commands."""
+    claimed, found = float(log.meta["control_dt"]), float(np.median(np.diff(log.joints.time_s)))
+    if found > CONTROL_DT_OFF * claimed:
+        text = f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
+        yield Fault(name="control_dt", text=text)
+        return
+    changes = np.flatnonzero(np.any(np.diff(log.joints.q_des, axis=0) != 0, axis=1))
+    if len(changes) < MIN_ROWS:
+        return
+    period = float(np.median(np.diff(log.joints.time_s[changes])))
+    if claimed > CONTROL_DT_OFF * period:
+        text = f"joints: commands change every {1e3 * period:.4g} ms, control_dt claims {1e3 * claimed:.4g} ms"
+        yield Fault(name="control_dt", text=text)
+
+
+def _lost(log: RunLog) -> Iterator[Fault]:
+    """Rows that are missing within segments; between segments a logger may pause."""
+    time_s = log.joints.time_s
+    usual = float(np.median(np.diff(time_s)))
+    lost, longest = 0, 0.0
+    for segment in segments_of(log):
+        steps = np.diff(time_s[(time_s >= segment.start_s) & (time_s <= segment.end_s)])
+        gaps = steps[steps > LOST_ROW * usual]
+        lost += int(np.sum(np.rint(gaps / usual) - 1))
+        longest = max(longest, float(gaps.max(initial=0.0)))
+    if lost:
+        text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
+        fatal = lost > MAX_LOST * len(time_s) or longest > MAX_GAP_S
+        yield Fault(name="lost_rows", text=text, is_fatal=fatal)
+
+
+def _repeated(log: RunLog) -> Iterator[Fault]:
+    """Rows with a later time but the state of the row before, while the robot moves."""
+    q, time_s = log.joints.q, log.joints.time_s
+    span = min(10, len(q) // 2)  # rows: far enough apart to tell motion from noise
+    rate = np.abs(q[span:] - q[:-span]) / (time_s[span:] - time_s[:-span])[:, None]
+    moving = np.sum(rate > MOVING, axis=1) >= min(2, q.shape[1])
+    same = np.all(np.diff(q, axis=0) == 0, axis=1)
+    if log.joints.dq is not None:
+        same &= np.all(np.diff(log.joints.dq, axis=0) == 0, axis=1)
+    middle = span // 2
+    same = same[middle : middle + len(moving)]
+    if not moving.any():
+        return
+    share = float(np.mean(same[moving[: len(same)]]))
+    if share:
+        text = f"joints: {share:.1%} of the rows repeat the state of the row before while the robot moves"
+        yield Fault(name="repeated_rows", text=text, is_fatal=share > MAX_REPEATED)

@@ -1,0 +1,96 @@
+"""Faults of depth images: units, clocks, images upside down; compared with flat floor and boxes as claimed."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.camera.view import expected_depth
+from real2sim.screening.fault import Fault
+from saltus.run_log import DepthTable, RunLog, Table
+
+Floats = NDArray[np.float64]
+
+FRAMES = 12  # spread over the log
+PIXELS = 400  # of each
+UNIT_OFF = 2.5  # times the expected depth; a scale 5 % off, a bias of 5 cm or a clipped range stay below
+SEEN_SHARE = 0.02  # of valid pixels
+UPSIDE_DOWN = (-0.3, 0.6)  # correlation with the expected image as it is, and upside down
+MAX_AGE_S = 2.0  # older images come from another clock
+MOVES_M = 0.02
+
+
+def depth_faults(log: RunLog) -> list[Fault]:
+    """Faults of `depth.npz`."""
+    if log.depth is None or not len(log.depth.arrival_s):
+        return []
+    camera = log.meta.get("camera")
+    if not isinstance(camera, dict):
+        return [
+            Fault(name="no_camera", text="depth: meta.json claims no camera: images cannot be compared", is_fatal=False)
+        ]
+    height, width = log.depth.depth_mm.shape[1:]
+    if (camera.get("height"), camera.get("width")) != (height, width):
+        text = f"depth: images are {width} x {height}, meta.json claims {camera.get('width')} x {camera.get('height')}"
+        return [Fault(name="image_size", text=text)]
+    return [*_clocks(log.depth), *_contents(log.depth, log.base), *_geometry(log, log.depth, camera)]
+
+
+def _clocks(depth: DepthTable) -> Iterator[Fault]:
+    if np.any(np.diff(depth.frame_id) < 0):
+        yield Fault(name="frames_backwards", text="depth: frame_id runs backwards: images are out of order")
+    if depth.capture_s is None:
+        return
+    age = float(np.median(depth.arrival_s - depth.capture_s))
+    if not 0 <= age < MAX_AGE_S:
+        yield Fault(
+            name="two_clocks", text=f"depth: images are {age:.4g} s old at arrival: two clocks that do not agree"
+        )
+
+
+def _contents(depth: DepthTable, base: Table | None) -> Iterator[Fault]:
+    valid = float(np.mean(depth.depth_mm > 0))
+    if valid < SEEN_SHARE:
+        yield Fault(name="blind", text=f"depth: {valid:.1%} of the pixels are valid")
+    if base is None or len(depth.depth_mm) < 2:
+        return
+    moved = float(np.ptp(base.values[:, :3], axis=0).max())
+    if moved > MOVES_M and not np.any(depth.depth_mm[1:] != depth.depth_mm[0]):
+        yield Fault(name="dead_channel", text=f"depth: all images are the same although the base moves {moved:.2f} m")
+
+
+def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
+    """Compares some pixels with the floor and the boxes that are claimed."""
+    if log.base is None:
+        return
+    rows = np.unique(np.linspace(0, len(depth.arrival_s) - 1, FRAMES).astype(int))
+    expected = _expected(log, log.base, camera, rows)
+    measured = 1e-3 * depth.depth_mm[rows].astype(np.float64)
+    seen = (measured > 0) & np.isfinite(expected) & (expected < float(camera.get("range_max", np.inf)))
+    if seen.sum() < PIXELS:
+        return
+    ratio = float(np.median(measured[seen] / expected[seen]))
+    if not 1 / UNIT_OFF < ratio < UNIT_OFF:
+        yield Fault(name="depth_unit", text=f"depth: images read {ratio:.3g} times what pose and terrain imply: unit?")
+        return
+    both = seen & seen[:, ::-1]
+    if both.sum() < PIXELS:
+        return
+    upright = np.corrcoef(measured[both], expected[both])[0, 1]
+    turned = np.corrcoef(measured[:, ::-1][both], expected[both])[0, 1]
+    if upright < UPSIDE_DOWN[0] and turned > UPSIDE_DOWN[1]:
+        yield Fault(
+            name="upside_down", text=f"depth: images fit pose and terrain upside down ({turned:.2f}), not upright"
+        )
+
+
+def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: NDArray[np.int64]) -> Floats:
+    """Images that pose and terrain imply at the claimed latency, shape (frames, height, width) [m]."""
+    assert log.depth is not None  # noqa: S101 - the caller looks at its images
+    when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))
+    nearest = np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1)
+    terrain = log.meta.get("terrain")
+    boxes = terrain if isinstance(terrain, list) else []
+    height, width = log.depth.depth_mm.shape[1:]
+    return expected_depth(base.values[nearest, :7], camera, boxes, np.arange(height), np.arange(width))

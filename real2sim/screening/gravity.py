@@ -1,0 +1,59 @@
+"""Compares the torque that holds each joint, on average, with the weight it must hold: tells left from right.
+
+Over a motion that comes back, accelerations and friction average out; what the drive must hold is the weight of the
+limb. Where it is the opposite of the model's, all columns of the joint have the wrong sign, or are another leg's.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from real2sim.screening.fault import Fault
+from saltus.run_log import RunLog
+from saltus.sim.held import HeldRobot
+
+Floats = NDArray[np.float64]
+
+STATES = 200  # at which weights are computed, spread over the log
+MIN_WEIGHT = 0.5  # Nm: a hip of a Go1 holds 0.7
+AGREES = 0.5  # of the weight: how far the torque may be off its opposite
+OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
+MOVES = 0.2  # rad: friction holds a joint anywhere near its command, but not for all of a motion
+GAIN_RANGE = (0.6, 1.7)  # of torque to weight; drives that are 20 % off and friction stay within 0.75-1.35
+
+
+def gravity_faults(log: RunLog) -> Iterator[Fault]:
+    """Joints of a held robot that hold the opposite of their weight, or all of them too much or too little."""
+    if log.meta.get("base") != "fixed" or log.base is not None:
+        return
+    names = list(log.meta["joints"])
+    held = _mean_torque(log)
+    rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
+    weight = HeldRobot(str(log.meta.get("robot", "go1")), names).weight(log.joints.q[rows]).mean(axis=0)
+    heavy = np.abs(weight) > MIN_WEIGHT
+    opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
+    for joint in np.flatnonzero(opposite):
+        text = f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs {weight[joint]:+.2f}: "
+        yield Fault(name="against_gravity", text=text + "a flipped sign, or the columns of the leg on the other side")
+    off = np.abs(held - weight) > OFF_COMMAND
+    for joint in np.flatnonzero(off & ~opposite):
+        text = f"{names[joint]} stands off its command as if held by {held[joint]:+.1f} Nm, its weight needs "
+        text += f"{weight[joint]:+.1f}: a gear ratio, a zero or a name is wrong"
+        yield Fault(name="off_command", text=text)
+    moving = heavy & ~opposite & (np.ptp(log.joints.q, axis=0) > MOVES)
+    if off.any() or log.joints.tau_est is not None or moving.sum() < 2:
+        return
+    ratio = float(np.median(held[moving] / weight[moving]))
+    if not GAIN_RANGE[0] < ratio < GAIN_RANGE[1]:
+        text = (
+            f"by the claimed kp, joints are held with {ratio:.2f} times their weight: kp is not what meta.json claims"
+        )
+        yield Fault(name="wrong_gains", text=text)
+
+
+def _mean_torque(log: RunLog) -> Floats:
+    """What the drives hold on average, by the claimed gains [Nm], shape (joints,)."""
+    kp = np.broadcast_to(np.asarray(log.meta["kp"], float), log.joints.q.shape[1:])
+    torque: Floats = np.mean(kp * (log.joints.q_des - log.joints.q), axis=0)
+    return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))

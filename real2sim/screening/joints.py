@@ -1,0 +1,234 @@
+"""Faults of joint columns: units, signs, joints under each other's names, gains that were not the drive's."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import linear_sum_assignment
+
+from real2sim.screening.fault import Fault
+from real2sim.screening.gains import gain_faults
+from real2sim.screening.gravity import gravity_faults
+from saltus import go1
+from saltus.run_log import JointTable, RunLog
+
+Floats = NDArray[np.float64]
+
+SLOW_S = 0.3  # moving average that leaves what a position-controlled leg follows: below 1.5 Hz
+RATE_S = 0.1  # moving average over which dq must be the rate of q: longer than any delay or filter
+MOVES = 0.1  # rad of slow command, from which on a joint must follow
+FULL_TURN = 2 * np.pi  # no joint of a legged robot turns further
+BEYOND_LIMIT = 0.15  # rad: a bias of 0.1 and the give of a stop stay within
+FLIPPED = -0.7  # correlation of a joint with its slow command
+SWAP_GAIN = 3.0  # times nearer to the command of another joint than to its own
+SWAP_OFF = 0.15  # rad RMS: gravity and bias alone keep joints this far from their commands
+LEGS = 3  # of which one can be the odd one out
+STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: kinds of joints stand at least 0.9 apart
+RATIO_RANGE = (0.75, 1.33)  # of slow response to slow command; gravity and gains 20 % off stay within 0.85-1.15
+RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm eats 0.04 rad at kp 20
+RATE_RANGE = (0.6, 1.6)  # of dq to the rate of q
+TOO_FAST = 1.05  # times it: noise and filters only make dq smaller
+
+
+def joint_faults(log: RunLog) -> list[Fault]:
+    """Faults of the columns of `joints`; later checks need columns that earlier ones found sound."""
+    faults: list[Fault] = []
+    for check in (_values, _names, _motions, gain_faults, gravity_faults):
+        faults += check(log)
+        if any(fault.is_fatal for fault in faults):
+            break
+    return faults
+
+
+def _values(log: RunLog) -> list[Fault]:
+    return [*_dead(log), *_units(log)]
+
+
+def _names(log: RunLog) -> list[Fault]:
+    slow = _Slow(log)
+    return [*_swapped(slow), *_limits(log), *_misnamed(slow)]
+
+
+def _motions(log: RunLog) -> list[Fault]:
+    slow = _Slow(log)
+    return [*_signs(slow), *_ratio(slow), *_rates(log)]
+
+
+class _Slow:
+    """What a position-controlled joint must follow: states and commands without what is faster than 1.5 Hz."""
+
+    def __init__(self, log: RunLog) -> None:
+        self.joints: list[str] = log.meta["joints"]
+        self.is_fixed = log.meta.get("base") == "fixed"
+        width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
+        # Twice: a triangle has no side lobes worth the name
+        self.q, self.q_des = (
+            uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0)
+            for values in (log.joints.q, log.joints.q_des)
+        )
+        self.moves = np.ptp(self.q_des, axis=0) > MOVES
+
+
+def _dead(log: RunLog) -> Iterator[Fault]:
+    names = log.meta["joints"]
+    joints = log.joints
+    commanded = np.ptp(joints.q_des, axis=0) > MOVES
+    moved = np.ptp(joints.q, axis=0) > MOVES
+    dead = commanded & (np.ptp(joints.q, axis=0) == 0)
+    if dead.any():
+        yield Fault(
+            name="dead_channel", text=f"q of {_list(names, dead)} never changes although it is commanded to move"
+        )
+    if joints.dq is not None:
+        dead = moved & (np.ptp(joints.dq, axis=0) == 0)
+        if dead.any():
+            text = f"dq of {_list(names, dead)} never changes although q does; leave the columns out if nobody measured"
+            yield Fault(name="dead_channel", text=text)
+    if joints.tau_est is not None:
+        dead = moved & (np.ptp(joints.tau_est, axis=0) == 0)
+        if dead.any():
+            text = f"tau_est of {_list(names, dead)} never changes although q does; leave the columns out"
+            yield Fault(name="dead_channel", text=text)
+    yield from _frozen(log.joints, names)
+
+
+def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
+    """A reading that stops while its command goes on by more than friction could hold."""
+    rows = max(2, round(0.5 / float(np.median(np.diff(joints.time_s)))))
+    if len(joints.q) <= rows:
+        return
+    still = np.abs(np.diff(joints.q, axis=0)) == 0
+    count = uniform_filter1d(still.astype(float), rows, axis=0)
+    for joint, name in enumerate(names):
+        stopped = np.flatnonzero(count[:, joint] > 1 - 0.5 / rows)
+        if not len(stopped):
+            continue
+        command = joints.q_des[stopped, joint]
+        groups = np.split(command, np.flatnonzero(np.diff(stopped) > 1) + 1)
+        if max(float(np.ptp(group)) for group in groups) > 3 * MOVES:
+            yield Fault(name="dead_channel", text=f"q of {name} stops for over 0.5 s while its command moves on")
+
+
+def _units(log: RunLog) -> Iterator[Fault]:
+    names = log.meta["joints"]
+    for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
+        turns = np.percentile(np.abs(values), 95, axis=0)
+        wrong = turns > FULL_TURN
+        if wrong.any():
+            text = (
+                f"{signal} of {_list(names, wrong)} reaches {turns.max():.4g}: more than a full turn in rad; degrees?"
+            )
+            yield Fault(name="degrees", text=text)
+
+
+def _limits(log: RunLog) -> Iterator[Fault]:
+    """Joints of a Go1 that stand where that joint cannot be: names, signs or offsets are wrong."""
+    names = log.meta["joints"]
+    if log.meta.get("robot") != "go1" or not set(names) <= set(go1.JOINTS):
+        return
+    index = [go1.JOINTS.index(name) for name in names]
+    low, high = go1.JOINT_LOWER[index] - BEYOND_LIMIT, go1.JOINT_UPPER[index] + BEYOND_LIMIT
+    middle = np.median(log.joints.q, axis=0)
+    # A log of the camera may carry joints that nobody measured
+    wrong = (np.ptp(log.joints.q, axis=0) > MOVES) & ((middle < low) | (middle > high))
+    if wrong.any():
+        seen = ", ".join(f"{names[j]} at {middle[j]:.2f} rad" for j in np.flatnonzero(wrong)[:3])
+        yield Fault(
+            name="out_of_range", text=f"joints stand where they cannot be ({seen}): wrong names, signs or zeros"
+        )
+
+
+def _swapped(slow: _Slow) -> Iterator[Fault]:
+    """Pairs q and q_des anew so that they lie closest, and compares with the pairing by names."""
+    apart = np.sqrt(np.mean((slow.q[:, :, None] - slow.q_des[:, None, :]) ** 2, axis=0))
+    _, best = linear_sum_assignment(apart**2)
+    own = np.diag(apart)
+    found = apart[np.arange(len(best)), best]
+    moved = best != np.arange(len(best))
+    wrong = moved & (own > SWAP_OFF) & (own > SWAP_GAIN * found)
+    if wrong.any():
+        pairs = ", ".join(
+            f"q of {slow.joints[j]} follows q_des of {slow.joints[best[j]]}" for j in np.flatnonzero(wrong)
+        )
+        own_off, other_off = own[wrong].mean(), found[wrong].mean()
+        yield Fault(name="swapped_joints", text=f"{pairs} ({other_off:.2f} rad apart, {own_off:.2f} from its own)")
+
+
+def _misnamed(slow: _Slow) -> Iterator[Fault]:
+    """A leg whose joints stand as joints of another kind do in the other legs: all columns under wrong names."""
+    legs: dict[str, list[int]] = {}
+    for index, name in enumerate(slow.joints):
+        legs.setdefault(name.split("_")[0], []).append(index)
+    if len(legs) < LEGS or len({len(joints) for joints in legs.values()}) != 1:
+        return
+    stance = np.array([np.median(slow.q_des[:, joints], axis=0) for joints in legs.values()])
+    for leg, joints in enumerate(legs.values()):
+        others = np.median(np.delete(stance, leg, axis=0), axis=0)
+        apart = np.abs(stance[leg][:, None] - others)
+        own, found = np.diag(apart), apart.min(axis=1)
+        wrong = (own > STANCE_OFF) & (found < STANCE_LIKE)
+        if wrong.sum() >= 2:
+            names = ", ".join(slow.joints[joints[j]] for j in np.flatnonzero(wrong))
+            text = f"{names} stand as other joints do in the other legs ({own[wrong].max():.2f} rad apart): wrong names"
+            yield Fault(name="swapped_joints", text=text)
+
+
+def _signs(slow: _Slow) -> Iterator[Fault]:
+    correlation, _ = _follow(slow)
+    wrong = slow.moves & (correlation < FLIPPED)
+    if wrong.any():
+        worst = correlation[wrong].min()
+        text = f"q of {_list(slow.joints, wrong)} moves against q_des (correlation {worst:.2f}): a sign is flipped"
+        yield Fault(name="flipped_sign", text=text)
+
+
+def _ratio(slow: _Slow) -> Iterator[Fault]:
+    """A joint that follows, but by a constant factor: a gear or linkage ratio counted twice or not at all."""
+    correlation, slope = _follow(slow)
+    low, high = RATIO_RANGE
+    wrong = (np.ptp(slow.q_des, axis=0) > RATIO_MOVES) & (correlation > 0.99) & ((slope < low) | (slope > high))
+    if slow.is_fixed and wrong.any():
+        text = (
+            f"q of {_list(slow.joints, wrong)} follows slow commands by {slope[wrong].mean():.2f}: a wrong gear ratio?"
+        )
+        yield Fault(name="wrong_ratio", text=text)
+
+
+def _follow(slow: _Slow) -> tuple[Floats, Floats]:
+    """Correlation and slope of slow response on slow command, per joint."""
+    q, q_des = slow.q - slow.q.mean(axis=0), slow.q_des - slow.q_des.mean(axis=0)
+    power, product = np.sum(q_des**2, axis=0), np.sum(q * q_des, axis=0)
+    tiny = np.finfo(np.float64).tiny
+    return product / np.sqrt(np.maximum(power * np.sum(q**2, axis=0), tiny)), product / np.maximum(power, tiny)
+
+
+def _rates(log: RunLog) -> Iterator[Fault]:
+    """Compares dq with the rate of q."""
+    if log.joints.dq is None:
+        return
+    time_s, names = log.joints.time_s, log.meta["joints"]
+    width = max(1, round(RATE_S / float(np.median(np.diff(time_s)))))
+    if len(time_s) < 4 * width:
+        return
+    rate = (log.joints.q[width:] - log.joints.q[:-width]) / (time_s[width:] - time_s[:-width])[:, None]
+    # Mean of dq over the same rows, ends with half their weight
+    total = np.cumsum(0.5 * (log.joints.dq[1:] + log.joints.dq[:-1]), axis=0)
+    mean = np.concatenate([total[width - 1 : width], total[width:] - total[:-width]]) / width
+    power = np.maximum(np.sum(rate**2, axis=0), np.finfo(np.float64).tiny)
+    slope = np.sum(rate * mean, axis=0) / power
+    moves = np.sqrt(power / len(rate)) > 0.1  # rad/s; a noise of 2 mrad in q makes 0.03 of it
+    low, high = RATE_RANGE
+    wrong = moves & ((slope < low) | (slope > high))
+    if wrong.any():
+        text = f"dq of {_list(names, wrong)} is {slope[wrong][0]:.3g} times the rate of q: wrong unit, sign or joint"
+        yield Fault(name="wrong_rate", text=text)
+    fast = moves & ~wrong & (slope > TOO_FAST)
+    if fast.any():
+        text = f"dq of {_list(names, fast)} is {slope[fast].mean():.2f} times the rate of q: no filter does that"
+        yield Fault(name="fast_rate", text=text, is_fatal=False)
+
+
+def _list(names: list[str], chosen: NDArray[np.bool_]) -> str:
+    picked = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
+    return "all joints" if len(picked) == len(names) and len(names) > 1 else ", ".join(picked)

@@ -1,0 +1,118 @@
+"""Faults of the IMU's and the body's columns: quaternions, units, axes."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from real2sim.screening.fault import Fault
+from saltus.run_log import RunLog, Table
+
+Floats = NDArray[np.float64]
+
+UNIT_NORM = 0.01  # of a quaternion: four decimals in a text file make 1e-4
+GRAVITY = 9.81
+FREE_FALL = 0.3  # of it as the mean of an accelerometer: a robot that hops is on the ground for half of the time
+G_UNIT = 0.3
+TILT = 0.5  # |cos| between mean acceleration and up, below which axes are wrong: 60 degrees, biases are 2
+MEAN_S = 0.2  # over which a rate must be the change of a pose: longer than any delay
+CARRIED = 1.5  # of the usual span of time: rows are missing in between
+TURNS = 0.1  # rad/s RMS from which on axes can be told from biases (0.05 at most)
+MOVES = 0.05  # m/s RMS
+RANGE = (0.5, 2.0)  # of a rate to the change of its pose
+FAR = 5.0  # m: no base of a standing or hopping robot is higher
+
+
+def rig_faults(log: RunLog) -> list[Fault]:
+    """Faults of `imu` and `base`."""
+    faults: list[Fault] = []
+    for name, table, first in (("imu", log.imu, 0), ("base", log.base, 3)):
+        if table is not None:
+            faults += _norm(name, table.values[:, first : first + 4])
+    if faults:
+        return faults
+    if log.imu is not None:
+        faults += [*_gravity(log.imu), *_gyro(log.imu)]
+    if log.base is not None:
+        faults += _base(log.base)
+    return faults
+
+
+def _norm(name: str, quaternions: Floats) -> Iterator[Fault]:
+    norms = np.linalg.norm(quaternions, axis=1)
+    wrong = np.abs(norms - 1) > UNIT_NORM
+    if wrong.any():
+        text = (
+            f"{name}: {wrong.mean():.1%} of the quaternions are no rotations, their norms reach {norms[wrong][0]:.3g}"
+        )
+        yield Fault(name="quaternion_norm", text=text)
+
+
+def _gravity(imu: Table) -> Iterator[Fault]:
+    acceleration = imu.values[:, 7:10]
+    mean = _rotation(imu.values[:, :4]).apply(acceleration).mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    if size < FREE_FALL * GRAVITY:
+        text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it 9.81: taken out, or in g?"
+        # In units of g it is 1; where gravity was taken out the other columns are still of use
+        is_g = abs(float(np.linalg.norm(acceleration, axis=1).mean()) - 1) < G_UNIT
+        yield Fault(name="acceleration_unit", text=text, is_fatal=is_g)
+    elif mean[2] / size < TILT:
+        up = np.round(mean / size, 2).tolist()
+        text = f"imu: the mean acceleration points along {up} in the world, not up: wrong axes or quaternion order"
+        yield Fault(name="imu_axes", text=text)
+
+
+def _gyro(imu: Table) -> Iterator[Fault]:
+    turn, gyro = _turns(imu.time_s, imu.values[:, :4], imu.values[:, 4:7])
+    yield from _compare("imu", "gyro", "orientation", turn, gyro, TURNS)
+
+
+def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, Floats]:
+    """Mean angular velocity in the body over spans of time, by orientation and by gyro."""
+    rows = _span(time_s)
+    rotations = _rotation(quaternions)
+    steps_s = (time_s[rows:] - time_s[:-rows])[:, None]
+    turn = (rotations[:-rows].inv() * rotations[rows:]).as_rotvec() / steps_s
+    return turn, _means(gyro, rows)
+
+
+def _base(base: Table) -> Iterator[Fault]:
+    height = float(np.median(base.values[:, 2]))
+    if abs(height) > FAR:
+        yield Fault(
+            name="base_unit", text=f"base: z is {height:.4g}: more than {FAR:.0f} m above the ground; millimetres?"
+        )
+        return
+    rows = _span(base.time_s)
+    steps_s = (base.time_s[rows:] - base.time_s[:-rows])[:, None]
+    change = (base.values[rows:, :3] - base.values[:-rows, :3]) / steps_s
+    # a robot that is carried while nothing is recorded moves without a velocity
+    whole = steps_s[:, 0] < CARRIED * np.median(steps_s)
+    mean = _means(base.values[:, 7:10], rows)
+    yield from _compare("base", "velocity", "position", change[whole], mean[whole], MOVES)
+
+
+def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:
+    """Whether each axis of a rate is the change of its pose."""
+    power = np.sum(change**2, axis=0)
+    slope = np.sum(change * (mean - mean.mean(axis=0)), axis=0) / np.maximum(power, 1e-12)
+    wrong = (np.sqrt(power / len(change)) > seen) & ((slope < RANGE[0]) | (slope > RANGE[1]))
+    for axis in np.flatnonzero(wrong):
+        text = f"{table}: {rate} {'xyz'[axis]} is {slope[axis]:.3g} times the change of {pose}: unit, sign or axis"
+        yield Fault(name="wrong_rate", text=text)
+
+
+def _span(time_s: Floats) -> int:
+    return max(1, min(len(time_s) // 4, round(MEAN_S / float(np.median(np.diff(time_s))))))
+
+
+def _means(values: Floats, rows: int) -> Floats:
+    """Means over as many steps, ends with half their weight."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0)])
+    return (total[rows:] - total[:-rows]) / rows
+
+
+def _rotation(quaternions: Floats) -> Rotation:
+    return Rotation.from_quat(quaternions, scalar_first=True)

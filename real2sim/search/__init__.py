@@ -1,0 +1,1 @@
+"""The search for missing effects; it knows nothing of robots."""

@@ -1,0 +1,249 @@
+"""From fitted models to findings: the ruling, values and places, the gap on untouched segments, what would be seen."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from real2sim.problem import Estimate, Floats, Problem
+from real2sim.search import bootstrap, decide, estimates, signature
+from real2sim.search.cells import Cells
+from real2sim.search.decide import Court, Scored
+from real2sim.search.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
+from real2sim.search.fit import Evaluator, Fit
+from real2sim.search.layout import Model
+from real2sim.search.quadratic import Quadratic
+
+LADDER = 12
+"""Models that the report lists."""
+
+
+def findings(
+    problem: Problem,
+    court: Court,
+    evaluate: Evaluator,
+    fits: dict[Model, Fit],
+    library: Callable[[Model], Quadratic],
+) -> Findings:
+    """The findings that follow from all fitted models.
+
+    Args:
+        problem: The problem.
+        court: Split and thresholds.
+        evaluate: For the last simulations: those of the reported values.
+        fits: By model; () among them.
+        library: Quadratic with the unknowns of all effects around a fit.
+    """
+    scored = [court.score(each) for each in fits.values()]
+    dispersion = _dispersion(court, scored)
+    chosen = decide.choose(court, scored, dispersion)
+    null = next(each for each in scored if not each.fit.model)
+    around = library(chosen.fit.model)
+    chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
+    confusion = signature.confusion(court.layout, around, chosen.fit.model)
+    alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
+    reported, unknowns, final = _reported(problem, court, evaluate, null, chosen)
+    tested = Cells.of(problem, ~court.split.is_fit)
+    ruling = _rule(problem, court, tested, null, chosen, alike, final)
+    is_told = ruling in ("named", "set")
+    effects = {name: _state(problem, name, groups) for name, groups in reported.items()} if is_told else {}
+    return Findings(
+        problem=problem.name,
+        verdict=ruling,
+        effects=tuple(one for name, stated in effects.items() if not alike[name] for one in stated),
+        sets=_sets(alike) if is_told else (),
+        rivals=tuple(one for name, stated in effects.items() if alike[name] for one in stated),
+        ladder=_ladder(court, scored, null),
+        confusion=confusion,
+        gaps=_gaps(problem, tested, null.fit.residuals, final),
+        residuals=Residuals(
+            before=null.fit.residuals,
+            after=final,
+            unknowns=unknowns,
+            effects=chosen.fit.model,
+            is_test=~court.split.is_fit,
+        ),
+        remainder=tested.largest_rms(tested.structure(final)),
+        minimum_detectable=_minimum_detectable(problem, court, library(()), fits[()], dispersion),
+        untestable=problem.untestable,
+        baselines=_baselines(court, around, scored),
+        evaluations=evaluate.evaluations,
+    )
+
+
+def _dispersion(court: Court, scored: Sequence[Scored]) -> float:
+    """Of the best model, whose residuals are nearest to noise."""
+    best = min(scored, key=lambda each: each.total).fit
+    return bootstrap.dispersion(best.quadratic(court.layout, court.split), np.ones(len(best.columns), dtype=bool))
+
+
+def _reported(
+    problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored
+) -> tuple[dict[str, list[estimates.Group]], Floats, Floats]:
+    """Groups of each effect of the chosen model, the unknowns that they are, and the residuals that those leave.
+
+    Values that places share are kept where they explain the gap as the fit does; else each place has its own.
+    """
+    fit = chosen.fit
+    if not fit.model:
+        return {}, fit.unknowns, fit.residuals
+    places = {effect: estimates.places_of(problem, court, fit, effect) for effect in fit.model}
+    shared = {effect: estimates.group(problem, found, court.size) for effect, found in places.items()}
+    apart = {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()}
+    sets = np.array(
+        [_as_reported(court, fit, [g for groups in way.values() for g in groups]) for way in (shared, apart)]
+    )
+    left = evaluate("reported values", sets)
+    closed = [court.closed(null, null, replace(chosen, structure=court.cells.structure(r))) for r in left]
+    least = decide.explained_share(court, fit.model)
+    best = 1 if closed[0] < least <= closed[1] else 0
+    return (shared, apart)[best], sets[best], left[best]
+
+
+def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
+    total = len(problem.blocks) * sum(candidate.effect == effect for candidate in problem.candidates)
+    return [estimates.found_effect(problem, effect, group, total) for group in groups]
+
+
+def _as_reported(court: Court, fit: Fit, groups: list[estimates.Group]) -> Floats:
+    """The reported values at the reported places and nothing elsewhere, shape (blocks, unknowns)."""
+    unknowns = fit.unknowns.copy()
+    sized = court.layout.of_effects(fit.model)
+    unknowns[:, sized[~court.layout.is_shape[sized]]] = 0.0
+    for group in groups:
+        for place in group.places:
+            columns = court.layout.of_candidate(place.candidate)
+            unknowns[place.block, columns] = np.clip(group.value, court.layout.low[columns], court.layout.high[columns])
+    return unknowns
+
+
+def _rule(
+    problem: Problem,
+    court: Court,
+    tested: Cells,
+    null: Scored,
+    chosen: Scored,
+    alike: dict[str, list[str]],
+    final: Floats,
+) -> ProblemRuling:
+    """Named, a set, unexplained or no gap."""
+    least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
+    is_gap = court.cells.largest_rms(null.structure) > least
+    if not chosen.fit.model:
+        return "unexplained" if is_gap else "no_gap"
+    is_closed = _closed(court, tested, null.fit.residuals, final) >= decide.explained_share(court, chosen.fit.model)
+    if len(chosen.fit.model) > 2:  # three effects imitate a fourth closely, but not to within noise
+        is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
+    if not is_closed:
+        return "unexplained" if is_gap else "no_gap"
+    return "set" if any(alike.values()) else "named"
+
+
+def _closed(court: Court, tested: Cells, before: Floats, after: Floats) -> float:
+    """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
+    structure = tested.structure(before)
+    return tested.share_gone(structure, tested.structure(after), tested.shows(structure, court.size))
+
+
+def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
+    sets = [tuple(sorted([effect, *others])) for effect, others in alike.items() if others]
+    return tuple(dict.fromkeys(sets))
+
+
+def _ladder(court: Court, scored: Sequence[Scored], null: Scored) -> tuple[Rung, ...]:
+    rungs = []
+    for each in sorted(scored, key=lambda each: each.total)[:LADDER]:
+        gains = bootstrap.held_out_gains(null.held_out, each.held_out, court.split)
+        _, interval = bootstrap.spread(gains, court.rng)
+        rungs.append(
+            Rung(
+                effects=each.fit.model,
+                gain=court.gain(null, each),
+                gain_ci90=interval,
+                closed=court.closed(null, null, each),
+            )
+        )
+    return tuple(rungs)
+
+
+def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
+    """Gap by signal; the floor is what remains without structure."""
+    gaps = []
+    powers = (tested.power(before), tested.power(after), tested.power(after) - tested.structure(after))
+    for index, signal in enumerate(problem.signals):
+        cells = np.flatnonzero(tested.signal == index)
+        counts = tested.counts[cells]
+        if counts.sum() == 0:
+            continue
+        means = [float((power[:, cells] * counts).sum() / (counts.sum() * len(power))) for power in powers]
+        gaps.append(
+            SignalGap(
+                signal=signal,
+                residuals=int(counts.sum()) * len(before),
+                before=means[0],
+                after=means[1],
+                floor=min(means[0], means[2]),
+            )
+        )
+    return tuple(gaps)
+
+
+def _minimum_detectable(
+    problem: Problem, court: Court, around: Quadratic, null: Fit, dispersion: float
+) -> dict[str, Estimate]:
+    """Smallest size of each effect that would be found, at the place where these data show it best.
+
+    It must be worth `decide.GAIN_NATS` after projection of the nuisances, as the quadratic around the model without
+    effects has it, and per residual at least `court.size` on average over a segment.
+    """
+    layout = court.layout
+    nuisances = np.flatnonzero(around.where(layout.nuisances))
+    segments = max(1, len(np.unique(court.split.segment)))
+    sizes: dict[str, tuple[float, int]] = {}
+    for index, candidate in enumerate(layout.candidates):
+        if candidate.is_nuisance or candidate.effect in problem.untestable:
+            continue
+        column = int(layout.of_candidate(index)[0])
+        for block in range(len(null.residuals)):
+            power = _power(around.information(block), column, nuisances)
+            if power <= 0.0:
+                continue
+            rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
+            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), court.size * np.sqrt(rows / power))
+            if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
+                sizes[candidate.effect] = (float(size), index)
+    return {effect: _physical_size(problem, court, around, *found) for effect, found in sizes.items()}
+
+
+def _physical_size(problem: Problem, court: Court, around: Quadratic, size: float, index: int) -> Estimate:
+    columns = court.layout.of_candidate(index)
+    values = around.point[0, columns].copy()
+    values[0] = min(size, float(court.layout.high[columns[0]]))
+    return next(iter(problem.physical(problem.candidates[index], values).values()))
+
+
+def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
+    """Power of an unknown's signature with the nuisances projected out."""
+    cross = hessian[column, nuisances]
+    if not len(nuisances):
+        return float(hessian[column, column])
+    inverse = np.linalg.pinv(hessian[np.ix_(nuisances, nuisances)], rcond=1e-10, hermitian=True)
+    return float(hessian[column, column] - cross @ inverse @ cross)
+
+
+def _baselines(court: Court, around: Quadratic, scored: Sequence[Scored]) -> Baselines:
+    """Fit everything and threshold; take the best fit."""
+    layout = court.layout
+    named = set()
+    for block in range(len(around.cost)):
+        value = around.point[block] + around.solve(block, np.ones(len(around.columns), dtype=bool))
+        error = np.sqrt(np.diag(np.linalg.pinv(around.information(block), rcond=1e-12, hermitian=True)))
+        for index, candidate in enumerate(layout.candidates):
+            columns = layout.of_candidate(index)
+            columns = columns[~layout.is_shape[columns]]
+            if not candidate.is_nuisance and np.any(np.abs(value[columns]) > 3.0 * error[columns]):
+                named.add(candidate.effect)
+    seen = court.split.is_fit
+    singles = [each.fit for each in scored if len(each.fit.model) == 1]
+    lowest = min(singles, key=lambda each: float(np.sum(each.residuals[:, seen] ** 2)), default=None)
+    return Baselines(threshold=tuple(sorted(named)), lowest_training_error=lowest.model if lowest else ())

@@ -1,0 +1,245 @@
+"""Where an effect acts, how large it is there, and how sure that is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem
+from real2sim.search import bootstrap
+from real2sim.search.decide import Court
+from real2sim.search.findings import FoundEffect, Interval
+from real2sim.search.fit import Fit
+
+SAME = 0.1
+"""Values at several places count as one when they differ by less than this share beyond their errors: what friction
+or gain of equal drives scatters by."""
+CONSISTENT = 1e-3
+"""Significance at which a pattern of places is rejected."""
+PRESENT = 3.0
+"""An effect is present at a place from this many standard errors."""
+PRESENT_SHARE = 0.1
+"""And from this share of its RMS at the place that shows it best: joints are coupled, and their models too."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """An effect's estimate at one place.
+
+    Attributes:
+        block: Index of the block.
+        candidate: Index of the candidate.
+        name: As the verdict states it.
+        value: Of the candidate's unknowns.
+        covariance: Of the value, shape (k, k).
+        rms: Of the effect there, in the segment and signal that show it best [sigma].
+    """
+
+    block: int
+    candidate: int
+    name: str
+    value: Floats
+    covariance: Floats
+    rms: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Group:
+    """Places at which an effect has one value."""
+
+    places: tuple[Place, ...]
+    value: Floats
+    covariance: Floats
+
+
+def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Place]:
+    """The estimates of a fitted effect at all its places."""
+    quadratic = fit.quadratic(court.layout, court.split)
+    free = np.ones(len(fit.columns), dtype=bool)
+    found = []
+    for block in range(len(problem.blocks)):
+        covariance = bootstrap.covariance(quadratic, block, free)
+        for index, candidate in enumerate(problem.candidates):
+            if candidate.effect != effect:
+                continue
+            columns = court.layout.of_candidate(index)
+            own = np.flatnonzero(np.isin(fit.columns, columns))
+            sized = own[~court.layout.is_shape[fit.columns[own]]]
+            trace = fit.unknowns[block, fit.columns[sized]] @ fit.jacobian[block, sized]
+            found.append(
+                Place(
+                    block=block,
+                    candidate=index,
+                    name=problem.places[block][candidate.where],
+                    value=fit.unknowns[block, columns],
+                    covariance=_with_unseen(covariance[np.ix_(own, own)], candidate),
+                    rms=float(np.sqrt(court.cells.power(trace).max())),
+                )
+            )
+    return found
+
+
+def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
+    """The simplest pattern of places and values that agrees with the estimates.
+
+    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. Where none
+    agrees, all places at which the effect is present, with one value if they agree on it, else one for each kind of
+    place - a saturation of small motors and of a large one - or, where one kind does not agree, for each of its places.
+    `least` is the RMS from which an effect is present.
+    """
+    everywhere = list(range(len(places)))
+    present = present_at(problem, places, least)
+    has_shape = any(unknown.is_shape for unknown in problem.candidates[places[0].candidate].unknowns)
+    kinds = {problem.candidates[place.candidate].where for place in places}
+    tiers: list[list[list[int]]] = [
+        [everywhere],
+        [[i for i in everywhere if problem.candidates[places[i].candidate].where == kind] for kind in sorted(kinds)],
+        [[i for i in everywhere if places[i].block == block] for block in range(len(problem.blocks))],
+        [[i] for i in everywhere],
+    ]
+    for tier in tiers:
+        misfits = [_misfit(problem, places, members, present) for members in tier]
+        best = int(np.argmax(misfits))
+        if misfits[best] > CONSISTENT:
+            own = [places[i] for i in tier[best]]
+            # where an effect leaves no trace, its shape is anything
+            telling = [places[i] for i in tier[best] if not has_shape or i in present]
+            return [replace(_pool(telling), places=tuple(own))]
+    members = [places[i] for i in present]
+    if _agreement(problem, members) > CONSISTENT:
+        return [_pool(members)]
+    alike = [kind for kind in _by_kind(problem, members) if _agreement(problem, kind) > CONSISTENT]
+    rest = [place for kind in _by_kind(problem, members) if kind not in alike for place in kind]
+    return [_pool(each) for each in (*alike, *([place] for place in rest))]
+
+
+def each_alone(problem: Problem, places: list[Place], least: float) -> list[Group]:
+    """Every place at which an effect is present, with its own value; arguments as `group`."""
+    return [_pool([places[i]]) for i in present_at(problem, places, least)]
+
+
+def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
+    """At which places an effect is larger than chance and than what simulations differ by; at least one."""
+    largest = int(np.argmax([place.rms for place in places]))
+    least = max(least, PRESENT_SHARE * places[largest].rms)
+    found = []
+    for i, place in enumerate(places):
+        sized = _sized(problem.candidates[place.candidate])
+        error = np.sqrt(np.diag(place.covariance))[sized]
+        if place.rms >= least and np.any(np.abs(place.value[sized]) > PRESENT * error):
+            found.append(i)
+    return found or [largest]
+
+
+def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
+    """A group as the verdict states it.
+
+    Args:
+        problem: The problem.
+        effect: Name.
+        one: Places and value.
+        total: Number of places at which the effect could be.
+    """
+    names = tuple(place.name for place in one.places)
+    where: str | tuple[str, ...] = names
+    if total == 1:
+        where = names[0]
+    elif len(names) == total:
+        where = "all"
+    return FoundEffect(name=effect, where=where, params=_intervals(problem, one))
+
+
+def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
+    """Physical parameters with errors carried over by differences along the axes of the covariance."""
+    candidate = problem.candidates[one.places[0].candidate]
+    values = problem.physical(candidate, one.value)
+    absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
+    variance = {}
+    for name, null in problem.physical(candidate, absent).items():
+        distance = abs(values[name].value - null.value)
+        size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
+        variance[name] = (candidate.model_error * size) ** 2
+    variance[next(iter(variance))] += candidate.resolution**2
+    low = np.array([unknown.low for unknown in candidate.unknowns])
+    high = np.array([unknown.high for unknown in candidate.unknowns])
+    powers, axes = np.linalg.eigh(one.covariance)
+    for power, axis in zip(powers, axes.T, strict=True):
+        reach = np.sqrt(max(0.0, power)) * axis
+        above = problem.physical(candidate, np.clip(one.value + reach, low, high))
+        below = problem.physical(candidate, np.clip(one.value - reach, low, high))
+        for name in variance:
+            variance[name] += (0.5 * (above[name].value - below[name].value)) ** 2
+    return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}
+
+
+def _interval(at: Estimate, error: float) -> Interval:
+    width = float(stats.norm.ppf(0.95)) * error
+    return Interval(value=float(at.value), ci90=(float(at.value - width), float(at.value + width)), unit=at.unit)
+
+
+def _sized(candidate: Candidate) -> Indices:
+    return np.flatnonzero([not unknown.is_shape for unknown in candidate.unknowns])
+
+
+def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
+    """Unknowns that no residual depends on may be anywhere within their bounds."""
+    widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])  # sigma of a uniform
+    unseen = np.diag(covariance) <= 0.0
+    return covariance + np.diag(np.where(unseen, widths**2, 0.0))
+
+
+def _weights(places: list[Place], share: float) -> list[Floats]:
+    """Inverse covariances of estimates, with errors of the model that are a share of the surest value added."""
+    surest = max(places, key=lambda place: place.rms)
+    largest = np.abs(surest.value)
+    return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
+
+
+def _agreement(problem: Problem, places: list[Place]) -> float:
+    """Probability of a scatter as large as that of the estimates if there is one value.
+
+    Kinds of places are asked on their own, too: that one kind differs from the others would be lost in the scatter of
+    all places.
+    """
+    kinds = [_pool(own) for own in _by_kind(problem, places)]
+    return min(
+        _scatter([place.value for place in places], _weights(places, SAME)),
+        _scatter([kind.value for kind in kinds], [_between(kind, kinds) for kind in kinds]),
+    )
+
+
+def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
+    kinds = dict.fromkeys(problem.candidates[place.candidate].where for place in places)
+    return [[place for place in places if problem.candidates[place.candidate].where == kind] for kind in kinds]
+
+
+def _between(kind: Group, kinds: list[Group]) -> Floats:
+    """Inverse covariance of a kind's value: drives differ by a share of the largest, each on its own."""
+    share = SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
+    return np.asarray(np.linalg.inv(kind.covariance + np.diag(share**2 + 1e-18)))
+
+
+def _scatter(values: list[Floats], weights: list[Floats]) -> float:
+    """Probability of values as far apart as these if they are one."""
+    mean = np.linalg.solve(sum(weights), sum(w @ x for w, x in zip(weights, values, strict=True)))
+    square = sum(float((x - mean) @ w @ (x - mean)) for w, x in zip(weights, values, strict=True))
+    freedom = (len(values) - 1) * len(mean)
+    return float(stats.chi2.sf(square, freedom)) if freedom else 1.0
+
+
+def _misfit(problem: Problem, places: list[Place], members: list[int], present: list[int]) -> float:
+    """Probability of estimates as far from a pattern as these: one value at its members, absent elsewhere."""
+    if not set(present) <= set(members):
+        return 0.0
+    return _agreement(problem, [places[i] for i in members])
+
+
+def _pool(places: list[Place]) -> Group:
+    """One value for places, weighted by their errors; its error covers their scatter too."""
+    weights = _weights(places, 0.0)
+    covariance: Floats = np.asarray(np.linalg.inv(sum(weights)))
+    value = covariance @ sum(w @ p.value for w, p in zip(weights, places, strict=True))
+    if len(places) > 1:
+        square = sum(float((p.value - value) @ w @ (p.value - value)) for w, p in zip(weights, places, strict=True))
+        covariance = covariance * max(1.0, square / ((len(places) - 1) * len(value)))
+    return Group(places=tuple(places), value=value, covariance=covariance)

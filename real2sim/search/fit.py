@@ -1,0 +1,159 @@
+"""Fits of models to the residuals of a problem: few simulations, many models and all blocks at once.
+
+Levenberg-Marquardt with Broyden's update: a Jacobian is paid for once by finite differences, afterwards every trial
+corrects it. All models that are being fitted share one call of the problem per iteration; blocks accept or reject on
+their own, as nothing couples them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from real2sim.problem import Floats, Indices, Problem
+from real2sim.search.layout import STEP, Layout, Model
+from real2sim.search.quadratic import Quadratic, bounded_minimum
+from real2sim.search.split import Split
+
+BATCH = 64
+"""Sets of unknowns in one call of a problem: bounds its memory."""
+CONVERGED_NATS = 0.5
+"""A step that promises less than this [nats] is not taken: it moves no estimate by more than its standard error."""
+ITERATIONS = 5
+
+
+class Evaluator:
+    """Calls a problem and counts how often."""
+
+    def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None = None) -> None:
+        self._problem = problem
+        self._progress = progress
+        self.evaluations = 0
+
+    def __call__(self, stage: str, unknowns: Floats) -> Floats:
+        """Residuals, shape (n, blocks, m), of unknowns of shape (n, blocks, unknowns)."""
+        if not len(unknowns):
+            return np.zeros((0, unknowns.shape[1], len(self._problem.time_s)))
+        self.evaluations += len(unknowns)
+        if self._progress is not None:
+            self._progress(stage, len(unknowns))
+        batches = [self._problem.residuals(unknowns[i : i + BATCH]) for i in range(0, len(unknowns), BATCH)]
+        return np.concatenate(batches)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A model with its unknowns where they fit, or where fitting has got to.
+
+    Attributes:
+        model: The effects.
+        columns: The unknowns that it fits, shape (k,).
+        unknowns: All unknowns, shape (blocks, unknowns).
+        residuals: Shape (blocks, m).
+        jacobian: Of `columns`, shape (blocks, k, m).
+    """
+
+    model: Model
+    columns: Indices
+    unknowns: Floats
+    residuals: Floats
+    jacobian: Floats
+
+    def quadratic(self, layout: Layout, split: Split) -> Quadratic:
+        """The quadratic around the fit."""
+        return Quadratic.of(layout, split, self.columns, self.unknowns, self.residuals, self.jacobian)
+
+
+def slopes(
+    evaluate: Evaluator, layout: Layout, unknowns: Floats, residuals: Floats, columns: Indices, stage: str
+) -> Floats:
+    """Jacobian by finite differences away from the nearer bound, shape (blocks, columns, m)."""
+    here = unknowns[:, columns]
+    step = np.where(here == 0.0, layout.first[columns], STEP * layout.scale[columns])
+    step = np.where(here + step > layout.high[columns], -step, step)
+    sets = np.repeat(unknowns[np.newaxis], len(columns), axis=0)
+    for i, column in enumerate(columns):
+        sets[i, :, column] += step[:, i]
+    moved = evaluate(stage, sets)
+    return np.asarray((moved.transpose(1, 0, 2) - residuals[:, np.newaxis]) / step[..., np.newaxis])
+
+
+def refine(
+    evaluate: Evaluator,
+    layout: Layout,
+    split: Split,
+    fits: Sequence[Fit],
+    *,
+    iterations: int = ITERATIONS,
+    stage: str = "fit",
+) -> list[Fit]:
+    """Fits all models together; each starts where its `Fit` stands, with the Jacobian known there."""
+    states = [_Descent(fit, layout, split) for fit in fits]
+    for _ in range(iterations):
+        active = [(state, trial) for state in states if (trial := state.propose()) is not None]
+        if not active:
+            break
+        residuals = evaluate(stage, np.array([trial for _, trial in active]))
+        for (state, trial), r in zip(active, residuals, strict=True):
+            state.learn(trial, r)
+    shared = [(state, trial) for state in states if (trial := state.share()) is not None]
+    if shared:
+        residuals = evaluate(stage, np.array([trial for _, trial in shared]))
+        for (state, trial), r in zip(shared, residuals, strict=True):
+            state.learn(trial, r)
+    return [state.fit for state in states]
+
+
+class _Descent:
+    """One model on its way down."""
+
+    def __init__(self, fit: Fit, layout: Layout, split: Split) -> None:
+        self.fit = fit
+        self._low, self._high = layout.low[fit.columns], layout.high[fit.columns]
+        self._scale = layout.scale[fit.columns]
+        self._seen = np.flatnonzero(split.is_fit)
+        self._damping = np.full(len(fit.unknowns), 1e-3)
+        self._is_done = np.zeros(len(fit.unknowns), dtype=bool)
+
+    def propose(self) -> Floats | None:
+        """The next unknowns to try, shape (blocks, unknowns); None when no block has anything to gain."""
+        trial = self.fit.unknowns.copy()
+        for block in np.flatnonzero(~self._is_done):
+            jacobian = self.fit.jacobian[block][:, self._seen]
+            hessian, gradient = jacobian @ jacobian.T, jacobian @ self.fit.residuals[block, self._seen]
+            here = self.fit.unknowns[block, self.fit.columns]
+            damped = hessian + self._damping[block] * np.diag(np.diag(hessian))
+            change = bounded_minimum(damped, gradient, self._low - here, self._high - here)
+            promise = -(gradient @ change + 0.5 * change @ hessian @ change)
+            self._is_done[block] = promise < CONVERGED_NATS
+            if not self._is_done[block]:
+                trial[block, self.fit.columns] = here + change
+        return None if self._is_done.all() else trial
+
+    def share(self) -> Floats | None:
+        """The median of the blocks' unknowns in all of them, as one block may be stuck where others are not."""
+        if len(self.fit.unknowns) == 1 or not len(self.fit.columns):
+            return None
+        self._is_done[:] = False
+        trial = self.fit.unknowns.copy()
+        trial[:, self.fit.columns] = np.median(self.fit.unknowns[:, self.fit.columns], axis=0)
+        return trial
+
+    def learn(self, trial: Floats, residuals: Floats) -> None:
+        """Takes the residuals of a trial: corrects the Jacobian, moves where the cost fell."""
+        unknowns, kept = self.fit.unknowns.copy(), self.fit.residuals.copy()
+        jacobian = self.fit.jacobian.copy()
+        for block in np.flatnonzero(~self._is_done):
+            change = (trial - self.fit.unknowns)[block, self.fit.columns]
+            if not change.any():
+                continue
+            weighted = change / self._scale**2
+            missed = residuals[block] - kept[block] - change @ jacobian[block]
+            jacobian[block] += np.outer(weighted, missed) / (weighted @ change)
+            before, after = (np.sum(r[block, self._seen] ** 2) for r in (kept, residuals))
+            if after < before:
+                unknowns[block], kept[block] = trial[block], residuals[block]
+                self._damping[block] = max(self._damping[block] / 5.0, 1e-4)
+            else:
+                self._damping[block] = min(max(self._damping[block] * 10.0, 0.5), 1e4)
+        self.fit = replace(self.fit, unknowns=unknowns, residuals=kept, jacobian=jacobian)

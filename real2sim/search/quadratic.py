@@ -1,0 +1,162 @@
+"""A quadratic stand-in for the cost around a point, kept for each short stretch of the log.
+
+With residuals r and their Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point plus d. Its sums
+over stretches answer at no cost which other models would fit, what they are worth on held-out data and how much that
+scatters.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from real2sim.problem import Floats, Indices
+from real2sim.search.layout import Layout
+from real2sim.search.split import TEST, Mask, Split
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Quadratic:
+    """Costs around a point.
+
+    Attributes:
+        columns: Unknowns that it knows the derivatives of, ascending, shape (k,).
+        point: Where it was made, shape (blocks, k).
+        low: Bounds of the unknowns, shape (k,).
+        high: Bounds of the unknowns, shape (k,).
+        hessian: J^T J, shape (blocks, chunks, k, k).
+        gradient: J^T r, shape (blocks, chunks, k).
+        cost: |r|^2, shape (blocks, chunks).
+        split: Which chunks belong together.
+    """
+
+    columns: Indices
+    point: Floats
+    low: Floats
+    high: Floats
+    hessian: Floats
+    gradient: Floats
+    cost: Floats
+    split: Split
+
+    @classmethod
+    def of(
+        cls, layout: Layout, split: Split, columns: Indices, point: Floats, residuals: Floats, jacobian: Floats
+    ) -> "Quadratic":
+        """The quadratic of residuals.
+
+        Args:
+            layout: Bounds.
+            split: Chunks.
+            columns: Unknowns with derivatives, shape (k,).
+            point: All unknowns, shape (blocks, unknowns).
+            residuals: At the point, shape (blocks, m).
+            jacobian: Shape (blocks, k, m).
+        """
+        blocks, k, _ = jacobian.shape
+        chunks = len(split.fold)
+        hessian, gradient = np.zeros((blocks, chunks, k, k)), np.zeros((blocks, chunks, k))
+        cost = np.zeros((blocks, chunks))
+        for chunk in range(chunks):
+            rows = np.flatnonzero(split.chunk == chunk)
+            part, r = jacobian[:, :, rows], residuals[:, rows]
+            hessian[:, chunk] = part @ part.transpose(0, 2, 1)
+            gradient[:, chunk] = np.einsum("bkm,bm->bk", part, r)
+            cost[:, chunk] = np.sum(r**2, axis=1)
+        return cls(
+            columns=columns,
+            point=point[:, columns],
+            low=layout.low[columns],
+            high=layout.high[columns],
+            hessian=hessian,
+            gradient=gradient,
+            cost=cost,
+            split=split,
+        )
+
+    def where(self, columns: Indices) -> Mask:
+        """Which of its columns are among these, as a mask of shape (k,)."""
+        return np.isin(self.columns, columns)
+
+    def solve(self, block: int, free: Mask, held_out: int | None = None) -> Floats:
+        """Change of its unknowns that fits best within the bounds when those that are not free go to 0.
+
+        Args:
+            block: Which.
+            free: Mask of shape (k,).
+            held_out: A fold that the fit does not see, besides the test.
+        """
+        seen = (self.split.fold != TEST) & (self.split.fold != (TEST if held_out is None else held_out))
+        hessian, gradient = self.hessian[block, seen].sum(axis=0), self.gradient[block, seen].sum(axis=0)
+        if held_out is not None:
+            hessian = hessian + LEAN * np.diag(np.diag(self.information(block)))
+        change = np.where(free, 0.0, -self.point[block])
+        active = np.flatnonzero(free)
+        change[active] = bounded_minimum(
+            hessian[np.ix_(active, active)],
+            (gradient + hessian @ change)[active],
+            (self.low - self.point[block])[active],
+            (self.high - self.point[block])[active],
+        )
+        return change
+
+    def cost_after(self, block: int, change: Floats) -> Floats:
+        """Cost in each chunk after a change of the unknowns, shape (chunks,)."""
+        linear = 2.0 * self.gradient[block] @ change
+        return self.cost[block] + linear + np.einsum("i,cij,j->c", change, self.hessian[block], change)
+
+    def held_out_cost(self, free: Mask) -> Floats:
+        """Cost of every chunk when the fit has not seen its fold, shape (blocks, chunks); test chunks unseen."""
+        cost = np.zeros_like(self.cost)
+        for block in range(len(self.cost)):
+            unseen = self.split.fold == TEST
+            cost[block, unseen] = self.cost_after(block, self.solve(block, free))[unseen]
+            for fold in self.split.folds:
+                rows = self.split.fold == fold
+                cost[block, rows] = self.cost_after(block, self.solve(block, free, fold))[rows]
+        return cost
+
+    def fit_cost(self, free: Mask) -> float:
+        """Cost of what fits see, after fitting the free unknowns, all blocks together."""
+        seen = self.split.fold != TEST
+        blocks = range(len(self.cost))
+        return float(sum(self.cost_after(block, self.solve(block, free))[seen].sum() for block in blocks))
+
+    def information(self, block: int) -> Floats:
+        """Sum of the Hessians of what fits see, shape (k, k)."""
+        seen = self.split.fold != TEST
+        return np.asarray(self.hessian[block, seen].sum(axis=0))
+
+
+LEAN = 0.05
+"""Share of the information of the whole fit that a fit without one fold leans on. Unknowns that only that fold shows
+stay where they are; without it they would move to where the quadratic means nothing."""
+RIDGE = 1e-9
+"""Relative to the diagonal: keeps unknowns that no residual depends on where they are."""
+
+
+def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
+    """Minimum of g.d + d.H d / 2 with low <= d <= high, by holding at their bounds what would leave them.
+
+    One unknown at a time joins its bound, the worst first. This finds the minimum unless unknowns are nearly collinear,
+    where any point near it serves as well.
+    """
+    k = len(gradient)
+    size = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    dead = np.diag(hessian) <= 1e-12 * max(float(np.diag(hessian).max(initial=0.0)), 1e-300)
+    scaled = hessian / np.outer(size, size) + RIDGE * np.eye(k)
+    slope, lower, upper = gradient / size, low * size, high * size
+    fixed = dead.copy()
+    value = np.zeros(k)
+    for _ in range(2 * k + 1):
+        free = ~fixed
+        if not free.any():
+            break
+        right = -(slope + scaled[:, fixed] @ value[fixed])[free]
+        value[free] = np.linalg.solve(scaled[np.ix_(free, free)], right)
+        excess = np.where(free, np.maximum(lower - value, value - upper), 0.0)
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1e-12 * max(1.0, abs(value[worst])):
+            break
+        value[worst] = np.clip(value[worst], lower[worst], upper[worst])
+        fixed[worst] = True
+    return value / size

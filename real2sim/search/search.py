@@ -1,0 +1,255 @@
+"""The search for what a simulator lacks: which effects, where, how large, and whether these data can tell at all.
+
+It knows problems (`real2sim.problem`), not robots. In steps:
+
+1. Fit the nuisances alone: the model without effects. Split the log (`real2sim.search.split`).
+2. Derivatives by every unknown there; fit each effect alone.
+3. Derivatives by every unknown at the best single effect, where the quadratic stand-in shows which effects it lacks or
+   should be swapped for: an effect that explains nothing alone may be half of the truth. Fit pairs; again at the best
+   pair, for swaps and a third effect. Eliminate from the largest again, one effect at a time.
+4. Compare all fitted models on held-out data and decide (`real2sim.search.decide`).
+5. State places, values and intervals (`real2sim.search.estimates`), what looks alike (`real2sim.search.signature`), and
+   the gap on segments that no fit has seen.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from real2sim.problem import Floats, Problem
+from real2sim.search import conclude, decide, fit
+from real2sim.search.cells import Cells
+from real2sim.search.findings import Findings
+from real2sim.search.fit import Evaluator, Fit
+from real2sim.search.layout import Layout, Model, model_of
+from real2sim.search.quadratic import Quadratic
+from real2sim.search.split import Split, split
+
+REFITTED = 4
+"""Single effects that are fitted again with fresh derivatives; the truth is among the best four fits in practice."""
+PROPOSED = 6
+"""Larger models that are fitted after each set of derivatives."""
+LARGEST = 3
+"""Effects in one model at most."""
+
+
+def search(problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0) -> Findings:
+    """Finds the effects that explain the gap between a problem's log and the simulator.
+
+    Args:
+        problem: The problem.
+        progress: Called with the name of a stage and how many simulations it is about to run.
+        seed: Of the bootstrap.
+    """
+    if not len(problem.time_s):
+        return Findings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
+    return _Search(problem, progress, seed).run()
+
+
+class _Search:
+    """The fits made so far and the derivatives known."""
+
+    def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None, seed: int) -> None:
+        self._problem = problem
+        self._layout = Layout.of(problem)
+        self._evaluate = Evaluator(problem, progress)
+        self._seed = seed
+        self._rest = np.zeros((len(problem.blocks), len(self._layout.scale)))
+        for index in range(len(problem.candidates)):
+            self._rest[:, self._layout.of_candidate(index)] = self._layout.starts(index)[0]
+        self._fits: dict[Model, Fit] = {}
+        self._libraries: dict[Model, Floats] = {}
+        self._split: Split
+
+    def run(self) -> Findings:
+        """The whole search."""
+        self._fit_null()
+        court = decide.Court(
+            layout=self._layout,
+            split=self._split,
+            cells=Cells.of(self._problem, self._split.is_fit),
+            rng=np.random.default_rng(self._seed),
+            size=decide.SIZE_RMS * self._problem.samples_per_residual**0.5,
+            further_share=decide.FURTHER_SHARE * self._problem.simulation_doubt,
+        )
+        if self._is_worth_fitting():
+            self._fit_singles()
+            for size in range(2, LARGEST + 1):
+                if decide.may_gain(court, self._fits[()], self._fits[self._best(size - 1)]):
+                    self._fit_larger(self._best(size - 1), size)
+        return conclude.findings(self._problem, court, self._evaluate, self._fits, self._library_quadratic)
+
+    def _fit_null(self) -> None:
+        """The model without effects, the split, and the shapes at which effects are looked for."""
+        residuals = self._evaluate("replay", self._rest[np.newaxis])[0]
+        self._split = split(self._problem, residuals)
+        nuisances = self._layout.nuisances
+        jacobian = fit.slopes(self._evaluate, self._layout, self._rest, residuals, nuisances, "nuisances")
+        start = Fit(model=(), columns=nuisances, unknowns=self._rest, residuals=residuals, jacobian=jacobian)
+        (null,) = fit.refine(self._evaluate, self._layout, self._split, [start], stage="nuisances")
+        self._fits[()] = null
+        self._rest = null.unknowns.copy()
+        self._libraries[()] = self._slopes_of_starts(null)
+
+    def _slopes_of_starts(self, null: Fit) -> Floats:
+        """Derivatives by all unknowns, each candidate at that of its shapes which promises most; keeps the shapes."""
+        layout = self._layout
+        blocks, m = null.residuals.shape
+        library = np.zeros((blocks, len(layout.scale), m))
+        library[:, null.columns] = null.jacobian
+        tries = [
+            (index, shape)
+            for index, candidate in enumerate(layout.candidates)
+            if not candidate.is_nuisance
+            for shape in layout.starts(index)
+        ]
+        sets, owners = [], []
+        for index, shape in tries:
+            columns = layout.of_candidate(index)
+            point = null.unknowns.copy()
+            point[:, columns] = shape
+            for column in columns[~layout.is_shape[columns]]:
+                moved = point.copy()
+                moved[:, column] += layout.first[column]
+                sets.append(moved)
+                owners.append(column)
+        if not sets:
+            return library
+        change = self._evaluate("slopes", np.array(sets)) - null.residuals
+        best = np.full((blocks, len(layout.scale)), -1.0)
+        seen = self._split.is_fit
+        for moved, column, r in zip(sets, owners, change, strict=True):
+            slope = r / layout.first[column]
+            power = np.einsum("bm,bm->b", slope[:, seen], slope[:, seen])
+            cross = np.einsum("bm,bm->b", slope[:, seen], null.residuals[:, seen])
+            promise = np.where(power > 0.0, cross**2 / np.maximum(power, 1e-300), 0.0)
+            for block in np.flatnonzero(promise > best[:, column]):
+                best[block, column] = promise[block]
+                library[block, column] = slope[block]
+                shapes = layout.of_candidate(int(layout.candidate[column]))
+                shapes = shapes[layout.is_shape[shapes]]
+                self._rest[block, shapes] = moved[block, shapes]
+        return library
+
+    def _is_worth_fitting(self) -> bool:
+        """Whether all effects together promise, by the quadratic stand-in, more than chance."""
+        quadratic = self._library_quadratic(())
+        null = quadratic.where(self._layout.nuisances)
+        gain = 0.5 * (quadratic.fit_cost(null) - quadratic.fit_cost(np.ones_like(null)))
+        return gain > decide.GAIN_NATS
+
+    def _fit_singles(self) -> None:
+        """Each effect alone; the best again with fresh derivatives, by their shapes too."""
+        null = self._fits[()]
+        starts = [self._start((effect,), null) for effect in self._layout.effects]
+        fits = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
+        self._fits |= {each.model: each for each in fits}
+        best = sorted(fits, key=self._cost)[:REFITTED]
+        self._refit([each.model for each in best], "single effects")
+
+    def _refit(self, models: list[Model], stage: str) -> None:
+        """Fresh derivatives of fits, then more steps."""
+        fresh = []
+        for model in models:
+            old = self._fits[model]
+            jacobian = fit.slopes(self._evaluate, self._layout, old.unknowns, old.residuals, old.columns, stage)
+            fresh.append(replace(old, jacobian=jacobian))
+        for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
+            self._fits[each.model] = each
+
+    def _fit_larger(self, leader: Model, size: int) -> None:
+        """Models of up to `size` effects that the derivatives at the leader propose."""
+        self._library(leader)
+        models = [model for model in self._propose(leader, size) if model not in self._fits]
+        if leader and size == 2:
+            models += [model for model in self._propose((), 2)[: PROPOSED // 2] if model not in [*self._fits, *models]]
+        starts = [self._start(model, self._nearest(model)) for model in models]
+        fits = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
+        self._fits |= {each.model: each for each in fits}
+        if fits:
+            self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
+            self._eliminate(self._best(size))
+
+    def _eliminate(self, model: Model) -> None:
+        """Fits the model less each of its effects again, from its own values: they may lead out of a poor minimum."""
+        full = self._fits[model]
+        parts = [model_of(set(model) - {effect}) for effect in model]
+        points = []
+        for part in parts:
+            idle = self._layout.of_effects(set(model) - set(part))
+            unknowns = full.unknowns.copy()
+            unknowns[:, idle] = self._rest[:, idle]
+            points.append(unknowns)
+        residuals = self._evaluate("elimination", np.array(points))
+        starts = []
+        for part, unknowns, r in zip(parts, points, residuals, strict=True):
+            columns = self._layout.of_model(part)
+            jacobian = full.jacobian[:, np.isin(full.columns, columns)]
+            starts.append(Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian))
+        for each in fit.refine(self._evaluate, self._layout, self._split, starts, stage="elimination"):
+            if each.model not in self._fits or self._cost(each) < self._cost(self._fits[each.model]):
+                self._fits[each.model] = each
+                self._libraries.pop(each.model, None)
+                self._refit([each.model], "elimination")
+
+    def _propose(self, leader: Model, size: int) -> list[Model]:
+        """Models of `size` effects, and swaps in the leader, that would fit best by the quadratic at the leader."""
+        quadratic = self._library_quadratic(leader)
+        effects = self._layout.effects
+        if size == 2:
+            models = [model_of(pair) for pair in combinations(effects, 2)]
+        else:
+            rest = [effect for effect in effects if effect not in leader]
+            models = [model_of([*leader, new]) for new in rest]
+            models += [model_of([*kept, new]) for kept in combinations(leader, len(leader) - 1) for new in rest]
+        costs = {model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model))) for model in models}
+        return sorted(costs, key=costs.__getitem__)[:PROPOSED]
+
+    def _start(self, model: Model, nearest: Fit) -> Fit:
+        """Where to start fitting a model: at a fit of fewer effects, with derivatives from the nearest library."""
+        columns = self._layout.of_model(model)
+        unknowns = nearest.unknowns.copy()
+        new = self._layout.of_effects(set(model) - set(nearest.model))
+        unknowns[:, new] = self._rest[:, new]
+        known = nearest.model if nearest.model in self._libraries else ()
+        library = self._libraries[known]
+        jacobian = library[:, columns].copy()
+        jacobian[:, np.isin(columns, nearest.columns)] = nearest.jacobian
+        return Fit(
+            model=model, columns=columns, unknowns=unknowns, residuals=nearest.residuals.copy(), jacobian=jacobian
+        )
+
+    def _nearest(self, model: Model) -> Fit:
+        """The best fit of a part of a model's effects."""
+        return min((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
+
+    def _best(self, size: int) -> Model:
+        """The model of this many effects that fits best, or of fewer where none was fitted."""
+        fits = [each for each in self._fits.values() if 1 <= len(each.model) <= size]
+        largest = max(len(each.model) for each in fits)
+        return min((each for each in fits if len(each.model) == largest), key=self._cost).model
+
+    def _cost(self, each: Fit) -> float:
+        return float(np.sum(each.residuals[:, self._split.is_fit] ** 2))
+
+    def _library(self, model: Model) -> Floats:
+        """Derivatives by all unknowns at a fit, shape (blocks, unknowns, m); simulated once."""
+        if model not in self._libraries:
+            here = self._fits[model]
+            unknowns, layout = here.unknowns.copy(), self._layout
+            idle = layout.of_effects(set(layout.effects) - set(model))
+            unknowns[:, idle] = self._rest[:, idle]
+            library = np.zeros((len(unknowns), len(layout.scale), here.residuals.shape[1]))
+            moving = np.union1d(np.setdiff1d(idle, np.flatnonzero(layout.is_shape)), here.columns)
+            library[:, moving] = fit.slopes(self._evaluate, layout, unknowns, here.residuals, moving, "slopes")
+            self._libraries[model] = library
+            self._fits[model] = replace(here, jacobian=library[:, here.columns])
+        return self._libraries[model]
+
+    def _library_quadratic(self, model: Model) -> Quadratic:
+        every = np.arange(len(self._layout.scale))
+        here = self._fits[model]
+        unknowns = np.where(np.isin(every, here.columns), here.unknowns, self._rest)
+        return Quadratic.of(self._layout, self._split, every, unknowns, here.residuals, self._library(model))
