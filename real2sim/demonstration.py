@@ -49,8 +49,8 @@ def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, 
 # - the delay of feed-forward torque alone: the first experiment has no such torque.
 _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),
-    lambda rng, at: ViscousFriction(coefficient=_spread(at, rng.uniform(0.1, 0.3))),
     lambda rng, at: Stiction(breakaway=_spread(at, rng.uniform(0.3, 0.6)), stribeck_velocity=rng.uniform(0.05, 0.15)),
+    lambda rng, at: ViscousFriction(coefficient=_spread(at, rng.uniform(0.1, 0.3))),
     lambda rng, at: Armature(added=_spread(at, rng.uniform(0.003, 0.008))),
     lambda rng, at: EncoderBias(bias=_spread(at, rng.uniform(0.02, 0.05))),
     lambda rng, at: TorqueGain(gain=_spread(at, rng.uniform(0.85, 0.92), 1.0)),
