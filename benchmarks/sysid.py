@@ -1,0 +1,158 @@
+"""real2sim beside `mujoco.sysid`, on a question that both can answer: armature, damping and friction of the calves.
+
+    pip install "mujoco[sysid]"
+    python -m benchmarks.sysid [--seed 0]
+
+Three effects are hidden in a held robot and one log of joint chirps is written. `mujoco.sysid` is told which three
+parameters are unknown and fits them by rollouts of the engine from measured states; real2sim is told nothing. Prints
+both values with their 90 % intervals, and as JSON on the last line.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.sysid._src import optimize
+from mujoco.sysid._src.parameter import Parameter, ParameterDict
+from scipy import stats
+
+from real2sim.experiments import run
+from real2sim.instruments import SensorNoise
+from real2sim.menu import experiment_named
+from real2sim.pipeline import find
+from saltus import go1
+from saltus.effects.armature import Armature
+from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.profile import Profile
+from saltus.effects.viscous_friction import ViscousFriction
+from saltus.messages import Floats
+from saltus.run_log import RunLog, write_run_log
+from saltus.sim import scene
+from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
+from saltus.terrain import flat
+
+CALVES = np.arange(12) % 3 == 2
+HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}
+"""Added at the calves [kg m^2, Nm s/rad, Nm]: middling for robots of this class (published)."""
+PARAMETER = {"armature": "added", "viscous_friction": "coefficient", "coulomb_friction": "torque"}
+LARGEST = {"armature": 0.02, "viscous_friction": 1.0, "coulomb_friction": 1.0}
+RESTART_ROWS, FORGOTTEN_ROWS = 500, 100
+"""Each second a rollout starts at the measured state; its noise is forgotten after 0.2 s of feedback."""
+NOISE = SensorNoise()
+QUANTILE = float(stats.norm.ppf(0.95))
+
+
+def main() -> None:
+    """Runs the comparison."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise")
+    options = parser.parse_args()
+    log = run(experiment_named("joint_chirp"), _robot(), seed=options.seed)
+    told: dict[str, Any] = {"hidden": HIDDEN}
+    for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):
+        start = time.process_time()
+        told[name] = way(log)
+        print(f"{name}: {time.process_time() - start:.0f} s of CPU")
+        for effect, (value, low, high) in told[name].items():
+            hidden = HIDDEN.get(effect, 0.0)
+            holds = "holds" if low <= hidden <= high else "misses"
+            print(f"  {effect:17} {value:.5f} ({low:.5f} to {high:.5f}), {holds} {hidden:g}")
+    print(json.dumps(told))
+
+
+def _robot() -> Profile:
+    def spread(name: str) -> tuple[float, ...]:
+        return tuple(np.where(CALVES, HIDDEN[name], 0.0).tolist())
+
+    return Profile(
+        actuator=(
+            Armature(added=spread("armature")),
+            ViscousFriction(coefficient=spread("viscous_friction")),
+            CoulombFriction(torque=spread("coulomb_friction")),
+        )
+    )
+
+
+def _by_real2sim(log: RunLog) -> dict[str, tuple[float, float, float]]:
+    with tempfile.TemporaryDirectory() as folder:
+        write_run_log(log, Path(folder) / "log")
+        verdict = find([Path(folder) / "log"], Path(folder), report=False).verdict
+    print(f"  says {verdict.verdict}: {', '.join(effect.name for effect in verdict.effects)}")
+    found = {}
+    for effect in verdict.effects:
+        interval = next(iter(effect.params.values()))
+        found[effect.name] = (interval.value, *interval.ci90)
+    return found
+
+
+def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
+    unknown = ParameterDict()
+    for name, largest in LARGEST.items():
+        unknown.add(Parameter(name, nominal=0.1 * largest, min_value=0.0, max_value=largest, modifier=_modifier(name)))
+
+    def residuals(x: Floats, params: ParameterDict) -> tuple[list[Floats], None, None]:
+        params.update_from_vector(x)
+        return [_apart(log, _model(params))], None, None
+
+    params, result = optimize.optimize(unknown, residuals, optimizer="scipy", verbose=False)
+    covariance, _ = optimize.calculate_intervals([residuals(result.x, params)[0][0]], result.jac)
+    error = np.sqrt(np.diag(covariance))
+    return {
+        name: (float(x), float(x - QUANTILE * e), float(x + QUANTILE * e))
+        for name, x, e in zip(LARGEST, result.x, error, strict=True)
+    }
+
+
+def _modifier(name: str) -> Callable[[mujoco.MjSpec, Parameter], None]:
+    def modify(spec: mujoco.MjSpec, parameter: Parameter) -> None:
+        for leg, joint in enumerate(np.flatnonzero(CALVES)):
+            hinge = spec.joint(f"{go1.LEGS[leg]}_calf")
+            added = float(parameter.value[0])
+            if name == "armature":
+                hinge.armature = float(go1.ARMATURE[joint]) + added
+            elif name == "viscous_friction":
+                hinge.damping = np.array([added, 0.0, 0.0])  # linear, quadratic and cubic in speed
+            else:
+                hinge.frictionloss = added
+
+    return modify
+
+
+def _model(params: ParameterDict) -> mujoco.MjModel:
+    spec = scene.build_spec(flat.make())
+    for name in LARGEST:
+        params[name].apply_modifier(spec)
+    model = spec.compile()
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.tolerance = HELD_TOLERANCE
+    model.dof_armature[:6] = HELD_INERTIA
+    return model
+
+
+def _apart(log: RunLog, model: mujoco.MjModel) -> Floats:
+    """Measured minus simulated in units of the sensors' noise."""
+    joints, kp, kd = log.joints, float(log.meta["kp"]), float(log.meta["kd"])
+    assert joints.dq is not None
+    assert joints.dq_des is not None
+    data = mujoco.MjData(model)
+    apart = []
+    for start in range(0, len(joints.q) - RESTART_ROWS, RESTART_ROWS):
+        mujoco.mj_resetData(model, data)
+        data.qpos[2], data.qpos[7:], data.qvel[6:] = HELD_HEIGHT, joints.q[start], joints.dq[start]
+        for row in range(start, start + RESTART_ROWS):
+            q, dq = data.qpos[7:].copy(), data.qvel[6:].copy()
+            if row - start >= FORGOTTEN_ROWS:
+                apart += [(joints.q[row] - q) / NOISE.q_rad, (joints.dq[row] - dq) / NOISE.dq_rad_s]
+            data.ctrl[:] = kp * (joints.q_des[row] - q) + kd * (joints.dq_des[row] - dq)
+            mujoco.mj_step(model, data)
+    return np.concatenate(apart)
+
+
+if __name__ == "__main__":
+    main()
