@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from heightmap.network import HeightmapNetwork
 from heightmap.planned import felt, varied
 from heightmap.predicted import PredictedHeights
-from heightmap.rollouts import Trajectory, episode_of, random_mount
+from heightmap.rollouts import Trajectory, episode_of, labelled, random_mount
 from heightmap.shards import Episode
+from heightmap.stereo_images import stereo_images
 from policy.action import Action
 from policy.observation import Observation
 from policy.planner import make_planner
 from policy.rollout import HeightsFactory, Rollout, RolloutStep
 from policy.scripted import ScriptedPlanner
-from saltus.config import TerrainConfig, TerrainKind
+from saltus.config import Camera, TerrainConfig, TerrainKind
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import GO1, Profile
 from saltus.errors import ConfigError
@@ -54,6 +55,9 @@ class ClosedLoop:
     """Share of robots that are led by the learned policy; the others by the scripted planner."""
     variation: float = 0.15
     """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    camera: Camera = "d435i"
+    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
+    The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.courses <= self.robots:
@@ -72,7 +76,12 @@ class ClosedLoop:
             key: Of everything that is drawn: seed, round, batch.
         """
         rng = np.random.default_rng(key)
-        return [episode_of(trajectory, random_mount(rng), threads=1) for trajectory in self._trajectories(model, rng)]
+        trajectories = list(self._trajectories(model, rng))
+        mounts = [random_mount(rng) for _ in trajectories]
+        if self.camera == "ideal":
+            return [episode_of(*robot, threads=1) for robot in zip(trajectories, mounts, strict=True)]
+        images = stereo_images(trajectories, mounts, rng)
+        return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
 
     def _trajectories(self, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
         some = [make_terrain(_course(rng, self.hardest)) for _ in range(self.courses)]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap.shards import Episode, ShardRecord, write_shard
 from render.camera import Mount, moved_camera
@@ -95,14 +96,23 @@ def episode_of(
     trajectory: Trajectory, mount: Mount, threads: int | None = None, camera: Intrinsics = MODEL_CAMERA
 ) -> Episode:
     """Takes the pictures of one robot with a camera that sits as `mount` says, and writes down the true heights."""
-    position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
-    taken = np.arange(0, len(position), FRAME_TICKS)
+    rows = slice(None, None, FRAME_TICKS)
     renderer = EmbreeRenderer(trajectory.terrain, camera, mount, threads=threads)
-    depth = renderer.render_batch(position[taken], quaternion[taken], trajectory.joint_position[taken])
+    depth = renderer.render_batch(
+        trajectory.position_base_in_world[rows],
+        trajectory.quaternion_base_in_world[rows],
+        trajectory.joint_position[rows],
+    )
+    return labelled(trajectory, depth_in_millimetres(depth))
+
+
+def labelled(trajectory: Trajectory, depth: NDArray[np.uint16]) -> Episode:
+    """An episode of the motion and the images [mm] of a robot, shape (frames, 48, 16), with the true heights."""
+    position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     return Episode(
         terrain=trajectory.terrain.kind,
         proprioception=trajectory.proprioception.astype(np.float32),
         height=true_heights(trajectory.terrain, position, quaternion).astype(np.float32),
-        depth=depth_in_millimetres(depth),
-        frame_tick=taken.astype(np.int32),
+        depth=depth,
+        frame_tick=np.arange(0, len(position), FRAME_TICKS, dtype=np.int32),
     )
