@@ -17,6 +17,9 @@ MAX_LOST = 0.01  # of the rows: one in a hundred is a hole in every short window
 MAX_GAP_S = 0.1  # of a motion that nobody saw: longer than any delay that is looked for
 MAX_REPEATED = 0.01
 CONTROL_DT_OFF = 1.3  # times the claim
+JUMP = 6.0  # times what 99 rows of 100 stay below, in two joints at once: without lost rows none was seen beyond 2
+MAX_JUMPS = 1  # one may be a knock; rows that are lost are lost again
+NEAR = 2  # rows before and after, whose speeds bound how far a joint moves from one row to the next
 MOVING = 0.2  # rad/s: a joint this fast changes its reading from row to row, coarse encoders (1.5 mrad) included
 
 
@@ -28,7 +31,7 @@ def clock_faults(log: RunLog) -> list[Fault]:
     for name, time_s in _clocks(log):
         faults += _order(name, time_s)
     if not any(fault.is_fatal for fault in faults):
-        faults += [*_steps(log), *_lost(log), *_repeated(log)]
+        faults += [*_steps(log), *_lost(log), *_jumps(log), *_repeated(log)]
     return faults
 
 
@@ -103,6 +106,38 @@ def _lost(log: RunLog) -> Iterator[Fault]:
         text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
         fatal = lost > MAX_LOST * len(time_s) or longest > MAX_GAP_S
         yield Fault(name="lost_rows", text=text, is_fatal=fatal)
+
+
+def _jumps(log: RunLog) -> Iterator[Fault]:
+    """Rows that are missing although the clock goes on evenly: the robot moves farther than it is fast."""
+    time_s = log.joints.time_s
+    if len(time_s) < MIN_ROWS:
+        return
+    beyond, usual_s = _beyond_speed(log), float(np.median(np.diff(time_s)))
+    # a logger's pause shows in the clock, and one joint alone may be an encoder's fault
+    count = min(2, beyond.shape[1])
+    at = (np.sum(beyond > 0.0, axis=1) >= count) & (np.diff(time_s) <= LOST_ROW * usual_s)
+    if at.any():
+        text = (
+            f"joints: {int(at.sum())} times several joints jump between two rows, farthest by "
+            f"{float(beyond[at].max()):.2g} rad, while the clock goes on: rows are missing"
+        )
+        yield Fault(name="hidden_gaps", text=text, is_fatal=int(at.sum()) > MAX_JUMPS)
+
+
+def _beyond_speed(log: RunLog) -> Floats:
+    """How much farther joints move between rows than neighbouring rows are fast [rad], 0 within noise."""
+    q, dq = log.joints.q, log.joints.dq
+    moved = np.diff(q, axis=0)
+    rows = np.arange(len(moved))
+    others = [moved[np.clip(rows + k, 0, len(moved) - 1)] for k in range(-NEAR, NEAR + 1) if k != 0]
+    if dq is not None:
+        row_s = float(np.median(np.diff(log.joints.time_s)))
+        others += [row_s * dq[np.clip(rows + k, 0, len(moved))] for k in range(1 - NEAR, NEAR + 1)]
+    low, high = np.min(others, axis=0), np.max(others, axis=0)
+    outside = np.maximum(0.0, np.maximum(moved - high, low - moved))
+    usual = np.quantile(np.abs(moved - 0.5 * (low + high)), 0.99, axis=0)
+    return np.where(outside > JUMP * usual, np.abs(moved), 0.0)
 
 
 def _repeated(log: RunLog) -> Iterator[Fault]:

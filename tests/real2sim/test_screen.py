@@ -106,6 +106,12 @@ def _stale(log: RunLog) -> RunLog:
     return replace(log, joints=replace(_rows(log.joints, rows), time_s=log.joints.time_s))
 
 
+def _closed_up(log: RunLog) -> RunLog:
+    """Three times a quarter of a second is gone, and the rows are numbered as if it were not."""
+    rows = np.delete(np.arange(len(log.joints.q)), np.r_[500:625, 1000:1125, 1400:1525])
+    return replace(log, joints=replace(_rows(log.joints, rows), time_s=log.joints.time_s[: len(rows)]))
+
+
 def _stuck(log: RunLog) -> RunLog:
     q = log.joints.q.copy()
     q[2000:3500, 4] = q[2000, 4]
@@ -155,6 +161,7 @@ def _hole(log: RunLog) -> RunLog:
         (_kept(lambda rows: np.r_[0:1000, 1100:rows]), "lost_rows"),
         (_kept(lambda rows: np.sort(np.r_[0:rows, 0:rows:20])), "repeated_rows"),
         (_stale, "repeated_rows"),
+        (_closed_up, "hidden_gaps"),
         (_stuck, "dead_channel"),
         (_hole, "not_a_number"),
     ],
