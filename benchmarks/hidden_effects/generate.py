@@ -57,6 +57,7 @@ def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:
                 "name": setting.effect,
                 "where": list(setting.where),
                 "params": stage.scene.parameters(setting),
+                "params_at": stage.scene.parameters_at(setting),
                 "size": setting.size,
             }
             for setting in settings

@@ -1,7 +1,7 @@
 """Effects of drives: from a size and a shape to a table for the kernel, and to the schema's parameters."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -184,7 +184,7 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
 
 
 def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[float]]]:
-    """The schema's parameters; for several joints of one kind of curve those of the first of them."""
+    """The schema's parameters; where joints differ, those of the first of them: see `parameters_at`."""
     joint = JOINTS.index(setting.where[0])
     size, sign = setting.size, setting.shape.get("sign", 1.0)
     if setting.effect == "torque_saturation":
@@ -204,6 +204,13 @@ def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[floa
     if setting.effect == "stiction":
         return {"breakaway": size, "stribeck_velocity": setting.shape["velocity"]}
     return {names.get(setting.effect, "size"): size, **({} if setting.effect in names else setting.shape)}
+
+
+def parameters_at(setting: Setting, peak: Peak) -> dict[str, dict[str, float | list[list[float]]]]:
+    """The schema's parameters of each joint, for effects that depend on how far a joint goes; empty for others."""
+    if setting.effect not in ("torque_saturation", "torque_speed_limit"):
+        return {}
+    return {joint: parameters(replace(setting, where=(joint,)), peak) for joint in setting.where}
 
 
 def _curve_parameters(loss: Floats, limit: float) -> dict[str, float | list[list[float]]]:

@@ -97,6 +97,10 @@ class JointScene(Scene):
             result["delay"] = float(late[setting.effect == "feedforward_delay"][joint])
         return result
 
+    def parameters_at(self, setting: Setting) -> dict[str, dict[str, float | list[list[float]]]]:
+        """See `Scene`."""
+        return joint_effects.parameters_at(setting, self.peak)
+
     def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:
         """What is logged: position, velocity, believed torque with noise; shape (rows, 12, 3)."""
         clean = simulate(self.rig, [joint_effects.hidden(settings, self.peak)], seed=self.seed)[0]

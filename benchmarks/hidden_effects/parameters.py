@@ -21,7 +21,7 @@ def parameter_rows(cases: list[Case]) -> dict[str, Any]:
             values = _values(said, main, effect["params"])
             if values is None or not _overlap(said["where"], effect["where"]):
                 continue
-            true = np.array([effect["params"][name] for name in main])
+            true = _true(said["where"], effect, main)
             error = float(np.linalg.norm(values[:, 0] - true))
             (delays if is_delay else relative).append(error if is_delay else error / max(_size(true, null), 1e-12))
             holds += [bool(low <= t <= high) for (_, low, high), t in zip(values, true, strict=True)]
@@ -69,6 +69,13 @@ MAIN: dict[str, tuple[tuple[str, ...], float, bool]] = {
     "range_clip": (("max",), 0.0, False),
 }
 """For each effect: the parameters that count, the value at which it is absent, whether the error is a time."""
+
+
+def _true(said: Any, effect: dict[str, Any], main: tuple[str, ...]) -> np.ndarray:
+    """The parameters that count, the median over those joints a value was stated for, shape (parameters,)."""
+    each = effect.get("params_at") or {}
+    stated = [params for joint, params in each.items() if said == "all" or joint in said] or [effect["params"]]
+    return np.median([[params[name] for name in main] for params in stated], axis=0)
 
 
 def _size(true: np.ndarray, null: float) -> float:

@@ -66,3 +66,8 @@ class Scene(ABC):
     @abstractmethod
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
         """The setting in the schema's parameters and units."""
+
+    def parameters_at(self, setting: Setting) -> dict[str, dict[str, float | list[list[float]]]]:
+        """The same for each place, of an effect that is not the same everywhere; empty for others."""
+        del setting
+        return {}

@@ -139,6 +139,20 @@ def test_saturation_loses_what_its_parameters_say(table, size):
     assert np.interp(truth["knee"], command, loss) == pytest.approx(0.05 * truth["knee"], rel=0.1)
 
 
+@pytest.mark.parametrize("effect", sorted(joint_effects.LIBRARY))
+def test_the_truth_of_every_joint_is_told_where_joints_differ(effect, joint_scene):
+    where = ("FR_hip", "FR_calf", "RL_thigh")
+    setting = joint_scene.draw(effect, where, np.random.default_rng(3))
+    told = joint_scene.parameters_at(setting)
+    if not told:
+        alone = [joint_scene.parameters(joint_scene.draw(effect, (j,), np.random.default_rng(3))) for j in where]
+        assert all(one == alone[0] for one in alone)
+        return
+    assert tuple(told) == where
+    assert told[where[0]] == joint_scene.parameters(setting)
+    assert len({str(params) for params in told.values()}) == len(where)
+
+
 @pytest.mark.parametrize("tuning", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_commands_stay_within_the_joints(tuning, seed):

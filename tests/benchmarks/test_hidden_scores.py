@@ -90,6 +90,28 @@ def test_sets_that_an_experiment_resolves_are_counted(tmp_path, truths):
     assert (row["hits"], row["count"]) == (8, 20)  # 16 single effects, 3 pairs, an outside effect in a set of its own
 
 
+def test_a_value_is_compared_with_that_of_the_joints_it_was_stated_for(tmp_path, truths):
+    for truth in truths:
+        for effect in truth["effects"]:
+            (parameter, value), *_ = effect["params"].items()
+            effect["where"] = ["FR_hip", "FR_calf"]
+            effect["params_at"] = {"FR_hip": {parameter: value}, "FR_calf": {parameter: 3.0 * value}}
+
+    def say(truth: dict) -> dict:
+        said = say_the_truth(truth)
+        each = [
+            effect | {"where": [joint], "params": {p: {"value": v, "ci90": [v, v]} for p, v in params.items()}}
+            for effect, true in zip(said["effects"], truth["effects"], strict=False)
+            for joint, params in true["params_at"].items()
+        ]
+        return said | {"effects": each}
+
+    table = scored(tmp_path, truths, say)
+    assert table["median_parameter_error"]["value"] == 0.0
+    assert table["intervals_hold_truth"]["value"] == 1.0
+    assert table["right_place"]["value"] == 1.0
+
+
 @pytest.mark.parametrize("always", ["no_gap", "named", "error"])
 def test_who_always_says_the_same_does_not(tmp_path, truths, always):
     effects = [{"name": "torque_gain", "where": "all", "params": {}}] if always == "named" else []
