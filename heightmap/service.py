@@ -222,15 +222,18 @@ class HeightmapService:
 
 def _plausible(tick: Tick) -> bool:
     # A comparison with NaN is false, so these also ask for finite numbers.
-    heights = bool(np.all(np.abs(tick.height) <= MAX_HEIGHT_M) and np.all((tick.std > 0.0) & (tick.std < MAX_HEIGHT_M)))
-    return heights and bool(np.all(np.abs(tick.hidden) <= MAX_HIDDEN))
+    # No comparison with what is not a number is true.
+    heights = np.abs(tick.height).max() <= MAX_HEIGHT_M and tick.std.min() > 0.0 and tick.std.max() < MAX_HEIGHT_M
+    return bool(heights and np.abs(tick.hidden).max() <= MAX_HIDDEN)
 
 
 def _network_image(image: ModelImage) -> Floats:
     """Depth and validity, shape (2, 48, 16): a value that is not finite or out of range counts as invalid."""
-    with np.errstate(invalid="ignore"):
-        valid = image.valid & (image.depth >= 0.0) & (image.depth <= 1.0)
-    return np.stack([np.where(valid, image.depth, 1.0), valid]).astype(np.float32)
+    valid = image.valid & (image.depth >= 0.0) & (image.depth <= 1.0)
+    layers = np.ones((2, *valid.shape), np.float32)
+    np.copyto(layers[0], image.depth, where=valid)
+    layers[1] = valid
+    return layers
 
 
 def _blank_image() -> Floats:

@@ -32,7 +32,7 @@ class StuckOutput:
 
 
 def _same_output(left: Tick, right: Tick) -> bool:
-    return np.array_equal(left.height, right.height) and np.array_equal(left.std, right.std)
+    return left.height.tobytes() == right.height.tobytes() and left.std.tobytes() == right.std.tobytes()
 
 
 def _same_input(left: Inputs, right: Inputs) -> bool:

@@ -65,13 +65,16 @@ def model_image(frame: DepthFrame) -> ModelImage:
     rows = _pooling(MODEL_CAMERA.height, MODEL_CAMERA.fy, MODEL_CAMERA.cy, height, frame.fy, frame.cy)
     columns = _pooling(MODEL_CAMERA.width, MODEL_CAMERA.fx, MODEL_CAMERA.cx, width, frame.fx, frame.cx)
     raw = frame.depth[rows.needed, columns.needed]
-    valid = raw > 0
-    near = np.minimum(raw * np.float32(frame.depth_unit_m / RANGE_M), np.float32(1.0))
+    layers = np.empty((raw.shape[0], 2, raw.shape[1]), np.float32)
+    near = layers[:, 0]
+    np.multiply(raw, np.float32(frame.depth_unit_m / RANGE_M), out=near)
+    np.minimum(near, np.float32(1.0), out=near)
     near[raw == NOTHING] = 1.0  # whatever the unit
-    share = _pooled(valid.astype(np.float32), rows, columns)
+    np.greater(raw, 0, out=layers[:, 1], casting="unsafe")
+    depth, share = _pooled(layers, rows, columns)
     seen = share >= VALID_SHARE
     share[~seen] = 1.0
-    return _marked(_pooled(near, rows, columns) / share, seen)
+    return _marked(depth / share, seen)
 
 
 def model_images(depth_m: Floats) -> ModelImage:
@@ -108,10 +111,15 @@ class _Pooling:
     """Of each, shape (count, some); they add up to the covered share of a model pixel: 1 inside the source image."""
 
 
-def _pooled(image: NDArray[np.float32], rows: _Pooling, columns: _Pooling) -> NDArray[np.float32]:
-    """Weighted sums for all model pixels. Not as products with matrices: for these BLAS may wake and await threads."""
-    tall: NDArray[np.float32] = np.einsum("nk,nkw->nw", rows.weight, image[rows.place])
-    result: NDArray[np.float32] = np.einsum("nk,mnk->mn", columns.weight, tall[:, columns.place])
+def _pooled(layers: NDArray[np.float32], rows: _Pooling, columns: _Pooling) -> NDArray[np.float32]:
+    """Weighted sums for all model pixels of layers of shape (height, n, width); shape (n, 48, 16).
+
+    Not as products with matrices: for these BLAS may wake and await threads.
+    """
+    height, count, width = layers.shape
+    flat = layers.reshape(height, count * width)
+    tall = np.einsum("nk,nkw->nw", rows.weight, flat[rows.place]).reshape(len(rows.place), count, width)
+    result: NDArray[np.float32] = np.einsum("nk,mcnk->cmn", columns.weight, tall[:, :, columns.place])
     return result
 
 

@@ -101,9 +101,28 @@ def foot_kinematics(joint_position: Array) -> tuple[Array, Array]:
         Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @ joint_velocity` is the velocity
         of the foot in the base frame.
     """
+    sine, cosine, x, y, z, drop, calf_x, calf_z = _leg(joint_position)
     xp = namespace(joint_position)
-    batch = joint_position.shape[:-1]
-    angles = joint_position.reshape((*batch, 4, 3)) @ _CHAIN_ANGLES.like(joint_position).mT
+    s1, c1 = sine[..., 0], cosine[..., 0]
+    position = xp.stack([x, y, z], -1) + _ANCHOR.like(joint_position)
+    entries = [xp.zeros_like(x), drop, calf_z, -z, x * s1, calf_x * s1, y, -x * c1, -calf_x * c1]
+    return position, xp.stack(entries, -1).reshape((*x.shape, 3, 3))
+
+
+def foot_position(joint_position: Array) -> Array:
+    """Centres of the foot spheres in the base frame [m]. Shape (..., 12) -> (..., 4, 3)."""
+    _, _, x, y, z, *_ = _leg(joint_position)
+    return namespace(joint_position).stack([x, y, z], -1) + _ANCHOR.like(joint_position)
+
+
+def _leg(joint_position: Array) -> tuple[Array, ...]:
+    """What positions and Jacobians share.
+
+    Sines and cosines of the chain's angles, (..., 4, 3); the foot's x, y, z from the anchor, its drop in the leg's own
+    plane, and the calf's share of x and of the drop, each (..., 4).
+    """
+    xp = namespace(joint_position)
+    angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3)) @ _CHAIN_ANGLES.like(joint_position).mT
     sine, cosine = xp.sin(angles), xp.cos(angles)
     s1, c1 = sine[..., 0], cosine[..., 0]
     calf_x, calf_z = -_L3 * sine[..., 2], -_L3 * cosine[..., 2]
@@ -112,14 +131,7 @@ def foot_kinematics(joint_position: Array) -> tuple[Array, Array]:
     offset = _ABDUCTION.like(joint_position)
     y = offset * c1 - drop * s1
     z = offset * s1 + drop * c1
-    position = xp.stack([x, y, z], -1) + _ANCHOR.like(joint_position)
-    entries = [xp.zeros_like(x), drop, calf_z, -z, x * s1, calf_x * s1, y, -x * c1, -calf_x * c1]
-    return position, xp.stack(entries, -1).reshape((*batch, 4, 3, 3))
-
-
-def foot_position(joint_position: Array) -> Array:
-    """Centres of the foot spheres in the base frame [m]. Shape (..., 12) -> (..., 4, 3)."""
-    return foot_kinematics(joint_position)[0]
+    return sine, cosine, x, y, z, drop, calf_x, calf_z
 
 
 def foot_jacobian(joint_position: Array) -> Array:
