@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from heightmap.network import HeightmapNetwork
 from heightmap.planned import felt, varied
 from heightmap.predicted import PredictedHeights
+from heightmap.robot_cameras import IdealCameras
 from heightmap.rollouts import Trajectory, episode_of, labelled, random_mount
 from heightmap.shards import Episode
 from heightmap.stereo_images import stereo_images
@@ -84,7 +85,9 @@ class ClosedLoop:
         return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
 
     def _trajectories(self, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
-        some = [make_terrain(_course(rng, self.hardest)) for _ in range(self.courses)]
+        some = [
+            make_terrain(random_course(rng, self.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(self.courses)
+        ]
         terrains = [some[i % self.courses] for i in range(self.robots)]
         # Beyond the seeds of all evaluations and other rounds of data.
         first = int(rng.integers(2**32, 2**62))
@@ -141,11 +144,11 @@ def _heights(model: Path | None, loss: float) -> HeightsFactory | None:
 def _predicted(
     network: HeightmapNetwork, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
 ) -> PredictedHeights:
-    return PredictedHeights(network, terrains, trials, profile)
+    return PredictedHeights(network, IdealCameras(terrains, profile.view_chain), trials, profile)
 
 
-def _course(rng: np.random.Generator, hardest: float) -> TerrainConfig:
-    kind = KINDS[rng.integers(len(KINDS))]
+def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -> TerrainConfig:
+    """A course of a kind, of a difficulty up to `hardest`, which is from 0 to 1."""
     difficulty = float(rng.uniform(0.0, hardest))
     if kind == "stairs":
         run, steps = float(rng.uniform(0.2, 0.4)), int(rng.integers(5, 15))

@@ -199,7 +199,7 @@ def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, 
         save_every_s=math.inf,  # one that is resumed draws other windows: it would not give the same predictor
     )
     if before is not None:
-        further = replace(further, warm_start=0, learning_rate=FURTHER_RATE)
+        further = replace(further, learning_rate=FURTHER_RATE)
     data = folder.parent / "dataset"
     with _whole(folder) as partial_folder:
         checkpoint = partial_folder / CHECKPOINT

@@ -1,7 +1,7 @@
 """Episodes as the network meets them in training: on the device, delayed, noisy, cut into windows."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ class ImageNoise:
     """Share of images with an invalid rectangle."""
 
 
+NO_NOISE = ImageNoise()
 # D435i at 424x240: 7.6 mm at 1 m a raw pixel, spatially correlated, so that pooling 5x5 helps little over half
 # (datasheet and tuning guide). Depth accuracy 2 % at 2 m. Shares of invalid pixels: 6.7 % in a real recording.
 TRAINING_NOISE = ImageNoise(scale=0.015, disparity=0.006, edge_loss=0.5, pixel_loss=0.05, patch_loss=0.1)
@@ -52,6 +53,8 @@ class Window(NamedTuple):
     """Truth [m], shape (time, batch, 30)."""
     valid: Tensor
     """0 beyond the end of an episode, shape (time, batch)."""
+    true_depth: Tensor
+    """Whether the images are without any error of a camera, bool, shape (batch,)."""
     starts: Tensor
     """Whether the robot enters an episode, without memory, with this window, shape (batch,)."""
 
@@ -63,12 +66,18 @@ class EpisodeStore:
         episodes: All of them.
         device: Holds images and labels.
         weight: How often each episode is chosen, relative to the others; all alike where it is not given.
+        true_depth: Whether the images of each episode are without any error; all are where it is not given.
     """
 
     def __init__(
-        self, episodes: Sequence[Episode], device: torch.device, weight: Sequence[float] | None = None
+        self,
+        episodes: Sequence[Episode],
+        device: torch.device,
+        weight: Sequence[float] | None = None,
+        true_depth: Sequence[bool] | None = None,
     ) -> None:
         self.episodes = episodes
+        self._true_depth = np.ones(len(episodes), np.bool_) if true_depth is None else np.asarray(true_depth)
         self._share = np.cumsum(np.ones(len(episodes)) if weight is None else weight)
         self.device = device
         self._first_frame = np.cumsum([0, *(len(e.depth) for e in episodes)])
@@ -95,12 +104,20 @@ class EpisodeStore:
         generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
         while True:
             window = self._cut(slots, length)
-            yield window._replace(image=with_noise(window.image, noise, generator))
+            yield window._replace(image=self._noisy(window, noise, generator))
             for i, slot in enumerate(slots):
                 slot.position += length
                 slot.starts = False
                 if slot.position >= len(self.episodes[slot.episode].height):
                     slots[i] = self._slot(rng, delivery)
+
+    def _noisy(self, window: Window, noise: ImageNoise, generator: torch.Generator) -> Tensor:
+        """True depth gets all of the noise, images of a stereo camera what they do not have yet."""
+        image, true_depth = window.image, window.true_depth
+        added = image.clone()
+        for mask, kind in ((true_depth, noise), (~true_depth, without_stereo(noise))):
+            added[mask] = with_noise(image[mask], kind, generator)
+        return added
 
     def _slot(self, rng: np.random.Generator, model: DeliveryModel) -> "_Slot":
         chosen = int(np.searchsorted(self._share, rng.uniform(0.0, self._share[-1]), side="right"))
@@ -138,6 +155,7 @@ class EpisodeStore:
             proprioception=self._proprioception[rows_t],
             height=self._height[rows_t],
             valid=self._to(valid),
+            true_depth=self._to(self._true_depth[[slot.episode for slot in slots]]),
             starts=self._to(np.array([slot.starts for slot in slots])),
         )
 
@@ -165,6 +183,11 @@ class _Slot:
     """Whether it has just entered the episode."""
 
 
+def without_stereo(noise: ImageNoise) -> ImageNoise:
+    """What is left of a noise for images that have the errors of stereo matching already."""
+    return replace(noise, disparity=0.0, edge_loss=0.0)
+
+
 def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> Tensor:
     """Adds what a stereo camera does to depth: error growing with depth, holes at edges and elsewhere.
 
@@ -184,19 +207,21 @@ def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> 
     one = (batch, 1, 1, 1)
     depth, valid = image[:, :, 0], image[:, :, 1]
     metres = depth * RANGE_M
-    white = normal(batch, images, height, width)
-    smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)  # still unit variance
-    spread = noise.disparity * uniform(*one) * metres.square()
-    noisy = metres * (1.0 + noise.scale * normal(*one)) + spread * (0.6 * white + 0.8 * smooth)
-    edge = _edges(metres) & (uniform(batch, images, height, width) < noise.edge_loss * uniform(*one))
-    speck = uniform(batch, images, height, width) < noise.pixel_loss * uniform(*one).square()
+    noisy = metres * (1.0 + noise.scale * normal(*one))
+    if noise.disparity > 0.0:
+        white = normal(batch, images, height, width)
+        smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)  # still unit variance
+        noisy = noisy + noise.disparity * uniform(*one) * metres.square() * (0.6 * white + 0.8 * smooth)
+    lost = uniform(batch, images, height, width) < noise.pixel_loss * uniform(*one).square()
+    if noise.edge_loss > 0.0:
+        lost |= _edges(metres) & (uniform(batch, images, height, width) < noise.edge_loss * uniform(*one))
     rows, columns = (torch.arange(n, device=image.device) for n in (height, width))
     top, left = uniform(batch, images, 1) * height, uniform(batch, images, 1) * width
     in_rows = (rows >= top) & (rows < top + _PATCH[0] * uniform(batch, images, 1))
     in_columns = (columns >= left) & (columns < left + _PATCH[1] * uniform(batch, images, 1))
     patch = in_rows[..., None] & in_columns[..., None, :]
     patch &= uniform(batch, images, 1, 1) < noise.patch_loss
-    valid = valid * ~(edge | speck | patch)
+    valid = valid * ~(lost | patch)
     # "Nothing within range" stays what it is.
     noisy = torch.where(depth >= 1.0, 1.0, (noisy / RANGE_M).clamp(0.0, 1.0))
     return torch.stack((torch.where(valid > 0, noisy, 1.0), valid), 2)
@@ -204,6 +229,17 @@ def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> 
 
 def _edges(metres: Tensor) -> Tensor:
     """Pixels with a neighbour at a very different depth, shape as `metres`."""
-    farthest = functional.max_pool2d(metres, 3, 1, 1)
-    nearest = -functional.max_pool2d(-metres, 3, 1, 1)
+    farthest, nearest = metres, metres
+    for axis in (-2, -1):
+        farthest, nearest = _widened(farthest, torch.maximum, axis), _widened(nearest, torch.minimum, axis)
     return farthest - nearest > _EDGE_M
+
+
+def _widened(values: Tensor, chosen: Callable[[Tensor, Tensor], Tensor], axis: int) -> Tensor:
+    """What is chosen of each value and its two neighbours along an axis; pooling takes twice the time on processors."""
+    count = values.shape[axis]
+    result = values.clone()
+    for here, there in ((1, 0), (0, 1)):
+        part = result.narrow(axis, here, count - 1)
+        part.copy_(chosen(part, values.narrow(axis, there, count - 1)))
+    return result

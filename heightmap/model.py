@@ -20,8 +20,8 @@ from saltus.grid import HEIGHTMAP_X
 
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
-MIN_STD_M, MAX_STD_M = 0.003, 0.5
-"""Bounds of the standard deviation: depth noise of a D435i at the nearest ground; the deepest trench."""
+MIN_STD_M, MAX_STD_M = 0.001, 0.5
+"""Bounds of the standard deviation: the depth unit of a D435i; the deepest trench."""
 IMAGE_SHAPE = (2, 48, 16)
 """Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
 
@@ -54,7 +54,7 @@ class Estimate(NamedTuple):
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""
     log_std: Tensor
-    """Logarithm of the standard deviation in metres, shape (..., 30)."""
+    """Logarithm of the standard deviation in metres, see `heightmap.quantiles`, shape (..., 30)."""
 
 
 class HeightmapModel(nn.Module):

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from heightmap.features import proprioception
 from heightmap.network import HeightmapNetwork, Tick
-from heightmap.service import MAX_HEIGHT_M
+from heightmap.robot_cameras import IdealCameras, RobotCameras, StereoCameras
+from heightmap.service import MAX_HEIGHT_M, UNKNOWN_STD_M
 from policy.states import RobotStates
 from render.__main__ import RANDOM_STREAM
-from render.camera import moved_camera
-from render.embree import EmbreeRenderer
 from render.process import EXPOSURE_STEPS
+from render.stereo.camera import StereoConfig
+from saltus.config import Camera
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
@@ -35,6 +36,8 @@ class PredictedHeightsFactory:
     """Effects of the hardware; those of the camera matter here."""
     model: Path | None = None
     """ONNX file; the shipped model where it is not given."""
+    camera: Camera = "ideal"
+    """ideal: true depth. d435i: with the errors of a stereo camera, by the fast chain."""
 
     def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "PredictedHeights":
         """A source of heights for one batch.
@@ -43,7 +46,12 @@ class PredictedHeightsFactory:
             ModelError: the model is unreadable or does not fit.
         """
         network = HeightmapNetwork(self.model or resource("models/heightmap.onnx"))
-        return PredictedHeights(network, terrains, trials, load_profile(self.profile))
+        profile = load_profile(self.profile)
+        cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
+        if self.camera == "d435i":
+            rng = np.random.default_rng(np.random.SeedSequence([trials[0].seed, RANDOM_STREAM]))
+            cameras = StereoCameras(terrains, profile.view_chain, StereoConfig(), rng)
+        return PredictedHeights(network, cameras, trials, profile)
 
 
 class PredictedHeights:
@@ -54,20 +62,25 @@ class PredictedHeights:
 
     Args:
         network: Shared by all robots.
-        terrains: Terrain of each robot.
+        cameras: Of all robots.
         trials: Delay, jitter and seed of each robot's camera.
         profile: Effects of the camera; each trial's delay is put into it.
     """
 
     def __init__(
-        self, network: HeightmapNetwork, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile
+        self, network: HeightmapNetwork, cameras: RobotCameras, trials: Sequence[Trial], profile: Profile
     ) -> None:
         count = len(trials)
         self._network = network
-        self._cameras = _one_for_each_terrain(terrains, profile)
+        self._cameras = cameras
         self._arrivals = [_Arrivals(trial, profile) for trial in trials]
         self._image = np.zeros((count, 2, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
-        self._captured_s = np.full(count, -np.inf)
+        self.captured_s = np.full(count, -np.inf)
+        """Capture time of the image in use of each robot [s]; minus infinity before the first."""
+        self.std = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_STD_M)
+        """Of the newest heights [m], shape (n, 30)."""
+        self.depth: NDArray[np.float32] | None = None
+        """What the cameras take at this step [m], shape (n, 48, 16); None where it is not the time."""
         self._hidden = np.zeros((count, network.hidden_size), np.float32)
         self._heights = np.zeros((count, len(HEIGHTMAP_X)))
         self._forget(np.ones(count, dtype=np.bool_))
@@ -75,36 +88,27 @@ class PredictedHeights:
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One tick of all services; shape (n, 30)."""
         self._forget(fresh)
-        depth = self._exposed(truth) if states.step % EXPOSURE_STEPS == 0 else None
+        depth = self._cameras.expose(truth, states.time_s) if states.step % EXPOSURE_STEPS == 0 else None
+        self.depth = depth
         new = np.zeros(len(fresh), dtype=np.bool_)
         for i, arrivals in enumerate(self._arrivals):
             arrived = arrivals.step(None if depth is None else depth[i], states.time_s)
             if arrived is not None:
-                self._captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
+                self.captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
                 new[i] = True
-        tick = self._network.ticks(self._image, states.time_s - self._captured_s, new, _felt(states), self._hidden)
+        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, _felt(states), self._hidden)
         good = _plausible(tick)
-        self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
+        self._hidden[good], self._heights[good], self.std[good] = tick.hidden[good], tick.height[good], tick.std[good]
         return self._heights.copy()
 
     def _forget(self, mask: NDArray[np.bool_]) -> None:
         """Robots that start anew have seen nothing."""
         self._hidden[mask] = 0.0
-        self._heights[mask] = 0.0
+        self._heights[mask], self.std[mask] = 0.0, UNKNOWN_STD_M
         self._image[mask, 0], self._image[mask, 1] = 1.0, 0.0
-        self._captured_s[mask] = -np.inf
+        self.captured_s[mask] = -np.inf
         for i in np.flatnonzero(mask):
             self._arrivals[i].reset()
-
-    def _exposed(self, truth: PlantState) -> NDArray[np.float32]:
-        """Depth [m] that each robot's camera takes now, shape (n, 48, 16)."""
-        depth = np.empty((len(self._arrivals), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
-        for camera, robots in self._cameras:
-            depth[robots] = camera.render_batch(
-                truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
-                truth.joint_position[robots],
-            )  # fmt: skip
-        return depth
 
 
 def _as_sent(depth: Floats) -> NDArray[np.float32]:
@@ -148,18 +152,6 @@ class _Arrivals:
         arrived = self._under_way[captured_s]
         self._under_way = {taken: kept for taken, kept in self._under_way.items() if taken > captured_s}
         return captured_s, seen.depth if self._chain.changes_pixels else arrived
-
-
-def _one_for_each_terrain(terrains: TerrainStack, profile: Profile) -> list[tuple[EmbreeRenderer, NDArray[np.int64]]]:
-    """A camera for each distinct terrain, and the robots on it."""
-    robots: dict[int, list[int]] = {}
-    for i, terrain in enumerate(terrains.terrains):
-        robots.setdefault(id(terrain), []).append(i)
-    camera, mount = moved_camera(profile.view_chain, MODEL_CAMERA)
-    return [
-        (EmbreeRenderer(terrains.terrains[group[0]], camera, mount, threads=1), np.asarray(group))
-        for group in robots.values()
-    ]
 
 
 def _felt(states: RobotStates) -> Floats:

@@ -12,8 +12,8 @@ from tyro.conf import subcommand
 
 from saltus import go1
 from saltus.cli.heightmap_data import Dagger, Dataset
+from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
-from saltus.cli.output import print_json
 from saltus.cli.serve import serve
 from saltus.errors import SaltusError
 
@@ -190,36 +190,6 @@ class Export:
         from heightmap.release import release
 
         print(release(self.checkpoint, self.data, self.out))
-        return 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Eval:
-    """Measures a model file on the held-out episodes of a dataset."""
-
-    data: Path = Path("runs/dataset")
-    """Folder of the dataset."""
-    model: Path | None = None
-    """ONNX file; the shipped model where it is not given."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print the result as one JSON object on the last line."""
-
-    def run(self) -> int:
-        """Prints errors by region and terrain."""
-        from dataclasses import asdict
-
-        from heightmap.shards import read_dataset
-        from heightmap.train import split
-        from heightmap.validate import accuracy
-        from saltus.resources import resource
-
-        _, held_out = split(read_dataset(self.data))
-        result = asdict(accuracy(self.model or resource("models/heightmap.onnx"), held_out))
-        if self.json:
-            print_json(result)
-        else:
-            for name, value in result.items():
-                print(f"{name:18} {value}")
         return 0
 
 

@@ -16,7 +16,7 @@ from heightmap.train import Progress, TrainConfig, load_checkpoint, run_window, 
 from heightmap.validate import run_episode
 
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
-CONFIG = TrainConfig(updates=30, warm_start=10, batch=8, window=50, device="cpu", model=SMALL)
+CONFIG = TrainConfig(updates=30, batch=8, window=50, device="cpu", model=SMALL)
 
 
 @pytest.fixture(scope="module")

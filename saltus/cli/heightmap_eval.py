@@ -1,0 +1,80 @@
+"""`saltus heightmap eval`: what a predictor is worth in runs that no training saw."""
+
+import sys
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tqdm import tqdm
+
+from saltus.cli.output import print_json
+from saltus.config import Camera
+
+COLUMNS = (
+    ("mean", "mae_m", 1e3),
+    ("visible", "mae_visible_m", 1e3),
+    ("remembered", "mae_remembered_m", 1e3),
+    ("unseen", "mae_unseen_m", 1e3),
+    ("edges", "edge_error_m", 1e3),
+    ("found %", "edges_found", 1e2),
+    ("covered %", "coverage90", 1e2),
+    ("NLL", "nll", 1.0),
+)
+"""Of the table: title, key, and factor to what is printed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eval:
+    """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone."""
+
+    model: Path | None = None
+    """ONNX file; the shipped model where it is not given."""
+    runs: int = 200
+    """How many; half on courses that the planners master, half on harder ones."""
+    seed: int = 0
+    """Of courses, trials and cameras; whatever it is, no training draws the same."""
+    camera: Camera = "d435i"
+    """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run."""
+    baselines: tuple[str, ...] = ("geometric", "geometric-feet")
+    """Predictors without training that are shown the same images: geometric, geometric-feet."""
+    processes: int | None = None
+    """How many share the runs; one for each core where it is not given. The numbers do not depend on it."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print the result as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Runs them all and prints a table, in millimetres."""
+        import os
+
+        from heightmap.held_out import HeldOutRun, HeldOutRuns
+        from heightmap.scores import scores
+        from heightmap.workers import in_order
+        from saltus.resources import resource
+
+        config = HeldOutRuns(runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines)
+        work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
+        processes = self.processes or len(os.sched_getaffinity(0))
+        measured: list[HeldOutRun] = []
+        with tqdm(total=self.runs, unit="run", file=sys.stderr) as bar:
+            for batch in in_order(work, config.batches, processes):
+                measured += batch
+                bar.update(len(batch))
+        table = scores(measured)
+        _print_table(table)
+        if self.json:
+            print_json(table)
+        return 0
+
+
+def _print_table(table: dict[str, Any]) -> None:
+    """A row for all runs, each level and terrain, and each baseline; lengths in millimetres."""
+    rows = {"network": table}
+    rows |= {f"  {name}": row for group in ("by_level", "by_terrain") for name, row in table[group].items()}
+    for baseline, row in table["baselines"].items():
+        rows[baseline] = row
+        rows |= {f"  {name}": part for name, part in row["by_terrain"].items()}
+    print(f"{'error [mm]':<18}" + "".join(f"{title:>11}" for title, _, _ in COLUMNS))
+    for name, row in rows.items():
+        print(f"{name:<18}" + "".join(f"{factor * row[key]:>11.2f}" for _, key, factor in COLUMNS))

@@ -1,0 +1,64 @@
+"""Which ground a camera has met: held to rays that are cast."""
+
+import numpy as np
+import pytest
+
+from heightmap.sight import BIN_M, REMEMBERED, UNSEEN, VISIBLE, met_by_rays, sight
+from render.camera import Mount, camera_pose, ray_directions
+from render.embree import EmbreeRenderer
+from saltus import go1, kinematics
+from saltus.config import TerrainConfig, TerrainKind
+from saltus.depth import MODEL_CAMERA, RANGE_M
+from saltus.grid import HEIGHTMAP_X
+from saltus.terrain.curriculum import make_terrain
+
+KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+PLACES = 12
+
+
+def poses(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Over the ground that begins at 0, in any attitude of a bound."""
+    x = rng.uniform(-0.5, 1.5, count)
+    position = np.stack([x, rng.uniform(-0.1, 0.1, count), rng.uniform(0.25, 0.45, count)], -1)
+    angles = rng.uniform([[-0.05], [-0.35], [-0.1]], [[0.05], [0.35], [0.1]], (3, count))
+    return position, kinematics.quaternion_from_roll_pitch_yaw(*angles)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> None:
+    terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=0.3))
+    position, quaternion = poses(np.random.default_rng(1), PLACES)
+    position[:, 2] += np.maximum(terrain.height_at(position[:, 0]), 0.0)
+    ground = np.arange(-1.0, 6.0, BIN_M)
+    met = met_by_rays(terrain, ground, position, quaternion)
+    joints = np.tile(go1.STAND_POSE, (PLACES, 1))
+    depth = EmbreeRenderer(terrain, MODEL_CAMERA, Mount(), legs=False, threads=1).render_batch(
+        position, quaternion, joints
+    )
+    origin, rotation = camera_pose(Mount(), position, quaternion)
+    rays = ray_directions(MODEL_CAMERA)[:, 7:9].mean(1) @ np.swapaxes(np.asarray(rotation), -1, -2)
+    hit = np.asarray(origin)[:, None] + depth[:, :, 7:9].mean(-1)[..., None] * rays
+    for i in range(PLACES):
+        up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0])) < 1e-3  # on the ground, not on a wall
+        up &= depth[i, :, 7:9].max(-1) < RANGE_M
+        nearest = np.abs(hit[i, up, 0][:, None] - ground).argmin(-1)
+        around = met[i, nearest] | met[i, np.maximum(nearest - 1, 0)] | met[i, nearest + 1]
+        assert around.mean() > 0.95  # but for a ray that passes within a bin of an edge
+        places = ground[met[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])]  # farther away pixels are far apart
+        assert (np.abs(places[:, None] - hit[i, :, 0]).min(-1, initial=np.inf) < 0.2).all()
+
+
+def test_ground_is_visible_then_remembered_and_never_met_before() -> None:
+    terrain = make_terrain(TerrainConfig(terrain="flat"))
+    ticks = 200
+    position = np.tile([0.0, 0.0, go1.STAND_HEIGHT], (ticks, 1))
+    position[:, 0] = np.linspace(0.0, 3.0, ticks)
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
+    captured_s = np.where(np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02)
+    view = sight(terrain, position, quaternion, captured_s)
+    assert (view[:10] == UNSEEN).all()
+    assert (view[12:, HEIGHTMAP_X > 0.7] == VISIBLE).all()
+    assert (view[12, HEIGHTMAP_X < 0.2] == UNSEEN).all()
+    assert (view[-1, HEIGHTMAP_X < 0.0] == REMEMBERED).all()
+    blind = sight(terrain, position, quaternion, np.minimum(captured_s, 0.5))
+    assert (blind[-1] != VISIBLE).all()
