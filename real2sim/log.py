@@ -40,7 +40,12 @@ def load(paths: Sequence[Path]) -> RunLog:
         if differs:
             raise RecordingError(f"{path} and {paths[0]} cannot be read as one: meta.json '{differs[0]}' differs")
     logs = [_with_model(log, path) for log, path in zip(logs, paths, strict=True)]
-    return _join([_shift(log, path.name, start) for log, path, start in zip(logs, paths, _starts(logs), strict=True)])
+    return in_sequence(logs, [path.name for path in paths])
+
+
+def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
+    """One log in which each follows the one before, with the claims of the first; segments bear the names of logs."""
+    return _join([_shift(log, name, start) for log, name, start in zip(logs, names, shifts_s(logs), strict=True)])
 
 
 def segments_of(log: RunLog) -> tuple[Segment, ...]:
@@ -112,8 +117,8 @@ def _is_repeat(a: Floats, b: Floats) -> bool:
     return bool(np.sqrt(np.mean((a[:rows] - b[:rows]) ** 2)) < SAME_COMMAND)
 
 
-def _starts(logs: Sequence[RunLog]) -> list[float]:
-    """Shift of each run's clock [s]."""
+def shifts_s(logs: Sequence[RunLog]) -> list[float]:
+    """How much later each log's clock must be set so that logs follow each other [s]."""
     shifts, end = [0.0], float(logs[0].joints.time_s[-1])
     for log in logs[1:]:
         shifts.append(end + PAUSE_S - float(log.joints.time_s[0]))

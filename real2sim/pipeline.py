@@ -14,10 +14,11 @@ from real2sim.camera.image_pixels import to_images
 from real2sim.experiments.next_experiment import next_experiment
 from real2sim.joints.problem import JointProblem
 from real2sim.joints.saturation_curve import with_curves
-from real2sim.log import SHARED_CLAIMS, load
+from real2sim.log import SHARED_CLAIMS, in_sequence, load, shifts_s
 from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from real2sim.problem import Problem
 from real2sim.rebased import Rebased
+from real2sim.resolve import resolved
 from real2sim.screening.align import ClockOffset, align
 from real2sim.screening.fault import Fault
 from real2sim.screening.screen import screen
@@ -25,6 +26,7 @@ from real2sim.search.findings import Findings, FoundEffect
 from real2sim.search.narrowed import Narrowed
 from real2sim.search.search import search
 from real2sim.sensors import SENSORS, Sensor
+from real2sim.stacked import Stacked, stackable
 from real2sim.verdict import Verdict, merge
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
@@ -42,6 +44,8 @@ class Compared:
 
     problem: Problem
     findings: Findings
+    log: RunLog
+    """What the problem is about: of a problem that several logs pose, all of them in sequence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +56,7 @@ class Examined:
     faults: tuple[Fault, ...]
     offsets: tuple[ClockOffset, ...] = ()
     compared: tuple[Compared, ...] = ()
+    """What several logs show together is told with the first of them."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
     failures: tuple[str, ...] = ()
@@ -85,7 +90,8 @@ def find(
     """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
 
     Args:
-        runs: Directories of run logs. Those that claim the same rig are read as one log.
+        runs: Directories of run logs of one robot. Those that claim the same rig are read as one log; what several
+            rigs show of one kind of sensor is one problem where its unknowns mean the same.
         out: Folder for the results; it exists.
         profile: Effects that the simulator has already, on top of what the logs claim.
         seed: Of bootstraps.
@@ -95,16 +101,9 @@ def find(
     Raises:
         RecordingError: a log that cannot be read or compared with anything.
     """
-    groups = _groups(runs)
-    examined = []
-    for index, group in enumerate(groups):
-
-        def step(stage: str, share: float, index: int = index) -> None:
-            if progress is not None:
-                progress(stage, (index + share) / len(groups))
-
-        examined.append(examine(load(group), profile=profile, seed=seed, progress=step))
-    judgement = judge(tuple(examined), tuple(evidence_of(run) for run in runs))
+    logs = [load(group) for group in _groups(runs)]
+    examined = examine_together(logs, profile=profile, seed=seed, progress=progress)
+    judgement = judge(examined, tuple(evidence_of(run) for run in runs))
     _write(judgement, out)
     if report:
         from real2sim.reporting.report import write_report
@@ -130,31 +129,86 @@ def examine(
         seed: As in `find`.
         progress: As in `find`.
     """
+    (examined,) = examine_together([log], profile=profile, without=without, seed=seed, progress=progress)
+    return examined
+
+
+def examine_together(
+    logs: Sequence[RunLog],
+    *,
+    profile: Profile = IDEAL,
+    without: Collection[str] = (),
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[Examined, ...]:
+    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; arguments as `examine`.
+
+    Nothing is compared where a log is damaged.
+    """
     tell = progress or (lambda _stage, _share: None)
     tell("screen", 0.0)
-    faults = tuple(screen(log))
-    untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
-    if any(fault.is_fatal for fault in faults):
-        return Examined(log=log, faults=faults, untestable=untestable)
-    offsets = align(log)
-    posed = [sensor for sensor in SENSORS if not sensor.lacks(log)]
-    compared: list[Compared] = []
-    failures: list[str] = []
+    found = [_screened(log) for log in logs]
+    if any(each.is_bad for each in found):
+        return tuple(found)
+    found = [replace(each, offsets=align(each.log)) for each in found]
+    posed = [sensor for sensor in SENSORS if not all(sensor.lacks(log) for log in logs)]
     for index, sensor in enumerate(posed):
         tell(sensor.name, index / len(posed))
-        try:
-            compared.append(
-                _compare(sensor, log, profile, without, seed, _counted(tell, sensor.name, index, len(posed)))
-            )
-        except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
-            logging.getLogger(__name__).exception("the %s could not be compared", sensor.name)
-            failures.append(f"the {sensor.name} could not be compared: {type(error).__name__}: {error}")
-            untestable |= dict.fromkeys(sensor.effects, failures[-1])
+        simulating = _counted(tell, sensor.name, index, len(posed))
+        for own, problem in _problems(sensor, found, profile, without):
+            found[own[0]] = _added(found[own[0]], sensor, problem, [logs[i] for i in own], seed, simulating)
         tell(sensor.name, (index + 1.0) / len(posed))
-    return Examined(
-        log=log, faults=faults, offsets=offsets, compared=tuple(compared), untestable=untestable,
-        failures=tuple(failures),
-    )  # fmt: skip
+    return tuple(found)
+
+
+def _screened(log: RunLog) -> Examined:
+    untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
+    return Examined(log=log, faults=tuple(screen(log)), untestable=untestable)
+
+
+def _problems(
+    sensor: Sensor, found: list[Examined], profile: Profile, without: Collection[str]
+) -> list[tuple[list[int], Problem]]:
+    """The problems of one kind of sensor and which logs pose each; those that cannot be posed are told in `found`."""
+    own: list[int] = []
+    problems: list[Problem] = []
+    for i, each in enumerate(found):
+        if sensor.lacks(each.log):
+            continue
+        try:
+            problems.append(_posed(sensor, each.log, profile, without))
+            own.append(i)
+        except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
+            found[i] = _failed(each, sensor, error)
+    if len(problems) > 1 and stackable(problems):
+        return [(own, Stacked(problems, shifts_s([found[i].log for i in own])))]
+    return [([i], problem) for i, problem in zip(own, problems, strict=True)]
+
+
+def _added(
+    examined: Examined,
+    sensor: Sensor,
+    problem: Problem,
+    logs: Sequence[RunLog],
+    seed: int,
+    progress: Callable[[str, int], None],
+) -> Examined:
+    """With what the search makes of one more problem."""
+    try:
+        findings = search(problem, progress=progress, seed=seed)
+        if isinstance(problem, JointProblem):
+            findings = with_curves(problem, findings)
+    except Exception as error:  # as above
+        return _failed(examined, sensor, error)
+    log = logs[0] if len(logs) == 1 else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
+    return replace(examined, compared=(*examined.compared, Compared(problem=problem, findings=findings, log=log)))
+
+
+def _failed(examined: Examined, sensor: Sensor, error: Exception) -> Examined:
+    logging.getLogger(__name__).error("the %s could not be compared", sensor.name, exc_info=error)
+    text = f"the {sensor.name} could not be compared: {type(error).__name__}: {error}"
+    untestable = examined.untestable | dict.fromkeys(sensor.effects, text)
+    return replace(examined, failures=(*examined.failures, text), untestable=untestable)
 
 
 def _counted(tell: Progress, name: str, index: int, count: int) -> Callable[[str, int], None]:
@@ -169,25 +223,13 @@ def _counted(tell: Progress, name: str, index: int, count: int) -> Callable[[str
     return simulating
 
 
-def _compare(
-    sensor: Sensor,
-    log: RunLog,
-    profile: Profile,
-    without: Collection[str],
-    seed: int,
-    progress: Callable[[str, int], None],
-) -> Compared:
+def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[str]) -> Problem:
     problem = sensor.problem(log)
     if profile != IDEAL:
         if "camera" in log.meta:
             profile = to_images(profile, float(log.meta["camera"]["fx"]))
         problem = Rebased(problem, profile)
-    if without:
-        problem = Narrowed(problem, without)
-    findings = search(problem, progress=progress, seed=seed)
-    if isinstance(problem, JointProblem):
-        findings = with_curves(problem, findings)
-    return Compared(problem=problem, findings=findings)
+    return Narrowed(problem, without) if without else problem
 
 
 def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Judgement:
@@ -212,22 +254,11 @@ def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Jud
         verdict = replace(
             verdict,
             untestable=untestable,
-            next_experiment=next_experiment(verdict.sets, rivals),
+            next_experiment=next_experiment(verdict.sets, rivals, [each.log.meta for each in examined]),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
     patch = Patch(effects=supported(verdict.effects), evidence=evidence, range=_range(examined))
     return Judgement(verdict=verdict, patch=patch, examined=examined, evidence=evidence)
-
-
-def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
-    """Findings without the sets that another finding has decided: it names exactly one of the set."""
-    named = {effect.name for each in findings for effect in each.effects if each.verdict == "named"}
-    result = []
-    for each in findings:
-        sets = tuple(names for names in each.sets if len(named & set(names)) != 1)
-        decided = each.verdict == "set" and not sets
-        result.append(replace(each, sets=sets, verdict="named" if decided else each.verdict))
-    return tuple(result)
 
 
 def _names(effects: Sequence[FoundEffect]) -> list[str]:

@@ -1,15 +1,14 @@
 """What a depth camera with the effects of a profile delivers of a robot that moves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from real2sim.camera.image_pixels import to_images
-from render.camera import moved_camera
+from render.camera import Mount, moved_camera
 from render.embree import EmbreeRenderer
-from saltus import go1
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
@@ -34,24 +33,41 @@ def _pooled_d435i() -> Intrinsics:
     )  # fmt: skip
 
 
+def _pooled(claim: dict[str, Any]) -> Intrinsics:
+    """The image that a log claims, pooled until it is no larger than the D435i's."""
+    by = max(1, -(-int(claim["width"]) // (D435I.width // POOLING)))
+    return Intrinsics(
+        width=int(claim["width"]) // by, height=int(claim["height"]) // by,
+        **{name: float(claim[name]) / by for name in ("fx", "fy", "cx", "cy")},
+    )  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Camera:
     """What is claimed of a camera."""
 
     rate_hz: float = 50.0
     latency_s: float = 0.0
+    intrinsics: Intrinsics = field(default_factory=_pooled_d435i)
+    """Of its images."""
+    mount: Mount = field(default_factory=Mount)
 
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Of its images."""
-        return _pooled_d435i()
+    @classmethod
+    def of(cls, claim: dict[str, Any]) -> "Camera":
+        """The camera that a run log claims (`meta.camera`), with images that are quick to render."""
+        return cls(
+            rate_hz=float(claim["rate"]),
+            latency_s=float(claim["latency"]),
+            intrinsics=_pooled(claim),
+            mount=Mount(position=np.asarray(claim["position"], dtype=np.float64), pitch=float(claim["pitch"])),
+        )
 
     def claim(self) -> dict[str, Any]:
         """`meta.camera` of a run log."""
         return {
             **{name: getattr(self.intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")},
-            "position": go1.CAMERA_POSITION.tolist(),
-            "pitch": go1.CAMERA_PITCH,
+            "position": self.mount.position.tolist(),
+            "pitch": self.mount.pitch,
             "rate": self.rate_hz,
             "latency": self.latency_s,
             "range_max": RANGE_MAX_M,
@@ -81,7 +97,7 @@ def film(
         joints: [rad], shape (n, 12).
         rng: Of the noise and of what effects draw.
     """
-    renderer = EmbreeRenderer(terrain, *moved_camera(profile.view_chain, camera.intrinsics), threads=1)
+    renderer = EmbreeRenderer(terrain, *moved_camera(profile.view_chain, camera.intrinsics, camera.mount), threads=1)
     depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0

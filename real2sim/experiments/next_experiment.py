@@ -3,21 +3,24 @@
 How well each experiment of the menu does it was measured once, on a robot without effects
 (`real2sim.experiments.separations` measures it again): what one unit of every effect does to the whitened residuals of
 its log, and how alike two effects look there. What two fitted rivals are expected to be apart follows from that without
-any simulation.
+any simulation. Cameras are not alike, though - one that looks down hardly sees a wall: for effects of a camera the
+experiments are measured anew with the camera that the log claims.
 """
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
-from itertools import permutations
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 from real2sim.experiments.menu import EXPERIMENTS
+from real2sim.resolve import largest
 from real2sim.search.findings import FoundEffect
+from real2sim.sensors import SENSORS
 from real2sim.verdict import NextExperiment
-from saltus.effects.registry import EFFECTS
 
 TABLE = Path(__file__).parent / "separations.json"
 
@@ -40,33 +43,42 @@ class Separations:
     cosine: dict[tuple[str, str], float]
 
     def nats(self, a: str, b: str, sizes: dict[str, float]) -> float:
-        """Expected lead of the true one of two rivals over the other, whichever is true."""
-        if a not in self.visible or b not in self.visible:
-            return 0.0
-        return min(0.5 * self._sigma(name, sizes) ** 2 * (1.0 - self.alike(a, b) ** 2) for name in (a, b))
+        """Expected lead of the true one of two rivals over the other, whichever is true.
+
+        Where only one of them shows at all, it is there or it is not.
+        """
+        seen = [name for name in (a, b) if name in self.visible]
+        apart = 1.0 - self.alike(a, b) ** 2
+        return min((0.5 * self._sigma(name, sizes) ** 2 * apart for name in seen), default=0.0)
 
     def alike(self, a: str, b: str) -> float:
-        """Cosine of what two effects do; 1 where one of them does nothing."""
+        """Cosine of what two effects do, 0 where one of them cannot show; 1 where nothing is known of it."""
+        if (a in self.visible) != (b in self.visible):
+            return 0.0
         return self.cosine.get((min(a, b), max(a, b)), 1.0)
 
     def _sigma(self, name: str, sizes: dict[str, float]) -> float:
         seen = self.visible[name]
-        share = abs(sizes[name]) / seen.size if seen.size > 0.0 and sizes.get(name) else 1.0
+        share = sizes[name] / seen.size if seen.size > 0.0 and sizes.get(name) else 1.0
         return seen.sigma * share
 
 
-def next_experiment(sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffect]) -> NextExperiment | None:
+def next_experiment(
+    sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffect], rigs: Sequence[dict[str, Any]] = ()
+) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
     Args:
         sets: Effects that could not be told apart.
         rivals: Their fitted values, where they are known.
+        rigs: What the logs claim (`meta.json`): the camera, and whether the robot was held. One that was held is held
+            again, as nothing shows its joints better; one that stood may be hung up.
     """
     if not sets:
         return None
-    sizes = _sizes(rivals)
-    pairs = [pair for pair in permutations(sorted(sets[0]), 2) if pair[0] < pair[1]]
-    table = separations()
+    sizes = {name: size for name in sets[0] if math.isfinite(size := largest(name, rivals))}
+    pairs = list(combinations(sorted(sets[0]), 2))
+    table = _table(sets[0], rigs)
 
     def worth(name: str) -> float:
         # what the simulator does not know grows with the signal: of two equal leads the one on less signal is safer
@@ -83,6 +95,22 @@ def next_experiment(sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffec
         f"{nats:.0f} nats apart; takes {experiment.duration_s:.0f} s; {experiment.limits.in_words()}"
     )
     return NextExperiment(name=best, why=why, expected_separation=nats)
+
+
+def _table(members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, Separations]:
+    """What each experiment shows that these rigs can do."""
+    table = separations()
+    if rigs and all(rig.get("base") == "fixed" for rig in rigs):
+        table = {name: entry for name, entry in table.items() if EXPERIMENTS[name].base == "fixed"}
+    camera = next((rig["camera"] for rig in rigs if "camera" in rig), None)
+    of_camera = next(sensor.effects for sensor in SENSORS if sensor.name == "camera")
+    if camera is None or not set(members) <= set(of_camera):
+        return table
+    from real2sim.experiments.footage import Camera
+    from real2sim.experiments.separations import measure
+
+    seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
+    return {name: _separations(measure(EXPERIMENTS[name], Camera.of(camera))) for name in seeing}
 
 
 @cache
@@ -103,15 +131,3 @@ def _separations(entry: dict[str, dict[str, list[float]] | list[list[float]]]) -
             if i != j
         },
     )
-
-
-def _sizes(rivals: Sequence[FoundEffect]) -> dict[str, float]:
-    """How far the fitted first parameter of each effect is from null, at the place where it is farthest."""
-    sizes: dict[str, float] = {}
-    for rival in rivals:
-        name, found = next(iter(rival.params.items()))
-        null = next((f.metadata["null"] for f in fields(EFFECTS[rival.name]) if f.name == name), math.nan)
-        size = abs(found.value - null) if isinstance(null, int | float) else math.nan
-        if math.isfinite(size):
-            sizes[rival.name] = max(sizes.get(rival.name, 0.0), size)
-    return sizes

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from real2sim.experiments.footage import Camera
 from real2sim.experiments.instruments import SensorNoise
 from real2sim.experiments.menu import EXPERIMENTS, Experiment
 from real2sim.experiments.next_experiment import TABLE
@@ -31,13 +32,18 @@ NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
 
 
-def measure(experiment: Experiment) -> dict[str, Any]:
-    """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order."""
-    log = run(experiment, IDEAL, seed=SEED, noise=STEADY)
+def measure(experiment: Experiment, camera: Camera | None = None) -> dict[str, Any]:
+    """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
+
+    Args:
+        experiment: Of the menu.
+        camera: Where it is given, only what this camera shows is measured.
+    """
+    log = run(experiment, IDEAL, seed=SEED, noise=STEADY, camera=camera)
     signatures: dict[str, tuple[float, Floats]] = {}
     cosine: dict[tuple[str, str], float] = {}
     for sensor in SENSORS:
-        if sensor.lacks(log):
+        if sensor.lacks(log) or (camera is not None and sensor.name != "camera"):
             continue
         here = _signatures(sensor.problem(log))
         for a, (_, mine) in here.items():

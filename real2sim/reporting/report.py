@@ -69,12 +69,12 @@ def _examined(examined: "Examined", *, is_alone: bool) -> str:
     """What was found in the runs of one rig."""
     clocks = text.clocks(examined)
     parts = ["<h2>Clocks</h2>", clocks] if clocks else []
-    return "".join([*parts, *(_compared(examined.log, compared, is_alone) for compared in examined.compared)])
+    return "".join([*parts, *(_compared(compared, is_alone) for compared in examined.compared)])
 
 
-def _compared(log: RunLog, compared: "Compared", is_alone: bool) -> str:
+def _compared(compared: "Compared", is_alone: bool) -> str:
     """The evidence of one sensor."""
-    problem, findings = compared.problem, compared.findings
+    problem, findings, log = compared.problem, compared.findings, compared.log
     which = "" if is_alone else f" of {', '.join(problem.blocks)}"
     parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
     if findings.residuals is not None:

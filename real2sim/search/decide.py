@@ -34,7 +34,10 @@ REMAINDER_SHARE = 0.4
 a misfit, a true one leaves noise."""
 FURTHER_SHARE = 0.01
 """And at least this share of the whole gap: one further effect a tenth as strong as the others. Less is within what
-two correct simulations of those others differ by."""
+two correct simulations of those others differ by; see `WHOLE_SHARE`."""
+WHOLE_SHARE = 0.9
+"""Less than that share of the whole gap is enough for a further effect that takes this share of what the model without
+it leaves, down to what simulations differ by."""
 COLLINEAR = 0.95
 """Cosine from which two effects count as inseparable, by the schema of run logs."""
 CLOSED_SHARE = (0.75, 0.98, 0.99)
@@ -127,14 +130,19 @@ def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Score
         null = next(each for each in scored if not each.fit.model)
         more = court.closed(null, null, rival) - court.closed(null, null, held)
         further = court.closed(null, held, rival)
-        if further < REMAINDER_SHARE or more < court.further_share:
-            return False
         is_clear = further >= CLEAR_SHARE
+        if further < REMAINDER_SHARE or (more < court.further_share and not _is_whole(court, rival, further)):
+            return False
     fits = {each.fit.model: each.fit for each in scored}
     sizes = sorted(largest_rms(court, fits, rival.fit, effect) / court.size for effect in rival.fit.model)
     if len(sizes) == 1:
         return sizes[0] >= 1.0
     return sizes[0] >= (BESIDE if is_clear else TOGETHER) and sizes[1] >= TOGETHER
+
+
+def _is_whole(court: Court, rival: Scored, further: float) -> bool:
+    """Whether a further effect explains all that was left: what two simulations differ by, no effect takes wholly."""
+    return further >= WHOLE_SHARE and court.cells.largest_rms(rival.structure) <= court.size
 
 
 def may_gain(court: Court, null: Fit, fit: Fit) -> bool:
@@ -143,7 +151,8 @@ def may_gain(court: Court, null: Fit, fit: Fit) -> bool:
     if court.cells.largest_rms(after) <= court.size:
         return False
     left = 1.0 - court.cells.share_gone(before, after, court.cells.shows(before, court.size))
-    return left >= court.further_share and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
+    is_left = left >= court.further_share or court.cells.largest_rms(after) > TOGETHER * court.size
+    return is_left and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
 def explained_share(court: Court, model: Model) -> float:
@@ -184,7 +193,9 @@ def ambiguities(
             continue
         effect, other = gone.pop(), new.pop()
         is_tied = not court.lead(rival, chosen, dispersion)
-        if is_tied or confusion.between(effect, other) >= COLLINEAR:
+        # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
+        imitates = court.closed(null, null, rival) >= COLLINEAR**2 * court.closed(null, null, chosen)
+        if is_tied or (imitates and confusion.between(effect, other) >= COLLINEAR):
             found[effect].append(other)
     for effect in chosen.fit.model:
         for other in chosen.fit.model:

@@ -59,9 +59,8 @@ def judged(case: str) -> Judgement:
         verdict = merge((), [fault.text for fault in faults])
     else:
         problem, findings = found(case)
-        examined = Examined(
-            log=rig_log(), faults=(), untestable={}, compared=(Compared(problem=problem, findings=findings),)
-        )
+        compared = Compared(problem=problem, findings=findings, log=rig_log())
+        examined = Examined(log=rig_log(), faults=(), untestable={}, compared=(compared,))
         verdict = replace(merge([findings]), next_experiment=NEXT if case == "set" else None)
     return judgement(verdict, examined)
 
@@ -172,7 +171,8 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
     )
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
-    examined = Examined(log=log, faults=(), untestable={}, compared=(Compared(problem=problem, findings=findings),))
+    compared = Compared(problem=problem, findings=findings, log=log)
+    examined = Examined(log=log, faults=(), untestable={}, compared=(compared,))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
 
 

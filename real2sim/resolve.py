@@ -1,0 +1,65 @@
+"""What several findings decide together: sets of which other sensors, or other logs, leave one."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+from real2sim.problem import Estimate
+from real2sim.search.findings import Findings, FoundEffect
+from saltus.effects.registry import EFFECTS
+
+MARGIN = 2.0
+"""An effect is ruled out where half of the value that it would need would have been found."""
+
+
+def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
+    """Findings whose sets have lost what other findings rule out; a set of one is a name.
+
+    Another finding that names exactly one of a set, decides for it. One that could have found an effect of the size
+    that a set needs, and did not, decides against it.
+    """
+    named = {effect.name for each in findings for effect in each.effects if each.verdict == "named"}
+    result = []
+    for each in findings:
+        others = [other for other in findings if other is not each]
+        sets, told = [], list(each.effects)
+        for members in each.sets:
+            if len(named & set(members)) == 1:
+                continue
+            left = tuple(name for name in members if not any(_rules_out(other, name, each) for other in others))
+            if len(left) == 1 and (values := [rival for rival in each.rivals if rival.name == left[0]]):
+                told += values
+            else:
+                sets.append(left if len(left) > 1 else members)
+        decided = each.verdict == "set" and not sets
+        result.append(
+            replace(each, effects=tuple(told), sets=tuple(sets), verdict="named" if decided else each.verdict)
+        )
+    return tuple(result)
+
+
+def deviation(name: str, parameter: str, value: float) -> float:
+    """How far a parameter is from no effect; NaN where no effect is no finite value of it."""
+    null = next((f.metadata["null"] for f in fields(EFFECTS[name]) if f.name == parameter), math.nan)
+    return abs(value - null) if isinstance(null, int | float) and math.isfinite(null) else math.nan
+
+
+def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
+    """How far the first parameter of an effect is from null, at the place where it is farthest; NaN if unknown."""
+    sizes = [deviation(name, p, found.value) for r in rivals if r.name == name for p, found in _first(r)]
+    return max((size for size in sizes if math.isfinite(size)), default=math.nan)
+
+
+def _first(rival: FoundEffect) -> list[tuple[str, Estimate]]:
+    return [(name, Estimate(value=at.value, unit=at.unit)) for name, at in list(rival.params.items())[:1]]
+
+
+def _rules_out(other: Findings, name: str, of: Findings) -> bool:
+    """Whether a finding would have shown an effect as large as another finding needs it, and has not."""
+    if other.verdict not in ("no_gap", "named") or other.problem == of.problem or name not in other.minimum_detectable:
+        return False
+    if any(effect.name == name for effect in other.effects):
+        return False
+    parameter = next((p for r in of.rivals if r.name == name for p in r.params), "")
+    would_show = deviation(name, parameter, other.minimum_detectable[name].value) if parameter else math.nan
+    return MARGIN * would_show <= largest(name, of.rivals)  # false where one is unknown

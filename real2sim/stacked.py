@@ -1,0 +1,190 @@
+"""Problems of several logs as one: effects are properties of the robot, claims are those of each log.
+
+A robot that is asked twice, the second time before another terrain, with other gains or under a known payload, has the
+same effects both times. Each log is replayed under its own claims and with nuisances of its own; the unknowns of all
+effects are shared.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem, Segment
+from real2sim.reporting.localise import Driver
+from real2sim.search.fit import Evaluator, Fit, refine, slopes
+from real2sim.search.layout import Layout
+from real2sim.search.split import split
+
+Place = tuple[str, str]
+"""Effect and where; the effect of a nuisance bears the number of its log."""
+
+
+class Stacked(Problem):
+    """One problem whose residuals are those of several.
+
+    Args:
+        problems: Of one kind of sensor; see `stackable`.
+        shifts_s: How much later each log's clock is set, so that logs follow each other, shape (logs,).
+    """
+
+    def __init__(self, problems: Sequence[Problem], shifts_s: Sequence[float]) -> None:
+        first = problems[0]
+        self._problems = tuple(problems)
+        self.name, self.blocks, self.places = first.name, first.blocks, first.places
+        self.samples_per_residual = max(problem.samples_per_residual for problem in problems)
+        self.simulation_doubt = max(problem.simulation_doubt for problem in problems)
+        self.untestable = {
+            name: why for name, why in first.untestable.items() if all(name in p.untestable for p in problems)
+        }
+        self._merge_candidates()
+        self._merge_rows(shifts_s)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """See `Problem`."""
+        each = zip(self._problems, self._columns, self._alone, strict=True)
+        return np.concatenate([p.residuals(unknowns[..., columns] + alone) for p, columns, alone in each], axis=-1)
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """See `Problem`."""
+        place = (candidate.effect, candidate.where)
+        index, own = next((i, listed[place]) for i, listed in enumerate(self._listed) if place in listed)
+        return self._problems[index].physical(own, values)
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """See `Problem`; NaN at the rows of logs whose problem does not have one."""
+        found: dict[str, Driver] = {}
+        ends = np.cumsum([len(problem.time_s) for problem in self._problems])
+        for problem, end in zip(self._problems, ends, strict=True):
+            for driver in problem.drivers():
+                values = found[driver.name].values if driver.name in found else np.full(len(self.time_s), np.nan)
+                values[end - len(problem.time_s) : end] = driver.values
+                found[driver.name] = replace(driver, values=values)
+        return tuple(found.values())
+
+    def _merge_candidates(self) -> None:
+        self._alone = [_without_effects(problem) for problem in self._problems]
+        """For each problem its unknowns where all of this one are 0, shape (blocks, unknowns)."""
+        each = enumerate(zip(self._problems, self._alone, strict=True), start=1)
+        self._listed = [_listed(problem, alone, number) for number, (problem, alone) in each]
+        places = list(dict.fromkeys(place for listed in self._listed for place in listed))
+        self.candidates = tuple(
+            _merged(place, [listed[place] for listed in self._listed if place in listed]) for place in places
+        )
+        sizes = [len(candidate.unknowns) for candidate in self.candidates]
+        starts = dict(zip(places, np.cumsum([0, *sizes[:-1]]), strict=True))
+        self._columns = [
+            np.concatenate([starts[place] + np.arange(len(c.unknowns)) for place, c in listed.items()])
+            for listed in self._listed
+        ]
+        """For each problem where its unknowns stand among those of all."""
+
+    def _merge_rows(self, shifts_s: Sequence[float]) -> None:
+        self.signals = tuple(dict.fromkeys(signal for problem in self._problems for signal in problem.signals))
+        segments: list[Segment] = []
+        segment: list[Indices] = []
+        signal: list[Indices] = []
+        for number, (problem, shift_s) in enumerate(zip(self._problems, shifts_s, strict=True), start=1):
+            segment.append(np.asarray(problem.segment) + len(segments))
+            signal.append(np.array([self.signals.index(name) for name in problem.signals])[problem.signal])
+            segments += [_moved(one, number, shift_s) for one in problem.segments]
+        self.segments, self.segment, self.signal = tuple(segments), np.concatenate(segment), np.concatenate(signal)
+        self.time_s = np.concatenate([p.time_s + s for p, s in zip(self._problems, shifts_s, strict=True)])
+
+
+def stackable(problems: Sequence[Problem]) -> bool:
+    """Whether the unknowns of all problems mean the same, so that they can be shared.
+
+    They do not where they count from a claim that differs, as a latency does from the claimed one.
+    """
+    first, *others = problems
+    if any((p.name, p.blocks, p.places) != (first.name, first.blocks, first.places) for p in others):
+        return False
+    return all(_mean_the_same(a, b) for i, a in enumerate(problems) for b in problems[:i])
+
+
+def _without_effects(problem: Problem) -> Floats:
+    """Nuisances as one log alone has them, so that a fit of all logs does not have to find each log's own first."""
+    layout, evaluate = Layout.of(problem), Evaluator(problem)
+    rest = np.zeros((len(problem.blocks), len(layout.scale)))
+    own = layout.nuisances
+    if not len(own):
+        return rest
+    starts = rest.copy()
+    for index in range(len(problem.candidates)):
+        starts[:, layout.of_candidate(index)] = layout.starts(index)[0]
+    residuals = evaluate("nuisances", starts[np.newaxis])[0]
+    jacobian = slopes(evaluate, layout, starts, residuals, own, "nuisances")
+    start = Fit(model=(), columns=own, unknowns=starts, residuals=residuals, jacobian=jacobian)
+    (fit,) = refine(evaluate, layout, split(problem, residuals), [start], stage="nuisances")
+    rest[:, own] = fit.unknowns[:, own]
+    return rest
+
+
+def _mean_the_same(one: Problem, other: Problem) -> bool:
+    theirs = {(c.effect, c.where): c for c in other.candidates if not c.is_nuisance}
+    for mine in one.candidates:
+        match = theirs.get((mine.effect, mine.where))
+        if match is None:
+            continue
+        if [u.name for u in mine.unknowns] != [u.name for u in match.unknowns]:
+            return False
+        start = np.asarray(mine.starts[0], dtype=np.float64)
+        for added in (0.0, 1.0):
+            values = start + added * np.array([0.0 if u.is_shape else u.scale for u in mine.unknowns])
+            here, there = one.physical(mine, values), other.physical(match, values)
+            if here.keys() != there.keys():
+                return False
+            mine_says, theirs_says = ([says[name].value for name in here] for says in (here, there))
+            if not np.allclose(mine_says, theirs_says, rtol=1e-6, atol=1e-12, equal_nan=True):
+                return False
+    return True
+
+
+def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candidate]:
+    """Candidates by place; nuisances of each log are its own and count from `alone`."""
+    listed: dict[Place, Candidate] = {}
+    start = 0
+    for candidate in problem.candidates:
+        own = alone[:, start : start + len(candidate.unknowns)]
+        start += len(candidate.unknowns)
+        if not candidate.is_nuisance:
+            listed[candidate.effect, candidate.where] = candidate
+            continue
+        unknowns = tuple(
+            replace(unknown, low=unknown.low - float(value.max()), high=unknown.high - float(value.min()))
+            for unknown, value in zip(candidate.unknowns, own.T, strict=True)
+        )
+        listed[f"{candidate.effect} of log {number}", candidate.where] = replace(candidate, unknowns=unknowns)
+    return listed
+
+
+def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
+    """One candidate that is within the bounds of all, with the starts of all."""
+    first = same[0]
+    unknowns = tuple(
+        replace(unknown, low=max(c.unknowns[k].low for c in same), high=min(c.unknowns[k].high for c in same))
+        for k, unknown in enumerate(first.unknowns)
+    )
+    low, high = ([getattr(unknown, end) for unknown in unknowns] for end in ("low", "high"))
+    starts = [tuple(np.clip(start, low, high).tolist()) for c in same for start in c.starts]
+    return replace(
+        first,
+        effect=place[0],
+        unknowns=unknowns,
+        starts=tuple(dict.fromkeys(starts)),
+        model_error=max(c.model_error for c in same),
+        resolution=max(c.resolution for c in same),
+        faithful=min(c.faithful for c in same),
+    )
+
+
+def _moved(segment: Segment, number: int, shift_s: float) -> Segment:
+    """The segment on the common clock; motions of different logs are no repeats of each other."""
+    return replace(
+        segment,
+        name=f"{number}/{segment.name}",
+        condition=f"{number}/{segment.condition}",
+        start_s=segment.start_s + shift_s,
+        end_s=segment.end_s + shift_s,
+    )
