@@ -1,7 +1,6 @@
 """From fitted models to findings: the ruling, values and places, the gap on untouched segments, what would be seen."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +10,9 @@ from real2sim.search.cells import Cells
 from real2sim.search.decide import Court, Scored
 from real2sim.search.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
 from real2sim.search.fit import Evaluator, Fit
-from real2sim.search.layout import Model
+from real2sim.search.layout import Model, model_of
 from real2sim.search.quadratic import Quadratic
+from real2sim.search.reported import reported
 
 LADDER = 12
 """Models that the report lists."""
@@ -42,24 +42,28 @@ def findings(
     chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
     confusion = signature.confusion(court.layout, around, chosen.fit.model)
     alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
-    reported, unknowns, final = _reported(problem, court, evaluate, null, chosen)
+    told = reported(problem, court, evaluate, null, chosen)
+    final = told.residuals
     tested = Cells.of(problem, ~court.split.is_fit)
     ruling = _rule(problem, court, tested, null, chosen, alike, final)
     is_told = ruling in ("named", "set")
-    effects = {name: _state(problem, name, groups) for name, groups in reported.items()} if is_told else {}
+    effects = {name: _state(problem, name, groups) for name, groups in told.groups.items()} if is_told else {}
     return Findings(
         problem=problem.name,
         verdict=ruling,
         effects=tuple(one for name, stated in effects.items() if not alike[name] for one in stated),
         sets=_sets(alike) if is_told else (),
-        rivals=tuple(one for name, stated in effects.items() if alike[name] for one in stated),
+        rivals=(
+            *(one for name, stated in effects.items() if alike[name] for one in stated),
+            *(_instead(problem, court, fits, chosen.fit.model, alike) if is_told else ()),
+        ),
         ladder=_ladder(court, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
         residuals=Residuals(
             before=null.fit.residuals,
             after=final,
-            unknowns=unknowns,
+            unknowns=told.unknowns,
             effects=chosen.fit.model,
             is_test=~court.split.is_fit,
         ),
@@ -77,44 +81,23 @@ def _dispersion(court: Court, scored: Sequence[Scored]) -> float:
     return bootstrap.dispersion(best.quadratic(court.layout, court.split), np.ones(len(best.columns), dtype=bool))
 
 
-def _reported(
-    problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored
-) -> tuple[dict[str, list[estimates.Group]], Floats, Floats]:
-    """Groups of each effect of the chosen model, the unknowns that they are, and the residuals that those leave.
-
-    Values that places share are kept where they explain the gap as the fit does; else each place has its own.
-    """
-    fit = chosen.fit
-    if not fit.model:
-        return {}, fit.unknowns, fit.residuals
-    places = {effect: estimates.places_of(problem, court, fit, effect) for effect in fit.model}
-    shared = {effect: estimates.group(problem, found, court.size) for effect, found in places.items()}
-    apart = {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()}
-    sets = np.array(
-        [_as_reported(court, fit, [g for groups in way.values() for g in groups]) for way in (shared, apart)]
-    )
-    left = evaluate("reported values", sets)
-    closed = [court.closed(null, null, replace(chosen, structure=court.cells.structure(r))) for r in left]
-    least = decide.explained_share(court, fit.model)
-    best = 1 if closed[0] < least <= closed[1] else 0
-    return (shared, apart)[best], sets[best], left[best]
-
-
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
     total = len(problem.blocks) * sum(candidate.effect == effect for candidate in problem.candidates)
     return [estimates.found_effect(problem, effect, group, total) for group in groups]
 
 
-def _as_reported(court: Court, fit: Fit, groups: list[estimates.Group]) -> Floats:
-    """The reported values at the reported places and nothing elsewhere, shape (blocks, unknowns)."""
-    unknowns = fit.unknowns.copy()
-    sized = court.layout.of_effects(fit.model)
-    unknowns[:, sized[~court.layout.is_shape[sized]]] = 0.0
-    for group in groups:
-        for place in group.places:
-            columns = court.layout.of_candidate(place.candidate)
-            unknowns[place.block, columns] = np.clip(group.value, court.layout.low[columns], court.layout.high[columns])
-    return unknowns
+def _instead(
+    problem: Problem, court: Court, fits: dict[Model, Fit], chosen: Model, alike: dict[str, list[str]]
+) -> list[FoundEffect]:
+    """The values that other effects of a set have where they stand instead of one that was chosen."""
+    found = []
+    for effect, others in alike.items():
+        for other in others:
+            model = model_of({*chosen, other} - {effect})
+            if other not in chosen and model in fits:
+                places = estimates.places_of(problem, court, fits[model], other)
+                found += _state(problem, other, estimates.group(problem, places, court.size))
+    return found
 
 
 def _rule(

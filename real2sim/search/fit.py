@@ -96,7 +96,7 @@ def refine(
         residuals = evaluate(stage, np.array([trial for _, trial in active]))
         for (state, trial), r in zip(active, residuals, strict=True):
             state.learn(trial, r)
-    shared = [(state, trial) for state in states if (trial := state.share()) is not None]
+    shared = [(state, trial) for state in states for trial in state.share()]
     if shared:
         residuals = evaluate(stage, np.array([trial for _, trial in shared]))
         for (state, trial), r in zip(shared, residuals, strict=True):
@@ -111,6 +111,7 @@ class _Descent:
         self.fit = fit
         self._low, self._high = layout.low[fit.columns], layout.high[fit.columns]
         self._scale = layout.scale[fit.columns]
+        self._has_shape = bool(np.any(layout.is_shape[fit.columns]))
         self._seen = np.flatnonzero(split.is_fit)
         self._damping = np.full(len(fit.unknowns), 1e-3)
         self._is_done = np.zeros(len(fit.unknowns), dtype=bool)
@@ -130,14 +131,24 @@ class _Descent:
                 trial[block, self.fit.columns] = here + change
         return None if self._is_done.all() else trial
 
-    def share(self) -> Floats | None:
-        """The median of the blocks' unknowns in all of them, as one block may be stuck where others are not."""
+    def share(self) -> list[Floats]:
+        """Unknowns of blocks for all of them, as one block may be stuck where others are not.
+
+        The median; of shapes, whose minima lie apart, also those of the block that has least left.
+        """
         if len(self.fit.unknowns) == 1 or not len(self.fit.columns):
-            return None
+            return []
         self._is_done[:] = False
-        trial = self.fit.unknowns.copy()
-        trial[:, self.fit.columns] = np.median(self.fit.unknowns[:, self.fit.columns], axis=0)
-        return trial
+        own = self.fit.unknowns[:, self.fit.columns]
+        shared = [np.median(own, axis=0)]
+        if self._has_shape:
+            shared.append(own[np.argmin(np.sum(self.fit.residuals[:, self._seen] ** 2, axis=1))])
+        trials = []
+        for values in shared:
+            trial = self.fit.unknowns.copy()
+            trial[:, self.fit.columns] = values
+            trials.append(trial)
+        return trials
 
     def learn(self, trial: Floats, residuals: Floats) -> None:
         """Takes the residuals of a trial: corrects the Jacobian, moves where the cost fell."""

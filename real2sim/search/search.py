@@ -62,11 +62,12 @@ class _Search:
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._split: Split
+        self._court: decide.Court
 
     def run(self) -> Findings:
         """The whole search."""
         self._fit_null()
-        court = decide.Court(
+        self._court = decide.Court(
             layout=self._layout,
             split=self._split,
             cells=Cells.of(self._problem, self._split.is_fit),
@@ -77,9 +78,9 @@ class _Search:
         if self._is_worth_fitting():
             self._fit_singles()
             for size in range(2, LARGEST + 1):
-                if decide.may_gain(court, self._fits[()], self._fits[self._best(size - 1)]):
+                if decide.may_gain(self._court, self._fits[()], self._fits[self._best(size - 1)]):
                     self._fit_larger(self._best(size - 1), size)
-        return conclude.findings(self._problem, court, self._evaluate, self._fits, self._library_quadratic)
+        return conclude.findings(self._problem, self._court, self._evaluate, self._fits, self._library_quadratic)
 
     def _fit_null(self) -> None:
         """The model without effects, the split, and the shapes at which effects are looked for."""
@@ -148,6 +149,7 @@ class _Search:
         self._fits |= {each.model: each for each in fits}
         best = sorted(fits, key=self._cost)[:REFITTED]
         self._refit([each.model for each in best], "single effects")
+        self._restart(self._best(1), "single effects")
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Fresh derivatives of fits, then more steps."""
@@ -163,14 +165,60 @@ class _Search:
         """Models of up to `size` effects that the derivatives at the leader propose."""
         self._library(leader)
         models = [model for model in self._propose(leader, size) if model not in self._fits]
-        if leader and size == 2:
-            models += [model for model in self._propose((), 2)[: PROPOSED // 2] if model not in [*self._fits, *models]]
-        starts = [self._start(model, self._nearest(model)) for model in models]
-        fits = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
+        for other in [(), *self._others(leader)] if size == 2 else []:
+            self._library(other)
+            models += [
+                model for model in self._propose(other, 2)[: PROPOSED // 2] if model not in [*self._fits, *models]
+            ]
+        starts = [self._start(model, part) for model in models for part in self._parts(model)]
+        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
+        fits = [self._joined([each for each in tried if each.model == model]) for model in models]
         self._fits |= {each.model: each for each in fits}
         if fits:
             self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
+            self._restart(self._best(size), f"{size} effects")
             self._eliminate(self._best(size))
+
+    def _restart(self, model: Model, stage: str) -> None:
+        """Fits a model again from all shapes that its effects are known to have, if it leaves something.
+
+        A shape at which an effect fits badly may be a minimum all the same, in some blocks or in all.
+        """
+        left = self._court.cells.structure(self._fits[model].residuals)
+        if self._court.cells.largest_rms(left) <= self._court.size:
+            return
+        layout, here = self._layout, self._fits[model]
+        points, moving = [], []
+        for effect in model:
+            columns = layout.of_effects([effect])
+            shaped = columns[layout.is_shape[columns]]
+            for shape in self._shapes(effect) if len(shaped) else []:
+                unknowns = here.unknowns.copy()
+                unknowns[:, shaped] = shape
+                points.append(unknowns)
+                moving.append(columns)
+        residuals = self._evaluate(stage, np.array(points).reshape(-1, *here.unknowns.shape))
+        starts = [here]
+        for unknowns, r, columns in zip(points, residuals, moving, strict=True):
+            jacobian = here.jacobian.copy()
+            jacobian[:, np.isin(here.columns, columns)] = fit.slopes(
+                self._evaluate, layout, unknowns, r, columns, stage
+            )
+            starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
+        if points:
+            self._fits[model] = self._joined(fit.refine(self._evaluate, layout, self._split, starts, stage=stage))
+            self._libraries.pop(model, None)
+            self._refit([model], stage)
+
+    def _shapes(self, effect: str) -> list[Floats]:
+        """Shapes from which fits of an effect start, at all its places alike; each has the shape's unknowns."""
+        layout = self._layout
+        own = [i for i, candidate in enumerate(layout.candidates) if candidate.effect == effect]
+        count = min(len(layout.starts(i)) for i in own)
+        return [
+            np.concatenate([layout.starts(i)[k][layout.is_shape[layout.of_candidate(i)]] for i in own])
+            for k in range(count)
+        ]
 
     def _eliminate(self, model: Model) -> None:
         """Fits the model less each of its effects again, from its own values: they may lead out of a poor minimum."""
@@ -221,9 +269,35 @@ class _Search:
             model=model, columns=columns, unknowns=unknowns, residuals=nearest.residuals.copy(), jacobian=jacobian
         )
 
-    def _nearest(self, model: Model) -> Fit:
-        """The best fit of a part of a model's effects."""
-        return min((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
+    def _parts(self, model: Model) -> list[Fit]:
+        """Fits of some of a model's effects that are worth starting from.
+
+        The best one; and the best one with each effect that has a shape, as a shape at which the others left nothing to
+        explain may lead into a poor minimum.
+        """
+        parts = sorted((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
+        shaped = [e for e in model if np.any(self._layout.is_shape[self._layout.of_effects([e])])]
+        found = [parts[0]]
+        for effect in shaped:
+            found += [each for each in parts if effect in each.model][:1]
+        return list({each.model: each for each in found}.values())
+
+    def _joined(self, fits: list[Fit]) -> Fit:
+        """One model from fits with several starts: of each block the best, as nothing couples blocks."""
+        costs = np.array([np.sum(each.residuals[:, self._split.is_fit] ** 2, axis=1) for each in fits])
+        best = np.argmin(costs, axis=0)
+        blocks = np.arange(len(best))
+        return replace(
+            fits[0],
+            unknowns=np.stack([each.unknowns for each in fits])[best, blocks],
+            residuals=np.stack([each.residuals for each in fits])[best, blocks],
+            jacobian=np.stack([each.jacobian for each in fits])[best, blocks],
+        )
+
+    def _others(self, leader: Model) -> list[Model]:
+        """The second best single effect: where it is half of the truth, the best may be what imitates both."""
+        singles = sorted((each for each in self._fits.values() if len(each.model) == 1), key=self._cost)
+        return [each.model for each in singles if each.model != leader][:1]
 
     def _best(self, size: int) -> Model:
         """The model of this many effects that fits best, or of fewer where none was fitted."""

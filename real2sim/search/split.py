@@ -75,11 +75,12 @@ def split(problem: Problem, residuals: Floats) -> Split:
             pieces += [(rows[i], i) for i in members]
             test += [i == members[-1] for i in members]
             continue
-        for i in members:
+        for turn, i in enumerate(members):
             time_s = problem.time_s[rows[i]]
             cut = _cut(time_s, float(np.clip(np.ptp(time_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)))
             pieces += [(rows[i][part], i) for part in cut]
-            test += [len(cut) >= 3 and k % 3 == 2 for k in range(len(cut))]
+            # not the same part of each: the end of a sweep is what it is made for
+            test += [len(cut) >= 3 and (k + turn) % 3 == 2 for k in range(len(cut))]
     if not any(test):  # many short segments that differ: something must judge
         test = [k % 3 == 2 for k in range(len(test))]
     return _number(problem, pieces, test)

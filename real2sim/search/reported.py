@@ -1,0 +1,144 @@
+"""The values that a verdict states: one for all places that agree, fitted again under just that."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from real2sim.problem import Floats, Problem
+from real2sim.search import decide, estimates, fit
+from real2sim.search.decide import Court, Scored
+from real2sim.search.fit import Evaluator
+from real2sim.search.quadratic import bounded_minimum
+
+ITERATIONS = 3
+"""Of Gauss-Newton, each with fresh derivatives: values start within a few errors of where they end."""
+AS_GOOD = 1.1
+"""Ratio of costs up to which a way to state values is as good as the best one: 10 % of what is left is what values of
+equal drives scatter by, as `estimates.SAME` has it."""
+
+Groups = dict[str, list[estimates.Group]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reported:
+    """Groups of each effect of a model, all unknowns, shape (blocks, unknowns), and the residuals that those leave."""
+
+    groups: Groups
+    unknowns: Floats
+    residuals: Floats
+
+
+def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored) -> Reported:
+    """The simplest way to state the chosen model that explains the log as the fit does.
+
+    Ways, simplest first: values that places share; own values where the effect shows; own values at all places.
+    """
+    model = chosen.fit.model
+    if not model:
+        return Reported(groups={}, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    places = {effect: estimates.places_of(problem, court, chosen.fit, effect) for effect in model}
+    ways: tuple[Groups, ...] = (
+        {effect: estimates.group(problem, found, court.size) for effect, found in places.items()},
+        {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()},
+    )
+    tried = [_Tied(court, chosen.fit, way).fitted(evaluate) for way in ways]
+    everywhere = Reported(groups=ways[-1], unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    least = decide.explained_share(court, model)
+    lowest = min(_cost(court, one.residuals) for one in (*tried, everywhere))
+    for one in tried:
+        closed = court.closed(null, null, replace(chosen, structure=court.cells.structure(one.residuals)))
+        if closed >= least and _is_as_good(court, one.residuals, lowest):
+            return one
+    return everywhere
+
+
+def _cost(court: Court, residuals: Floats) -> float:
+    return float(np.sum(residuals[:, court.split.is_fit] ** 2))
+
+
+def _is_as_good(court: Court, residuals: Floats, lowest: float) -> bool:
+    """Whether nothing is left that could be called a gap, or hardly more than by the best way."""
+    left = court.cells.largest_rms(court.cells.structure(residuals))
+    return left <= court.size or _cost(court, residuals) <= AS_GOOD * lowest
+
+
+class _Tied:
+    """A model in which the places of a group have one value, and places of no group lack the effect.
+
+    Args:
+        court: Split and layout.
+        start: The fit whose nuisances and shapes are kept where no group says anything.
+        groups: Of each effect.
+    """
+
+    def __init__(self, court: Court, start: fit.Fit, groups: Groups) -> None:
+        self._court, self._start, self._groups = court, start, groups
+        layout = court.layout
+        self._rest = start.unknowns.copy()
+        sized = layout.of_effects(start.model)
+        self._rest[:, sized[~layout.is_shape[sized]]] = 0.0
+        # each number that is fitted: the blocks and columns of the vector of unknowns at which it stands
+        self._seats: list[list[tuple[int, int]]] = []
+        values: list[float] = []
+        for group in (group for several in groups.values() for group in several):
+            columns = [layout.of_candidate(place.candidate) for place in group.places]
+            for i, value in enumerate(group.value):
+                self._seats.append([(p.block, int(c[i])) for p, c in zip(group.places, columns, strict=True)])
+                values.append(float(value))
+        for column in layout.nuisances:
+            for block in range(len(start.unknowns)):
+                self._seats.append([(block, int(column))])
+                values.append(float(start.unknowns[block, column]))
+        own = [seats[0][1] for seats in self._seats]
+        self._low, self._high = layout.low[own], layout.high[own]
+        self._values = np.clip(np.array(values), self._low, self._high)
+
+    def fitted(self, evaluate: Evaluator) -> Reported:
+        """Gauss-Newton; a step that does not help is the last."""
+        values = self._values
+        unknowns = self._unknowns(values)
+        residuals = evaluate("reported values", unknowns[np.newaxis])[0]
+        for _ in range(ITERATIONS):
+            if self._court.cells.largest_rms(self._court.cells.structure(residuals)) <= self._court.size:
+                break
+            trial = np.clip(values + self._change(evaluate, values, unknowns, residuals), self._low, self._high)
+            moved = self._unknowns(trial)
+            left = evaluate("reported values", moved[np.newaxis])[0]
+            if _cost(self._court, left) >= _cost(self._court, residuals):
+                break
+            values, unknowns, residuals = trial, moved, left
+        return Reported(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
+
+    def _change(self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats) -> Floats:
+        layout, seen = self._court.layout, self._court.split.is_fit
+        columns = np.unique([column for seats in self._seats for _, column in seats])
+        jacobian = fit.slopes(evaluate, layout, unknowns, residuals, columns, "reported values")[:, :, seen]
+        count = len(self._seats)
+        tied = np.zeros((len(residuals), len(columns), count))
+        for i, seats in enumerate(self._seats):
+            for block, column in seats:
+                tied[block, np.searchsorted(columns, column), i] = 1.0
+        hessian, gradient = np.zeros((count, count)), np.zeros(count)
+        for block, r in enumerate(residuals[:, seen]):
+            own = tied[block]
+            hessian += own.T @ (jacobian[block] @ jacobian[block].T) @ own
+            gradient += own.T @ (jacobian[block] @ r)
+        return bounded_minimum(hessian, gradient, self._low - values, self._high - values)
+
+    def _unknowns(self, values: Floats) -> Floats:
+        unknowns = self._rest.copy()
+        for value, seats in zip(values, self._seats, strict=True):
+            for block, column in seats:
+                unknowns[block, column] = value
+        return unknowns
+
+    def _regrouped(self, values: Floats) -> Groups:
+        """The groups with fitted values, in the order in which they were counted."""
+        at = 0
+        found: Groups = {}
+        for effect, groups in self._groups.items():
+            found[effect] = []
+            for group in groups:
+                found[effect].append(replace(group, value=values[at : at + len(group.value)]))
+                at += len(group.value)
+        return found
