@@ -22,9 +22,9 @@ from mujoco.sysid._src import optimize
 from mujoco.sysid._src.parameter import Parameter, ParameterDict
 from scipy import stats
 
-from real2sim.experiments import run
-from real2sim.instruments import SensorNoise
-from real2sim.menu import experiment_named
+from real2sim.experiments.instruments import SensorNoise
+from real2sim.experiments.menu import experiment_named
+from real2sim.experiments.run import run
 from real2sim.pipeline import find
 from saltus import go1
 from saltus.effects.armature import Armature
