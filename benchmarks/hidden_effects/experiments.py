@@ -79,6 +79,8 @@ CAMERA: dict[str, tuple[tuple[str, ...], float, str]] = {
 """By name of an experiment: its conditions, its length [s], and what stands before the robot."""
 NOSE_M = 0.27
 """From the trunk's centre to the camera: ranges are counted from there."""
+WALK_S = 0.7
+"""In which the robot gets from one place to the next, before the segment of that place begins: up to 1 m/s."""
 
 BODY: dict[str, tuple[dict[str, Stance], float]] = {
     "heave_and_pitch": ({"heave": stances.squat, "pitch": stances.rock}, 26.0),
@@ -133,7 +135,12 @@ def camera_path(name: str) -> tuple[view.Path, tuple[view.Box, ...]]:
     for number, condition in enumerate(c for c in conditions for _ in range(REPEATS)):
         inside = (t >= number * each) & (t < (number + 1) * each)
         values[:, inside] = _camera_move(condition, t[inside] - number * each, each, before)
-        segments.append(_segment(condition, number % REPEATS, number * each, each))
+        walk = WALK_S if condition.startswith("at ") else 0.0
+        if walk and number:
+            done = np.clip((t[inside] - number * each) / walk, 0, 1)
+            came_from = values[0, inside.argmax() - 1]
+            values[0, inside] = came_from + (values[0, inside] - came_from) * done * done * (3 - 2 * done)
+        segments.append(_segment(condition, number % REPEATS, number * each + walk, each - walk))
     boxes = {
         "step": (
             view.Box(center=(1.05, 0.0, 0.05), size=(0.5, 1.2, 0.1)),
