@@ -27,7 +27,7 @@ FLOOR = {"q": 1e-4, "dq": 5e-3, "tau_est": 2e-2}
 """Smallest noise of a sample to believe in [rad], [rad/s], [Nm]: the replay itself is as good as that."""
 CLIP = 100.0
 STOP = 0.01  # rad: nearer than this to its limit a joint may touch
-TOGETHER = 16
+TOGETHER = 32
 """Sets that are simulated together: their arrays then stay in the cache of a core."""
 DRY, PLAY, INERTIA = ("coulomb_friction", "stiction"), ("backlash",), ("armature", "viscous_friction")
 """Effects that make the replay of all who are simulated with them slower."""

@@ -10,7 +10,7 @@ from real2sim.search import bootstrap
 from real2sim.search.cells import Cells
 from real2sim.search.findings import Confusion
 from real2sim.search.fit import Fit
-from real2sim.search.layout import Layout, Model
+from real2sim.search.layout import Layout, Model, model_of
 from real2sim.search.split import TEST, Split
 
 GAIN_NATS = 10.0
@@ -47,6 +47,9 @@ PROMISING_SHARE = 0.8
 """A pair that closes less lacks more than one further effect: larger models are not tried."""
 REMAINDER_RMS = 0.5
 """RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
+ALIKE_SHARE = 0.01
+"""Of what an effect explains, a rival that explains all but this share is as good, however sure the rest is: a tenth of
+the amplitude is within what two correct simulations of a gait or of a contact differ by."""
 SET_SIZE = 3
 
 
@@ -181,10 +184,12 @@ def ambiguities(
 ) -> dict[str, list[str]]:
     """For each effect of the chosen model, the others that these data do not tell from it, likeliest first.
 
-    Others are those of models of the same size that the chosen one does not lead beyond chance, and those collinear
-    with it, if a model with them instead closes a share of the gap that would count as an explanation.
+    Others are those of models of the same size that the chosen one does not lead beyond chance and beyond what two
+    simulations differ by, and those collinear with it, if a model with them instead closes a share of the gap that
+    would count as an explanation.
     """
-    null = next(each for each in scored if not each.fit.model)
+    by_model = {each.fit.model: each for each in scored}
+    null = by_model[()]
     found: dict[str, list[str]] = {effect: [] for effect in chosen.fit.model}
     for rival in sorted(scored, key=lambda each: each.total):
         gone = set(chosen.fit.model) - set(rival.fit.model)
@@ -192,7 +197,9 @@ def ambiguities(
         if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE[0]:
             continue
         effect, other = gone.pop(), new.pop()
-        is_tied = not court.lead(rival, chosen, dispersion)
+        without = by_model.get(model_of(set(chosen.fit.model) - {effect}), null)
+        more = court.closed(null, without, chosen) - court.closed(null, without, rival)
+        is_tied = more < ALIKE_SHARE or not court.lead(rival, chosen, dispersion)
         # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
         imitates = court.closed(null, null, rival) >= COLLINEAR**2 * court.closed(null, null, chosen)
         if is_tied or (imitates and confusion.between(effect, other) >= COLLINEAR):

@@ -165,11 +165,10 @@ class _Search:
         """Models of up to `size` effects that the derivatives at the leader propose."""
         self._library(leader)
         models = [model for model in self._propose(leader, size) if model not in self._fits]
-        for other in [(), *self._others(leader)] if size == 2 else []:
+        for other in self._others(leader, size - 1):
             self._library(other)
-            models += [
-                model for model in self._propose(other, 2)[: PROPOSED // 2] if model not in [*self._fits, *models]
-            ]
+            proposed = self._propose(other, size)[: PROPOSED // 2]
+            models += [model for model in proposed if model not in [*self._fits, *models]]
         starts = [self._start(model, part) for model in models for part in self._parts(model)]
         tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
         fits = [self._joined([each for each in tried if each.model == model]) for model in models]
@@ -272,14 +271,13 @@ class _Search:
     def _parts(self, model: Model) -> list[Fit]:
         """Fits of some of a model's effects that are worth starting from.
 
-        The best one; and the best one with each effect that has a shape, as a shape at which the others left nothing to
-        explain may lead into a poor minimum.
+        The best one; where shapes are sought, the best one with each effect, as a shape that has made up for what was
+        lacking may be a poor minimum beside what is new.
         """
         parts = sorted((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
-        shaped = [e for e in model if np.any(self._layout.is_shape[self._layout.of_effects([e])])]
-        found = [parts[0]]
-        for effect in shaped:
-            found += [each for each in parts if effect in each.model][:1]
+        found = parts[:1]
+        if np.any(self._layout.is_shape[self._layout.of_effects(model)]):
+            found += [next(each for each in parts if effect in each.model) for effect in model]
         return list({each.model: each for each in found}.values())
 
     def _joined(self, fits: list[Fit]) -> Fit:
@@ -294,10 +292,14 @@ class _Search:
             jacobian=np.stack([each.jacobian for each in fits])[best, blocks],
         )
 
-    def _others(self, leader: Model) -> list[Model]:
-        """The second best single effect: where it is half of the truth, the best may be what imitates both."""
-        singles = sorted((each for each in self._fits.values() if len(each.model) == 1), key=self._cost)
-        return [each.model for each in singles if each.model != leader][:1]
+    def _others(self, leader: Model, size: int) -> list[Model]:
+        """Further models from which larger ones are proposed: the next best of a size, and the claimed one for pairs.
+
+        Where the next best is a part of the truth, the best may be what imitates all of it.
+        """
+        fits = sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
+        next_best = [each.model for each in fits if each.model != leader][:1]
+        return [(), *next_best] if size == 1 else next_best
 
     def _best(self, size: int) -> Model:
         """The model of this many effects that fits best, or of fewer where none was fitted."""

@@ -104,6 +104,27 @@ def test_pairs_are_named_though_one_hides_the_other(first: tuple[str, float], se
     assert named == {first[0], second[0]}
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_log(seed: int) -> None:
+    shapes = {
+        ("hip", "FR"): (0.25, 4.0),
+        ("calf", "FR"): (0.3, 8.0),
+        ("hip", "FL"): (0.3, 7.0),
+        ("calf", "FL"): (0.2, 5.0),
+    }
+    hidden = {("torque_saturation", where, block): values for (where, block), values in shapes.items()}
+    findings = search(OneJoint(hidden | everywhere("viscous_friction", 0.15), seed=seed, colour=0.4))
+    assert findings.verdict == "named"
+    assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
+    after, floor = (sum(getattr(gap, name) for gap in findings.gaps) for name in ("after", "floor"))
+    assert after == pytest.approx(floor, rel=0.1)
+
+
+def test_a_small_effect_beside_a_far_larger_one_is_named() -> None:
+    findings = search(OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02)))
+    assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
+
+
 def test_what_is_not_in_the_library_stays_unexplained() -> None:
     assert search(OneJoint({}, ripple=0.3, colour=0.4)).verdict == "unexplained"
 

@@ -35,3 +35,16 @@ def test_folds_are_segments_or_pieces_that_do_not_mix() -> None:
     parts = split(problem, np.ones((2, len(problem.time_s))))
     for fold in parts.folds:
         assert len(set(parts.segment[parts.fold == fold])) == 1
+
+
+def test_the_test_is_not_the_same_part_of_every_segment() -> None:
+    problem = OneJoint({("viscous_friction", "hip", "FR"): (0.3,)})
+    residuals = np.ones((2, len(problem.time_s)))
+    residuals[:, problem.segment == 1] *= 4.0  # chirps of two amplitudes: each is cut
+    parts = split(problem, residuals)
+    held_out = []
+    for segment in (0, 1):
+        rows = problem.segment == segment
+        start = problem.time_s[rows].min()
+        held_out.append(np.round(np.unique(problem.time_s[rows & ~parts.is_fit]) - start, 3))
+    assert not np.intersect1d(*held_out).size
