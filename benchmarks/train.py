@@ -9,69 +9,79 @@ of all robots. "learning" is the update of the networks, divided by the steps th
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import torch
 
 from policy.env import JumpEnv
 from policy.learner import Learner
-from policy.settings import for_cpu, for_gpu
-from policy.train import make_engine
+from policy.settings import TrainConfig, for_cpu, for_gpu
+from policy.train import device_of_this_process, make_engine
 from saltus import go1
 
+_WARM_UPS = 2  # iterations: the first ones allocate, and on a GPU choose their kernels
+_REPEATS = 50  # of a stage
 
-def main() -> None:
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int)
     parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
     parser.add_argument("--iterations", type=int, default=5)
-    given = parser.parse_args()
-    device = "cuda:0" if given.device == "auto" and torch.cuda.is_available() else "cpu"
+    given = parser.parse_args(arguments)
+    device = device_of_this_process(given.device).device
     config = for_cpu() if device == "cpu" else for_gpu()
     if given.robots:
         config = replace(config, robots=given.robots)
-    torch.set_float32_matmul_precision("high")
+    print(json.dumps(measure(config, device, given.iterations)))
+
+
+def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
+    """Trains for some iterations, then times the stages of a step one by one."""
     engine = make_engine(config.robots, device)
     env = JumpEnv(engine, config.env, seed=0, device=device)
     learner = Learner(env, config.learning)
-    collecting, learning = _iterations(learner, given.iterations, device)
+    collecting, learning = _iterations(learner, iterations, device)
     plan, control, sense, finish = env.stages
     horizon = config.learning.horizon
+
+    def ms(stage: Callable[[], object]) -> float:
+        return _ms(stage, device, repeats)
+
     with torch.no_grad():
-        ms = {
-            "physics": _ms(engine.step, device) * go1.POLICY_STEPS,
-            "controller": (_ms(control, device) + _ms(sense, device)) * go1.POLICY_STEPS,
-            "observation": _ms(plan, device) + _ms(finish, device),
-            "policy": _ms(learner.act, device),
+        times = {
+            "physics": ms(engine.step) * go1.POLICY_STEPS,
+            "controller": (ms(control) + ms(sense)) * go1.POLICY_STEPS,
+            "observation": ms(plan) + ms(finish),
+            "policy": ms(learner.act),
             "learning": 1e3 * learning / horizon,
         }
-    report = {
+    return {
         "engine": type(engine).__name__,
         "robots": config.robots,
         "steps_per_s": round(config.robots * horizon / (collecting + learning)),
-        "ms": {name: round(value, 3) for name, value in ms.items()},
-        "ms_collecting": round(1e3 * collecting / horizon, 3),
+        "ms": {name: round(value, 3) for name, value in times.items()},
     }
-    print(json.dumps(report))
 
 
 def _iterations(learner: Learner, count: int, device: str) -> tuple[float, float]:
-    """Seconds of collecting and of learning, the mean of `count` iterations after two to warm up."""
+    """Seconds of collecting and of learning, the mean of `count` iterations after some to warm up."""
     collecting = learning = 0.0
-    for i in range(count + 2):
+    for i in range(count + _WARM_UPS):
         start = _now(device)
         learner.collect()
         middle = _now(device)
         learner.learn()
-        if i >= 2:
+        if i >= _WARM_UPS:
             collecting += middle - start
             learning += _now(device) - middle
     return collecting / count, learning / count
 
 
-def _ms(function: Callable[[], object], device: str, count: int = 50) -> float:
+def _ms(function: Callable[[], object], device: str, count: int) -> float:
     for _ in range(3):
         function()
     start = _now(device)

@@ -54,6 +54,11 @@ class Progress:
         self._write(row)
         return _line(row)
 
+    def add(self, values: dict[str, float], iteration: int) -> None:
+        """Adds points to tensorboard's curves."""
+        for name, value in values.items():
+            self._curves.add_scalar(name, value, iteration)
+
     def close(self) -> None:
         """Finishes the curves."""
         self._curves.close()
@@ -88,8 +93,9 @@ class Progress:
             if is_new:
                 writer.writeheader()
             writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
-        for name, value in row.items():
-            self._curves.add_scalar(name if "/" in name else f"train/{name}", value, int(row["iteration"]))
+        self.add(
+            {name if "/" in name else f"train/{name}": value for name, value in row.items()}, int(row["iteration"])
+        )
 
 
 def _line(row: dict[str, float]) -> str:

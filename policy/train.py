@@ -1,7 +1,8 @@
 """Trains the motion policy: `python -m policy.train --out FOLDER`, on a CPU or on GPUs, resumable at any time.
 
-The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `progress.csv` and
-curves for tensorboard. With `torchrun --nproc_per_node N -m policy.train ...` N GPUs learn together.
+The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `progress.csv`,
+`evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m policy.train ...` N GPUs learn
+together.
 """
 
 import argparse
@@ -15,15 +16,15 @@ import torch
 
 from policy.env import JumpEnv
 from policy.learner import Learner, read_checkpoint
-from policy.progress import Progress
 from policy.settings import TrainConfig, for_cpu, for_gpu
-from saltus.config import from_toml, load, to_toml
+from policy.training_record import TrainingRecord
+from saltus.config import from_toml, load
 from saltus.provenance import commit
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import BOXES
 
-_REPORT_S = 10.0
-_SAVE_S = 120.0
+EVALUATE_MINUTES = 3.0
+"""Between evaluations with the deployed stack beside a GPU; there are none on a CPU, whose cores training needs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +55,8 @@ def train(
     rank: Rank,
     resume: Path | None = None,
     iterations: int | None = None,
+    evaluate_minutes: float = 0.0,
+    code: str | None = None,
 ) -> None:
     """Trains until the time is over or `iterations` are done, and saves.
 
@@ -64,40 +67,33 @@ def train(
         rank: Of this process.
         resume: Checkpoint to go on from.
         iterations: Where to stop before the time is over; counted from the very first.
+        evaluate_minutes: Time between evaluations with the deployed stack, which run beside the training; 0 for none.
+        code: Which code trains, where this machine cannot tell.
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
-    env = JumpEnv(
-        make_engine(config.robots, rank.device), config.env, seed=config.seed + 1000 * rank.rank, device=rank.device
-    )
+    engine = make_engine(config.robots, rank.device)
+    env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
-    writes = rank.rank == 0
-    if writes:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "config.toml").write_text(to_toml(config))
-        (folder / "commit.txt").write_text(commit() + "\n")
-        progress = Progress(folder, env, learner)
+    record: TrainingRecord | None = None
+    if rank.rank == 0:
+        record = TrainingRecord(
+            folder, config, env, learner,
+            commit=code or commit(), start_s=start - before_s, evaluate_s=60.0 * evaluate_minutes, say=_say,
+        )  # fmt: skip
         _say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
-
-    def save() -> None:
-        seconds = before_s + time.monotonic() - start
-        learner.save(folder / "checkpoint.pt", {"seconds": seconds, "config": to_toml(config), "commit": commit()})
-
-    reported = saved = time.monotonic()
-    while not _over(start, minutes, rank) and (iterations is None or learner.iteration < iterations):
-        learner.collect()
-        losses = learner.learn()
-        now = time.monotonic()
-        if writes and now - reported > _REPORT_S:
-            _say(progress.report(losses, now - reported, before_s + now - start))
-            reported = now
-        if writes and now - saved > _SAVE_S:
-            save()
-            saved = now
-    if writes:
-        save()
-        progress.close()
+    try:
+        while not _over(start, minutes, rank) and (iterations is None or learner.iteration < iterations):
+            learner.collect()
+            losses = learner.learn()
+            if record is not None:
+                record.step(losses)
+        if record is not None:
+            record.save()
+    finally:
+        if record is not None:
+            record.close()
 
 
 def _over(start: float, minutes: float, rank: Rank) -> bool:
@@ -112,9 +108,13 @@ def _say(line: str) -> None:
     print(line, flush=True)  # noqa: T201
 
 
-def _rank(device: str) -> Rank:
+def device_of_this_process(device: str) -> Rank:
+    """Where this process trains, made ready for it; `device` is "cpu", or "auto" for a GPU where there is one."""
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if device == "cpu" or not torch.cuda.is_available():
+        # Batches of a few hundred robots are too small to share: two threads on two busy cores wait for each other,
+        # and take 11 times as long as one (docs/policy.md). The physics has threads of its own.
+        torch.set_num_threads(1)
         return Rank()
     local = int(os.environ.get("LOCAL_RANK", "0"))
     torch.cuda.set_device(local)
@@ -149,9 +149,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--robots", type=int, help="number of robots of each process")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--profile", help="effects of the drives: ideal, go1, one of your own, or a TOML file")
+    parser.add_argument(
+        "--evaluate-minutes", type=float, help="between evaluations with the deployed stack; 0: none (default on a CPU)"
+    )
+    parser.add_argument("--commit", help="which code this is, where the machine has no repository")
     parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
     given = parser.parse_args(arguments)
-    rank = _rank(given.device)
+    rank = device_of_this_process(given.device)
+    every = EVALUATE_MINUTES if rank.device != "cpu" else 0.0
     train(
         _config(given, rank.device),
         given.out,
@@ -159,6 +164,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rank=rank,
         resume=given.resume,
         iterations=given.iterations,
+        evaluate_minutes=every if given.evaluate_minutes is None else given.evaluate_minutes,
+        code=given.commit,
     )
 
 

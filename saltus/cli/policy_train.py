@@ -30,6 +30,9 @@ class Train:
     """Of everything that is drawn."""
     profile: str | None = None
     """Effects of the drives: ideal, go1, one of your own, or a TOML file; that of the config where it is not given."""
+    evaluate_minutes: float | None = None
+    """Time between evaluations with the deployed stack, which run beside the training; 0: none. By default 3 beside a
+    GPU, and none on a CPU."""
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m policy.train."""
 
@@ -40,7 +43,7 @@ class Train:
         except ImportError as error:
             raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
         given = {name: value for name, value in vars(self).items() if value is not None}
-        main([part for name, value in given.items() for part in (f"--{name}", str(value))])
+        main([part for name, value in given.items() for part in (f"--{name.replace('_', '-')}", str(value))])
         print(self.out / "checkpoint.pt")
         return 0
 
