@@ -4,6 +4,7 @@ Base and feet follow prescribed curves; the legs follow by inverse kinematics. N
 the network every terrain, speed and attitude cheaply, with feet that stand where they say they stand.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -176,8 +177,10 @@ def _hold_per_cycle(value: Floats, cycle: Floats) -> Floats:
 
 def _wander(rng: np.random.Generator, ticks: int, size: float, period_s: float) -> Floats:
     """Smooth random curve of standard deviation `size`, shape (ticks,)."""
-    smooth = gaussian_filter1d(rng.normal(size=ticks), period_s / TICK_S / 3.0, mode="wrap")
-    return size * smooth / (smooth.std() + 1e-9)
+    width = period_s / TICK_S / 3.0
+    smooth = gaussian_filter1d(rng.normal(size=ticks), width, mode="wrap")
+    # By the deviation of smoothed noise, not by that of this curve: a short one hardly varies about its own mean.
+    return size * math.sqrt(2.0 * math.sqrt(math.pi) * width) * smooth
 
 
 def _level_stood_on(ground: Floats, trusted: NDArray[np.bool_]) -> Floats:

@@ -39,6 +39,8 @@ class Eval:
     """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run."""
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
     """Predictors without training that are shown the same images: geometric, geometric-feet."""
+    time_limit_s: float = 10.0
+    """Of a run."""
     processes: int | None = None
     """How many share the runs; one for each core where it is not given. The numbers do not depend on it."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
@@ -53,7 +55,9 @@ class Eval:
         from heightmap.workers import in_order
         from saltus.resources import resource
 
-        config = HeldOutRuns(runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines)
+        config = HeldOutRuns(
+            runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines, time_limit_s=self.time_limit_s
+        )  # fmt: skip
         work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
         processes = self.processes or len(os.sched_getaffinity(0))
         measured: list[HeldOutRun] = []

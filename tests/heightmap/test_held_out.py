@@ -1,0 +1,109 @@
+"""Held-out runs: what is counted, and that scores say what they are named after."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heightmap.held_out import COURSES, FIRST_SEED, HARD, KINDS, MASTERED, NETWORK, HeldOutRun, HeldOutRuns, Prediction
+from heightmap.quantiles import INTERVAL90
+from heightmap.scores import score, scores
+from heightmap.sight import REMEMBERED, UNSEEN, VISIBLE
+from saltus.cli.main import main
+from saltus.errors import ConfigError
+from saltus.grid import HEIGHTMAP_X
+
+POINTS = len(HEIGHTMAP_X)
+STEPS = 400
+
+
+def made_up(height: np.ndarray, std: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
+    prediction = Prediction(height=height, std=std)
+    return HeldOutRun(
+        terrain="stairs", level=MASTERED, true_height=true, view=view.astype(np.int8), predictions={NETWORK: prediction}
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> list[HeldOutRun]:
+    config = HeldOutRuns(runs=COURSES, baselines=("geometric",), time_limit_s=1.8)
+    assert config.batches == [(0, COURSES)]
+    return config.measure(model_path, (0, COURSES))
+
+
+def test_errors_are_counted_by_what_was_met() -> None:
+    rng = np.random.default_rng(0)
+    true = rng.normal(size=(STEPS, POINTS))
+    view = rng.integers(0, 3, (STEPS, POINTS))
+    off = np.select([view == VISIBLE, view == REMEMBERED], [0.01, 0.03], 0.5)
+    found = score([made_up(true + off, np.full_like(true, 0.1), true, view)], NETWORK)
+    assert found.mae_visible_m == pytest.approx(0.01)
+    assert found.mae_remembered_m == pytest.approx(0.03)
+    assert found.mae_unseen_m == pytest.approx(0.5)
+    seen = view != UNSEEN
+    assert found.mae_m == pytest.approx(off[seen].mean())
+    assert found.coverage90 == pytest.approx(seen.mean())
+    assert found.coverage90_met == 1.0
+    assert found.points == true.size
+
+
+@pytest.mark.parametrize("law", ["normal", "laplace"])
+def test_an_interval_that_holds_nine_of_ten_errors_is_said_to(law: str) -> None:
+    rng = np.random.default_rng(1)
+    true = np.zeros((STEPS, POINTS))
+    std = rng.uniform(0.005, 0.05, true.shape)
+    draw = rng.normal(size=true.shape) if law == "normal" else rng.laplace(size=true.shape) * INTERVAL90 / np.log(10.0)
+    found = score([made_up(draw * std, std, true, np.zeros(true.shape))], NETWORK)
+    assert found.coverage90 == pytest.approx(0.9, abs=0.01)
+    worse = score([made_up(draw * std, 3.0 * std, true, np.zeros(true.shape))], NETWORK)
+    assert worse.nll > found.nll
+    if law == "laplace":  # the law by which it is judged: nothing scores better than the truth
+        scale = std * INTERVAL90 / np.log(10.0)
+        assert found.nll == pytest.approx(float(np.mean(1.0 + np.log(2.0 * scale))), abs=0.02)
+
+
+def test_edges_that_were_never_met_do_not_count() -> None:
+    true = np.tile(np.where(HEIGHTMAP_X > 0.4, 0.1, 0.0), (STEPS, 1))
+    late = np.roll(true, 1, axis=1)
+    late[:, 0] = 0.0
+    met = score([made_up(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
+    assert met.edge_error_m == pytest.approx(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
+    assert met.edges_found == 1.0
+    ahead = np.where(HEIGHTMAP_X > 0.3, UNSEEN, VISIBLE) * np.ones_like(true)
+    assert np.isnan(score([made_up(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m)
+
+
+def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_path: Path) -> None:
+    assert {(run.terrain, run.level) for run in runs} == {(kind, level) for kind in KINDS for level in (MASTERED, HARD)}
+    for run in runs:
+        assert run.true_height.shape == run.view.shape
+        assert set(run.predictions) == {NETWORK, "geometric"}
+        for said in run.predictions.values():
+            assert said.height.shape == said.std.shape == run.true_height.shape
+            assert np.isfinite(said.height).all()
+            assert (said.std > 0.0).all()
+        ahead = run.view[:50, HEIGHTMAP_X > 0.6]
+        assert (ahead != UNSEEN).mean() > 0.5
+    table = scores(runs)
+    # Deprojection is right to a centimetre or two on flat ground; a network that was never trained is not.
+    assert table["baselines"]["geometric"]["by_terrain"]["flat"]["mae_m"] < 0.03 < table["mae_m"]
+
+
+def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--runs", "1", "--baselines", "geometric-feet", "--processes", "1", "--time-limit-s", "1.5", "--json"]
+    assert main(["heightmap", "eval", "--model", str(model_path), *flags]) == 0
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    asked = {"mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_error_m", "coverage90", "nll"}
+    assert asked | {"by_terrain", "baselines"} <= set(table)
+    assert asked <= set(table["baselines"]["geometric-feet"])
+    assert set(table["by_terrain"]) == {"flat"}
+
+
+def test_no_runs_are_refused() -> None:
+    with pytest.raises(ConfigError, match="runs = 0"):
+        HeldOutRuns(runs=0)
+
+
+def test_seeds_are_no_others() -> None:
+    assert 2_000_000 < FIRST_SEED < 2**32

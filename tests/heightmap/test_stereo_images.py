@@ -1,0 +1,75 @@
+"""Images of a stereo camera: those that data are made of, and those that robots in roll-outs get."""
+
+import numpy as np
+import pytest
+
+from heightmap.closed_loop import ClosedLoop
+from heightmap.kinematic import KinematicBounding
+from heightmap.robot_cameras import IdealCameras, StereoCameras
+from heightmap.rollouts import FRAME_TICKS, Trajectory, episode_of, random_mount
+from heightmap.stereo_images import drawn_cameras, stereo_images
+from policy.planner import make_planner
+from policy.rollout import STAND_STEPS, Rollout
+from render.stereo.camera import IDEAL_STEREO
+from saltus.config import TerrainConfig
+from saltus.depth import MILLIMETRE, RANGE_M
+from saltus.effects.camera import ViewChain
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.stack import TerrainStack
+from saltus.trial import Trial
+
+
+@pytest.fixture(scope="module")
+def motion() -> list[Trajectory]:
+    short = KinematicBounding(ticks=41, terrains=("stairs", "gap"))
+    longer = KinematicBounding(ticks=60, terrains=("stepping_stones", "step"))
+    rng = np.random.default_rng(0)
+    return [*short.trajectories(rng, 3), *longer.trajectories(rng, 3)]
+
+
+def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
+    rng = np.random.default_rng(1)
+    mounts = [random_mount(rng) for _ in motion]
+    images, again = (stereo_images(motion, mounts, np.random.default_rng(2)) for _ in range(2))
+    off_mm = []
+    for trajectory, mount, image, same in zip(motion, mounts, images, again, strict=True):
+        true = episode_of(trajectory, mount, threads=1).depth
+        assert image.shape == true.shape == (-(-len(trajectory.joint_position) // FRAME_TICKS), 48, 16)
+        np.testing.assert_array_equal(image, same)
+        assert (image == 0).mean() < 0.1
+        near = (true < 1000) & (image > 0)
+        off_mm.append(np.abs(image.astype(np.float64) - true)[near])
+    assert 0.3 < np.median(np.concatenate(off_mm)) < 10.0  # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
+
+
+def test_cameras_differ_in_how_bad_they_are() -> None:
+    sigma = np.asarray(drawn_cameras(200, np.random.default_rng(0)).disparity_noise.sigma)
+    assert sigma.shape == (200,)
+    assert 0.03 < sigma.min() < 0.04 < 0.15 < sigma.max() < 0.16  # 0.4 to 2 times 0.08 px
+
+
+def test_motion_does_not_depend_on_the_camera() -> None:
+    loops = [ClosedLoop(robots=2, courses=2, ticks=STAND_STEPS, camera=camera) for camera in ("ideal", "d435i")]
+    true, stereo = (loop.episodes(None, (5, 0, 0)) for loop in loops)
+    assert len(true) == len(stereo) > 0
+    for a, b in zip(true, stereo, strict=True):
+        np.testing.assert_array_equal(a.height, b.height)
+        np.testing.assert_array_equal(a.proprioception, b.proprioception)
+        assert (a.depth != b.depth).any()
+
+
+def test_a_stereo_camera_without_errors_takes_true_images() -> None:
+    kinds = ("stairs", "gap")
+    courses = [make_terrain(TerrainConfig(terrain=kind, difficulty=0.2)) for kind in kinds]
+    terrains = [courses[0], courses[1], courses[0]]
+    rollout = Rollout(terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted"))
+    stack = TerrainStack(terrains)
+    ideal = IdealCameras(stack, ViewChain())
+    stereo = StereoCameras(stack, ViewChain(), IDEAL_STEREO, np.random.default_rng(0))
+    for _ in range(3):
+        step = rollout.step()
+        true, seen = (cameras.expose(step.truth, step.states.time_s) for cameras in (ideal, stereo))
+        inside = np.isfinite(true) & np.isfinite(seen) & (true < RANGE_M)
+        # A pixel of the one is the mean of three rays of the other: alike but at edges.
+        assert inside.mean() > 0.3
+        assert np.median(np.abs(true[inside] - seen[inside])) < 2.0 * MILLIMETRE
