@@ -37,14 +37,13 @@ from heightmap.shards import (
     write_shard,
     write_whole,
 )
-from heightmap.train import Progress, TrainConfig, load_checkpoint, train
+from heightmap.train import FURTHER_RATE, Progress, TrainConfig, load_checkpoint, train
 from heightmap.validate import MIN_WARMUP
 from heightmap.workers import in_order
 from saltus.errors import ConfigError
 
 SOURCE = "dagger"
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
-FURTHER_RATE = 3e-4  # of a network that already predicts: the full rate would first make it forget
 
 
 @dataclass(frozen=True, kw_only=True)

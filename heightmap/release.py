@@ -98,7 +98,7 @@ Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
 |---|---|---|
 {errors}
 
-Share of errors within one standard deviation: {clean.within_one_std:.2f} and {faulty.within_one_std:.2f}.
+Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.coverage90:.2f}.
 Warm-up after a loss of memory, until the error ahead is within 10 % of an undisturbed run's: {result.warmup_frames}
 images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
 

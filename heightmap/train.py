@@ -22,6 +22,8 @@ _LOG = logging.getLogger(__name__)
 Item = TypeVar("Item")
 _SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
 _USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
+FIRST_RATE = 1e-3  # original
+FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
 HELD_OUT = 10  # every tenth episode is for validation
 
 
@@ -33,7 +35,7 @@ class TrainConfig:
     batch: int = 32
     window: int = 100
     """Ticks between updates; the memory is carried across, its gradient is not."""
-    learning_rate: float = 1e-3  # original
+    learning_rate: float = FIRST_RATE
     weight_decay: float = 0.01  # original
     gradient_norm: float = 1.0
     noise: ImageNoise = TRAINING_NOISE

@@ -8,6 +8,7 @@ import numpy as np
 
 from heightmap.delivery import DeliveryModel, deliver
 from heightmap.network import HeightmapNetwork, Inputs
+from heightmap.quantiles import INTERVAL90
 from heightmap.shards import Episode
 from saltus.depth import MILLIMETRE, NOTHING, model_images
 from saltus.grid import HEIGHTMAP_X
@@ -32,8 +33,8 @@ class Accuracy:
     between_m: float
     under_m: float
     """Points below and behind the base: x <= 0.2 m."""
-    within_one_std: float
-    """Share of errors below the standard deviation; 0.68 where it is right and errors are Gaussian."""
+    coverage90: float
+    """Share of errors within the 90 % interval, see `heightmap.quantiles`."""
     terrain_mae_m: dict[str, float]
     ticks: int
 
@@ -54,7 +55,7 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
         height, std = run_episode(network, episode, delivery or DeliveryModel())
         error = np.abs(height - episode.height)[SETTLED_TICKS:]
         errors.append(error)
-        covered.append(float((error < std[SETTLED_TICKS:]).mean()))
+        covered.append(float((error <= INTERVAL90 * std[SETTLED_TICKS:]).mean()))
         by_terrain.setdefault(episode.terrain, []).append(float(error.mean()))
     every = np.concatenate(errors)
     return Accuracy(
@@ -62,7 +63,7 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
         ahead_m=float(every[:, _AHEAD].mean()),
         between_m=float(every[:, ~_AHEAD & ~_UNDER].mean()),
         under_m=float(every[:, _UNDER].mean()),
-        within_one_std=float(np.mean(covered)),
+        coverage90=float(np.mean(covered)),
         terrain_mae_m={kind: float(np.mean(values)) for kind, values in sorted(by_terrain.items())},
         ticks=len(every),
     )

@@ -108,7 +108,7 @@ class Heightmap:
     height: Floats
     """Terrain height relative to the base [m], shape (30,)."""
     std: Floats
-    """Standard deviation of `height` [m], shape (30,)."""
+    """Of `height` [m]: 1.645 of it to each side hold 90 % of the errors (`heightmap.quantiles`), shape (30,)."""
     status: HeightmapStatus
     depth_age_s: float
     """Age of the image that was used; infinite where there is none yet."""

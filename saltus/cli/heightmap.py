@@ -148,7 +148,7 @@ class Train:
     checkpoint: Path = CHECKPOINT
     """Written about once a minute."""
     start: Path | None = None
-    """Begin from the weights of another checkpoint."""
+    """Begin from the weights of another checkpoint, at a lower rate."""
     updates: int = 1500
     """Gradient steps in all."""
     batch: int = 32
@@ -157,13 +157,23 @@ class Train:
     """Seed of weights, batches and noise."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where to train."""
+    noise: bool = True
+    """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
 
     def run(self) -> int:
         """Trains, with a progress bar."""
-        from heightmap.train import TrainConfig, train
+        from heightmap.dataset import NO_NOISE, TRAINING_NOISE
+        from heightmap.train import FIRST_RATE, FURTHER_RATE, TrainConfig, train
 
         logging.basicConfig(level=logging.INFO)
-        config = TrainConfig(updates=self.updates, batch=self.batch, seed=self.seed, device=self.device)
+        config = TrainConfig(
+            updates=self.updates,
+            batch=self.batch,
+            learning_rate=FURTHER_RATE if self.start else FIRST_RATE,
+            noise=TRAINING_NOISE if self.noise else NO_NOISE,
+            seed=self.seed,
+            device=self.device,
+        )
         with tqdm(total=self.updates, unit="update", desc="train") as bar:
 
             def show(progress: "Progress") -> None:

@@ -10,6 +10,7 @@ from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
+from saltus.config import Camera
 
 if TYPE_CHECKING:
     from heightmap.dagger import Collected
@@ -38,6 +39,8 @@ class Dagger:
     """Courses go up to this difficulty."""
     learned: float = 0.5
     """Share of robots that the learned policy leads; the others are led by the scripted planner."""
+    camera: Camera = "d435i"
+    """Takes the images that are learned from. d435i: with the errors of a stereo camera. ideal: true depth."""
     seed: int = 0
     """Of all that is drawn."""
     processes: int | None = None
@@ -48,7 +51,7 @@ class Dagger:
         from heightmap.closed_loop import ClosedLoop
         from heightmap.dagger import DaggerConfig, Observer, dagger
 
-        loop = ClosedLoop(hardest=self.hardest, learned=self.learned)
+        loop = ClosedLoop(hardest=self.hardest, learned=self.learned, camera=self.camera)
         config = DaggerConfig(
             rounds=self.rounds,
             batches=-(-self.episodes // loop.robots),
