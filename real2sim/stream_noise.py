@@ -7,14 +7,17 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from real2sim.problem import Floats
 
-HIGH_PASS_ROWS, HIGH_PASS_ORDER = 15, 3
-"""Noise is what a cubic through 15 rows, 30 ms at 500 Hz, does not follow."""
-STRETCH_ROWS = 100
-QUIET_SHARE, QUIET_RATIO = 0.3, 1.3
+MEAN_S = 0.02
+"""Noise is read from means over so long, as those are what residuals are made of: cables and belts ring, filters of
+sensors have any shape, and what rows have among them above 25 Hz says little of what is left of it in means."""
+HIGH_PASS_MEANS, HIGH_PASS_ORDER = 9, 5
+"""Noise is what a quintic through 9 means, 0.18 s, does not follow: beyond about 12 Hz."""
+STRETCH_MEANS = 40
+QUIET_SHARE, QUIET_RATIO = 0.2, 1.3
 """Noise is read from stretches that have at most so many times the power of the one at this rank: impacts are not
 noise, and of noise itself no part is left out."""
-LARGEST_CORRELATION = 0.98
-"""From row to row: a corner of 2 Hz at 500 Hz. What is slower than a motion leaves nothing above the high-pass."""
+CORRELATION_RANGE = (-0.4, 0.4)
+"""From mean to mean: a corner of 7 Hz, or ringing just beyond 25 Hz. What is slower is not told from motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +25,11 @@ class StreamNoise:
     """Noise of first order: white noise through a low-pass."""
 
     sigma: float
-    """Standard deviation of a row."""
+    """Standard deviation of a sample."""
     correlation: float
-    """From row to row."""
+    """From sample to sample."""
     dt_s: float
-    """Between rows."""
+    """Between samples."""
 
     @property
     def density(self) -> float:
@@ -34,7 +37,7 @@ class StreamNoise:
         return self.sigma**2 * self.dt_s * (1.0 + self.correlation) / (1.0 - self.correlation)
 
     def of_means(self, duration_s: float) -> tuple[float, float]:
-        """Standard deviation of means over `duration_s` of rows, and their correlation from one to the next."""
+        """Standard deviation of means over `duration_s`, and their correlation from one to the next."""
         rows = max(1, round(duration_s / self.dt_s))
         lag = np.arange(rows)
         same = np.sum(self.correlation ** np.abs(lag[:, None] - lag)) / rows**2
@@ -43,15 +46,21 @@ class StreamNoise:
 
 
 def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
-    """Noise of a stream whose columns are alike; `values` of shape (n, columns), n at least 15."""
-    rough = values - savgol_filter(values, HIGH_PASS_ROWS, HIGH_PASS_ORDER, axis=0)
-    count = max(1, len(rough) // STRETCH_ROWS)
-    parts = np.array_split(rough, count)
+    """Noise of means over `MEAN_S` of a stream whose columns are alike; `values` of shape (n, columns), 0.2 s or more.
+
+    Slower streams are taken as they are.
+    """
+    dt_s = float(np.median(np.diff(time_s)))
+    rows = max(1, round(MEAN_S / dt_s))
+    count = len(values) // rows
+    means = values[: count * rows].reshape(count, rows, -1).mean(axis=1)
+    rough = means - savgol_filter(means, HIGH_PASS_MEANS, HIGH_PASS_ORDER, axis=0)
+    parts = np.array_split(rough, max(1, count // STRETCH_MEANS))
     power = np.array([np.mean(part**2) for part in parts])
     product = np.array([np.mean(part[1:] * part[:-1]) for part in parts])
     quiet = power <= QUIET_RATIO * np.quantile(power, QUIET_SHARE)
     sigma, correlation = _before_high_pass(float(power[quiet].mean()), float(product[quiet].mean()))
-    return StreamNoise(sigma=sigma, correlation=correlation, dt_s=float(np.median(np.diff(time_s))))
+    return StreamNoise(sigma=sigma, correlation=correlation, dt_s=rows * dt_s)
 
 
 def rotation_columns(quaternion: Floats) -> Floats:
@@ -61,10 +70,10 @@ def rotation_columns(quaternion: Floats) -> Floats:
 
 def _before_high_pass(power: float, product: float) -> tuple[float, float]:
     """Standard deviation and correlation of first-order noise with `power` and lagged `product` after the filter."""
-    passed = np.eye(HIGH_PASS_ROWS)[HIGH_PASS_ROWS // 2] - savgol_coeffs(HIGH_PASS_ROWS, HIGH_PASS_ORDER)
-    lags = np.arange(-HIGH_PASS_ROWS, HIGH_PASS_ROWS + 1)
+    passed = np.eye(HIGH_PASS_MEANS)[HIGH_PASS_MEANS // 2] - savgol_coeffs(HIGH_PASS_MEANS, HIGH_PASS_ORDER)
+    lags = np.arange(-HIGH_PASS_MEANS, HIGH_PASS_MEANS + 1)
     spread = np.correlate(passed, passed, mode="full")
-    correlation = np.linspace(0.0, LARGEST_CORRELATION, 200)
+    correlation = np.linspace(*CORRELATION_RANGE, 200)
     of_lag = correlation[:, None] ** np.abs(lags)
     after = np.stack([of_lag[:, 1:-1] @ spread, of_lag[:, 2:] @ spread])
     found = float(np.interp(product / max(power, 1e-30), after[1] / after[0], correlation))
