@@ -35,7 +35,7 @@ def camera_candidates(latency_s: float, clip_m: float, farthest_m: float) -> tup
     return (
         _candidate("camera_latency", _unknown("latency", -latency_s, 0.3, 1e-3)),
         # lag in frames, (1 - alpha) / alpha: what an image is behind by in the mean is linear in it
-        _candidate("temporal_smear", _unknown("lag", 0.0, 9.0, 0.05)),
+        _candidate("temporal_smear", _unknown("lag", 0.0, 24.0, 0.05)),
         _candidate("camera_pitch", _unknown("offset", -0.2, 0.2, 1e-3)),
         _candidate("camera_height", _unknown("offset", -0.1, 0.1, 1e-3)),
         _candidate("camera_fov", _unknown("scale", -0.2, 0.25, 3e-3)),
@@ -55,8 +55,8 @@ def camera_candidates(latency_s: float, clip_m: float, farthest_m: float) -> tup
         _candidate("frame_drop", _unknown("angle", 0.0, 1.2, 0.03)),
         _nuisance(
             "noise_floor",
-            _unknown("level", math.log(0.2), math.log(1.6), 0.05),
-            _unknown("constant", 0.0, 4.0, 0.1),
+            _unknown("level", math.log(0.02), math.log(1.6), 0.05),
+            _unknown("constant", math.log(0.03), math.log(5.0), 0.1),
         ),
         _nuisance("arrival_jitter", _unknown("share", 0.0, 1.0, 0.1)),
     )
@@ -83,7 +83,9 @@ class CameraEffects:
     fill_reach: float = 0.0
     drop_angle: float = 0.0
     floor_level: float = 0.0
-    floor_mm: float = 0.0
+    """Logarithm of the noise that grows with the square of depth, in units of the usual one."""
+    floor_log_mm: float = 0.0
+    """Logarithm of the noise that does not grow [mm]."""
     jitter_share: float = 0.0
 
     @classmethod
@@ -112,7 +114,7 @@ _FIELDS: dict[tuple[str, str], tuple[str, float]] = {
     ("hole_fill", "reach"): ("fill_reach", 0.0),
     ("frame_drop", "angle"): ("drop_angle", 0.0),
     ("noise_floor", "level"): ("floor_level", 0.0),
-    ("noise_floor", "constant"): ("floor_mm", 0.0),
+    ("noise_floor", "constant"): ("floor_log_mm", 0.0),
     ("arrival_jitter", "share"): ("jitter_share", 0.0),
 }
 """Field of `CameraEffects` for each unknown, and its value where the unknown is 0."""

@@ -68,11 +68,12 @@ def camera_data(log: RunLog) -> CameraData:
     grid = PixelGrid.of(*images.shape[1:])
     measured = 1e-3 * grid.of_images(images).astype(np.float64)
     model = _likeliest(claimed_scenes(log.meta.get("terrain")), camera, motion, frames, grid, kept, measured)
+    model = replace(model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0)
     predicted = model.predict(AS_CLAIMED, kept)
     # at the end of the range noise is cut
     known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
     known &= ~_edge_of_scene(model, camera, grid, kept, predicted)
-    clip_m = clip_guess(predicted[known], measured[known])
+    clip_m = clip_guess(images, camera.range_m)
     whole = np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
     noise = fitted_noise(_middle(grid, predicted), _difference(grid, measured - predicted, known & whole))
     known &= ~_edge_of_images(images, grid, measured, noise)
@@ -133,6 +134,7 @@ def _likeliest(
             motion=motion,
             stamp_s=frames.stamp_s,
             jitter_s=frames.jitter_s,
+            shown=frames.shown,
             tangents=camera.tangents(grid.row, grid.column),
         )
         for scene in scenes

@@ -24,6 +24,11 @@ class Frames:
     """Exposure plus total latency [s], as far as the log knows it: arrival where it has no time of capture."""
     jitter_s: Floats
     """What `stamp_s` has too much against frames at a constant rate [s]; 0 where that cannot be told."""
+    filtered: NDArray[np.int64]
+    """Of each image in the log that a temporal filter has seen: new ones, and repeats that are not equal to the image
+    before, shape (filtered,)."""
+    shown: NDArray[np.int64]
+    """Which of the new images each of them shows, shape (filtered,)."""
     due_s: Floats
     """When an image should have come [s], lost ones included, shape (sent,)."""
     lost: NDArray[np.bool_]
@@ -32,7 +37,8 @@ class Frames:
 
 def frames_of(depth: DepthTable) -> Frames:
     """Sorts out what came: repeats, gaps, times."""
-    repeated = _repeats(depth)
+    repeated, same = _repeats(depth)
+    filtered = np.flatnonzero(~(repeated & same))
     index = np.flatnonzero(~repeated)
     stamp_s = depth.arrival_s[index]
     if depth.capture_s is not None and np.isfinite(depth.capture_s).all():
@@ -43,19 +49,21 @@ def frames_of(depth: DepthTable) -> Frames:
         index=index,
         stamp_s=stamp_s,
         jitter_s=_jitter(stamp_s, depth.frame_id[index]),
+        filtered=filtered,
+        shown=(np.cumsum(~repeated) - 1)[filtered],
         due_s=due_s,
         lost=lost,
     )
 
 
-def _repeats(depth: DepthTable) -> NDArray[np.bool_]:
-    """Images that are the one before, by number or by content, shape (n,)."""
+def _repeats(depth: DepthTable) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Images that are the one before, by number or by content, and those that are equal to it; shape (n,) each."""
     count = len(depth.frame_id)
     by_number, by_content = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     by_number[1:] = depth.frame_id[1:] == depth.frame_id[:-1]
     flat = depth.depth_mm.reshape(count, -1)
     by_content[1:] = [np.array_equal(a, b) for a, b in zip(flat[1:], flat[:-1], strict=True)]
-    return by_number if by_content.mean() > MOSTLY_EQUAL else by_number | by_content
+    return (by_number if by_content.mean() > MOSTLY_EQUAL else by_number | by_content), by_content
 
 
 def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
@@ -63,14 +71,18 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
     gap_s = np.diff(depth.arrival_s)
     if not gap_s.size:
         return depth.arrival_s, repeated
-    step = np.diff(depth.frame_id)
-    if np.all(step <= 1):  # numbers are given on arrival: only the clock shows a gap
+    new = np.flatnonzero(~repeated)
+    step = np.diff(depth.frame_id[new])
+    if np.all(np.diff(depth.frame_id) <= 1):  # numbers are given on arrival: only the clock shows a gap
+        new = np.arange(len(repeated))
         usual = np.median(gap_s)
         is_loss = (gap_s > LATE * usual) & (gap_s < PAUSE * usual)
         step = np.where(is_loss, np.round(gap_s / max(usual, 1e-9)), 1).astype(np.int64)
-    missing = np.maximum(step - 1, 0)
-    after = np.repeat(np.arange(len(gap_s)), missing)
-    share = (np.arange(len(after)) - np.repeat(np.cumsum(missing) - missing, missing) + 1.0) / (missing[after] + 1.0)
+    # a repeat has come in the place of the image whose number is missing: it is lost once, not twice
+    missing = np.maximum(step - np.diff(new), 0)
+    after = np.repeat(new[1:] - 1, missing)
+    share = np.arange(len(after)) - np.repeat(np.cumsum(missing) - missing, missing) + 1.0
+    share /= np.repeat(missing, missing) + 1.0
     absent_s = depth.arrival_s[after] + share * gap_s[after]
     due_s = np.concatenate([depth.arrival_s, absent_s])
     lost = np.concatenate([repeated, np.ones(len(absent_s), dtype=bool)])

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from real2sim.camera.candidates import CameraEffects
 from real2sim.camera.pose import BaseMotion, ClaimedCamera
@@ -29,6 +28,10 @@ class DepthModel:
     """Part of `stamp_s` that may be scatter of the arrival [s], shape (images,)."""
     tangents: Floats
     """Of the pixels, camera frame, shape (3, pixels)."""
+    shown: NDArray[np.int64]
+    """Images in the order in which a temporal filter has seen them; repeats may be among them. Shape (filtered,)."""
+    is_hole: NDArray[np.bool_] | None = None
+    """Invalid pixels of those, shape (filtered, pixels): there a filter begins anew."""
     shift_m: Floats = field(default_factory=lambda: np.zeros(3))
     """Error of the measured position, world frame, shape (3,)."""
     turn_rad: Floats = field(default_factory=lambda: np.zeros(3))
@@ -41,11 +44,28 @@ class DepthModel:
         """
         if effects.lag <= 0.0:
             return self._image(effects, kept)
-        depth = self._image(effects, np.arange(len(self.stamp_s)))
+        depth = self._image(effects, np.arange(len(self.stamp_s)))[self.shown]
         alpha = 1.0 / (1.0 + effects.lag)
-        start = (1.0 - alpha) * depth[:1]
-        filtered, _ = lfilter([alpha], [1.0, alpha - 1.0], depth, axis=0, zi=start)
-        return np.asarray(filtered[kept])
+        for k in range(1, len(depth)):
+            mixed = alpha * depth[k] + (1.0 - alpha) * depth[k - 1]
+            if self.is_hole is not None:
+                mixed = np.where(self.is_hole[k] | self.is_hole[k - 1], depth[k], mixed)
+            depth[k] = mixed
+        return np.asarray(depth[np.searchsorted(self.shown, kept)])
+
+    def noise_share(self, effects: CameraEffects, kept: NDArray[np.int64]) -> Floats:
+        """Share of the variance of white noise that a temporal filter leaves, shape (kept, pixels).
+
+        Of weight alpha it leaves alpha / (2 - alpha) in the end; after a hole it begins anew.
+        """
+        if effects.lag <= 0.0:
+            return np.ones((len(kept), self.tangents.shape[1]))
+        alpha = 1.0 / (1.0 + effects.lag)
+        share = np.ones((len(self.shown), self.tangents.shape[1]))
+        for k in range(1, len(share)):
+            mixed = alpha**2 + (1.0 - alpha) ** 2 * share[k - 1]
+            share[k] = mixed if self.is_hole is None else np.where(self.is_hole[k] | self.is_hole[k - 1], 1.0, mixed)
+        return np.asarray(share[np.searchsorted(self.shown, kept)])
 
     def rays(self, effects: CameraEffects, kept: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Origins [m], shape (kept, 3), and directions, shape (kept, 3, pixels), in the world frame."""

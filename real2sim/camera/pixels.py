@@ -12,8 +12,9 @@ ROWS, COLUMNS = 14, 18  # 252 pixels: floor and wall need a handful each; the re
 MARGIN = 0.03  # of the image's width: how far an edge may move by what is searched for
 LEAST_MARGIN = 2  # px: a camera mixes the pixels at an edge
 BEND = 0.04  # of the disparity: less is what a crease between two planes makes within the margin
-CLIP_GAIN = 0.7  # of the misfit must remain at most, for an end of the range to be suspected
-BEYOND = 0.01  # share of pixels that must lie beyond it
+BELOW_MM = 10  # below an end of the range, in which depths are as usual
+PILE = 3.0  # times as many pixels at the end: it then takes away 3 mm of the scene, and not only noise
+FEWEST_AT_END = 30  # pixels
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,19 +81,15 @@ def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> ND
         return np.asarray(np.isfinite(bend) & (bend > np.maximum(BEND, 8.0 * sigma / depth)))
 
 
-def clip_guess(predicted: Floats, measured: Floats) -> float | None:
-    """Where measured depth seems to end although the scene goes on [m]; None where it does not."""
-    if predicted.size < 100:
+def clip_guess(images_mm: NDArray[np.uint16], range_m: float) -> float | None:
+    """Where measured depth ends short of the claimed range [m]; None where it does not.
+
+    What is farther reads as the end itself: far more pixels have the largest depth than have any just below it.
+    """
+    counts = np.bincount(images_mm.ravel(), minlength=BELOW_MM + 2)
+    counts[0] = 0
+    end = int(np.flatnonzero(counts)[-1]) if counts.any() else 0
+    below = counts[max(end - BELOW_MM, 1) : end]
+    if counts[end] < FEWEST_AT_END or counts[end] < PILE * np.max(below, initial=0):
         return None
-    order = np.argsort(predicted)[:: max(1, predicted.size // 20_000)]
-    z, m = predicted[order], measured[order]
-    trials = np.unique(np.quantile(z, np.linspace(0.3, 1.0 - BEYOND, 60)))
-    trials = trials[trials < z[-1]]
-    if not trials.size:
-        return None
-    misfit = np.array([np.mean(np.minimum(np.abs(m - np.minimum(z, end)) / z, 0.5)) for end in trials])
-    best = int(np.argmin(misfit))
-    whole = np.mean(np.minimum(np.abs(m - z) / z, 0.5))
-    beyond, really = m[z > trials[best]], z[z > trials[best]]
-    is_flat = np.ptp(np.quantile(beyond, [0.1, 0.9])) < 0.5 * np.ptp(np.quantile(really, [0.1, 0.9]))
-    return float(np.median(beyond)) if misfit[best] < CLIP_GAIN * whole and is_flat else None
+    return 1e-3 * end if 1e-3 * end < range_m - 1e-3 else None

@@ -7,6 +7,7 @@ import numpy as np
 from real2sim.camera.candidates import CameraEffects, camera_candidates, physical
 from real2sim.camera.counts import counted_rows
 from real2sim.camera.data import AS_CLAIMED, camera_data
+from real2sim.camera.end import end_of_range
 from real2sim.camera.shake import shake_of
 from real2sim.camera.testable import untestable_effects
 from real2sim.problem import Candidate, Estimate, Floats, Problem
@@ -36,25 +37,30 @@ class CameraProblem(Problem):
     name = "camera"
     blocks = ("camera",)
     places = ({"camera": "camera"},)
-    signals = ("noise", "holes", "copies", "lost images", "usual noise", "depth")
+    signals = ("noise", "holes", "copies", "lost images", "usual noise", "filled holes", "end of range", "depth")
 
     def __init__(self, log: RunLog) -> None:
         self._data = data = camera_data(log)
         self._counts = counts = counted_rows(data)
         self._at = np.nonzero(data.known)
         self._sigma = np.where(data.known, data.noise.sigma(data.predicted), np.inf)
+        self._end = end_of_range(data)
         self._shake = shake_of(data.model, data.kept, self._sigma)
         frame = self._at[0]
+        if self._end is not None:
+            frame = np.concatenate([frame, self._end.at[0]])
+        of_end = len(frame) - len(self._at[0])
         self.segments = data.segments
         self.segment = np.concatenate([data.owner[frame], counts.segment])
-        self.signal = np.concatenate([np.full(len(frame), len(self.signals) - 1), counts.kind])
+        depth, end = self.signals.index("depth"), self.signals.index("end of range")
+        self.signal = np.concatenate([np.repeat([depth, end], [len(self._at[0]), of_end]), counts.kind])
         self.time_s = np.concatenate([data.frames.stamp_s[data.kept][frame], counts.time_s])
         self._set_candidates()
 
     def _set_candidates(self) -> None:
         data = self._data
-        probe = replace(AS_CLAIMED, latency=PROBE_S)
-        shift = self._depth_residuals(probe) - self._depth_residuals(AS_CLAIMED)
+        later = data.model.predict(replace(AS_CLAIMED, latency=PROBE_S), data.kept)
+        shift = self._depth_residuals(later) - self._depth_residuals(data.predicted)
         predicted = data.predicted[self._at]
         self.untestable = untestable_effects(data, self._counts, shift)
         farthest_m = float(np.max(predicted, initial=1.0))
@@ -69,8 +75,11 @@ class CameraProblem(Problem):
         rows = []
         for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
             effects = CameraEffects.of(self.candidates, values)
-            counted = self._counts.residuals(effects)
-            rows.append(np.concatenate([self._depth_residuals(effects), _bent(counted)]))
+            predicted = self._data.model.predict(effects, self._data.kept)
+            share = self._data.model.noise_share(effects, self._data.kept)
+            counted = self._counts.residuals(effects, predicted, share)
+            end = np.empty(0) if self._end is None else self._end.residuals(effects)
+            rows.append(np.concatenate([self._depth_residuals(predicted), _bent(end), _bent(counted)]))
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
@@ -87,11 +96,10 @@ class CameraProblem(Problem):
             (COLUMN, "px", data.grid.column[pixel].astype(np.float64)),
             ("distance to edges and holes", "px", data.grid.distance_to_others(data.known)[self._at]),
         )
-        nothing = np.full(len(self._counts.kind), np.nan)
+        nothing = np.full(len(self.signal) - len(pixel), np.nan)
         return tuple(Driver(name=name, unit=unit, values=np.concatenate([v, nothing])) for name, unit, v in seen)
 
-    def _depth_residuals(self, effects: CameraEffects) -> Floats:
-        predicted = self._data.model.predict(effects, self._data.kept)
+    def _depth_residuals(self, predicted: Floats) -> Floats:
         residual = (self._data.measured - predicted) / self._sigma
         return self._shake.whitened(_bent(residual))[self._at]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from real2sim.camera.counts import COPIES, NOISE, CountRows
+from real2sim.camera.counts import COPIES, FILLED, NOISE, CountRows
 from real2sim.camera.data import CameraData
 from real2sim.problem import Floats
 
@@ -27,7 +27,9 @@ def untestable_effects(data: CameraData, counts: CountRows, shift_10ms: Floats) 
         reason = f"only {int(np.isfinite(data.difference).sum())} second differences of depth away from edges"
         why["depth_noise"] = reason
     if not np.any(counts.kind == COPIES):
-        why["edge_holes"] = why["hole_fill"] = "no segment shows enough left edges of near objects in view"
+        why["edge_holes"] = "no segment shows enough left edges of near objects in view"
+        if not np.any(counts.kind == FILLED):
+            why["hole_fill"] = why["edge_holes"] + ", nor enough holes or copies elsewhere"
     if len(data.frames.due_s) < FEWEST_FRAMES:
         why["frame_drop"] = f"{len(data.frames.due_s)} images, fewer than {FEWEST_FRAMES}"
     if data.clip_m is None:
