@@ -12,13 +12,15 @@ from tensordict import TensorDict
 
 from policy.bounds import ACTIONS, ActionBounds
 from policy.env import JumpEnv, Transition
-from policy.settings import LearningConfig
+from policy.settings import LearningConfig, TrainConfig
+from saltus.config import from_toml
 from saltus.errors import SaltusError
 from saltus.terrain.batch import KINDS
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
 """What an untrained policy does: a slow bound that lifts its feet. From the middle of the ranges, standing would have
 to be unlearnt first."""
+_LIFTS = [ACTIONS.index("front_residual_z"), ACTIONS.index("rear_residual_z")]
 _GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 
 
@@ -103,7 +105,7 @@ class Learner:
         unfinished.replace(path)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots; returns what it holds.
+        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
 
         Raises:
             SaltusError: the file is no checkpoint, or one of networks of another size.
@@ -113,6 +115,9 @@ class Learner:
             self.ppo.load(state, None, strict=True)
         except RuntimeError as error:
             raise SaltusError(f"{path} holds networks of another size: {error}") from error
+        old, new = from_toml(TrainConfig, state["config"]).env.bounds, self._env.config.bounds
+        if old != new:
+            rebase(self.ppo.actor, old, new)
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
         self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
         self._observation = _observation(self._env.transition())
@@ -155,7 +160,23 @@ def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBo
     with torch.no_grad():
         last.weight.mul_(0.01)
         last.bias.copy_(bounds.normalised(torch.tensor(FIRST_ACTION)))
+        actor.distribution.std_param[_LIFTS] = config.first_lift_std
     return actor
+
+
+def rebase(actor: MLPModel, old: ActionBounds, new: ActionBounds) -> None:
+    """Makes an actor that was trained with other bounds ask for the same actions, as random as before.
+
+    Its outputs are shares of ranges: new = a old + b for each action, which its last layer can do.
+    """
+    offset = new.normalised(old.denormalised(torch.zeros(len(ACTIONS))))
+    scale = new.normalised(old.denormalised(torch.ones(len(ACTIONS)))) - offset
+    last = actor.mlp[-1]
+    scale, offset = scale.to(last.bias.device), offset.to(last.bias.device)
+    with torch.no_grad():
+        last.weight.mul_(scale[:, None])
+        last.bias.mul_(scale).add_(offset)
+        actor.distribution.std_param.mul_(scale)
 
 
 def _observation(transition: Transition) -> TensorDict:

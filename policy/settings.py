@@ -25,6 +25,8 @@ class LearningConfig:
     max_grad_norm: float = 1.0
     first_std: float = 0.4
     """Of the action, in units of half its range; original 0.5, for narrower ranges."""
+    first_lift_std: float = 0.25
+    """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15 m."""
     std_range: tuple[float, float] = (0.05, 1.0)
     first_entropy: float = 0.01
     """Weight of the entropy at the first iteration; original, where it stays, and with it a standard deviation of half

@@ -77,7 +77,7 @@ GAIN = 1e4
 FORCE = 1e6  # [N]
 FREQUENCY = 20.0  # [Hz]; the original's gait lies between 1 and 4
 PLAN_VELOCITY = 10.0  # [m/s], [rad/s]
-FOOT_RESIDUAL = 0.5  # [m]; longer than a stretched leg
+FOOT_RESIDUAL = 1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
 
 FIELDS: dict[type[Message], tuple[Field, ...]] = {
     messages.RobotState: (

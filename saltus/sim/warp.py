@@ -18,6 +18,8 @@ CONSTRAINTS = 84
 SOLVER_ITERATIONS = 10
 """Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
 within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
+_NO_NEWS = mujoco_warp.OverflowType.ITERATIONS | mujoco_warp.OverflowType.LS_ITERATIONS
+"""Robots print a line each when the solver is stopped before it has converged: of thousands some always are."""
 _DIFFERING = (
     "geom_pos",
     "geom_size",
@@ -44,7 +46,7 @@ class WarpEngine(Engine):
 
     def __init__(self, count: int, boxes: int, *, device: str = "cuda:0") -> None:
         self.count, self.boxes, self.device = count, boxes, device
-        warp.config.quiet = True
+        warp.config.log_level = warp.LOG_WARNING
         spec = build_spec(boxes)
         spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
         spec.option.iterations = SOLVER_ITERATIONS
@@ -54,6 +56,7 @@ class WarpEngine(Engine):
         mujoco.mj_forward(self.model, start)
         with warp.ScopedDevice(device):
             self._model = mujoco_warp.put_model(self.model, batch_sizes=dict.fromkeys(_DIFFERING, count))
+            self._model.opt.warn_overflow &= ~_NO_NEWS
             self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=CONSTRAINTS)
             self._bind()
             self._graph = self._capture() if warp.get_device(device).is_cuda else None

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -10,7 +11,7 @@ from policy.actor import PolicyActor
 from policy.bounds import ACTIONS, ActionBounds
 from policy.export import export
 from policy.features import SIZE
-from policy.learner import FIRST_ACTION, make_actor
+from policy.learner import FIRST_ACTION, make_actor, rebase
 from policy.settings import LearningConfig, TrainConfig
 from policy.train import Rank, train
 from saltus.errors import ModelError, SaltusError
@@ -69,6 +70,33 @@ def test_an_untrained_policy_bounds_slowly():
     actor = make_actor(TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1]), CONFIG.learning, bounds)
     plan = bounds.denormalised(actor(TensorDict({"policy": torch.randn(50, SIZE)}, batch_size=[50])).detach())
     np.testing.assert_allclose(plan, np.tile(FIRST_ACTION, (50, 1)), atol=0.2)
+
+
+def test_other_bounds_change_no_action(checkpoint):
+    state = torch.load(checkpoint, weights_only=True)
+    old = ActionBounds()
+    new = ActionBounds(low=tuple(2.0 * v - 0.1 for v in old.low), high=tuple(1.5 * v + 0.2 for v in old.high))
+    given = TensorDict({"policy": torch.randn(20, SIZE)}, batch_size=[20])
+    actor = make_actor(given, CONFIG.learning, old)
+    actor.load_state_dict(state["actor_state_dict"])
+    half = torch.tensor(old.high) - torch.tensor(old.low), torch.tensor(new.high) - torch.tensor(new.low)
+    plan, spread = old.denormalised(actor(given)), actor.distribution.std_param * half[0]
+    rebase(actor, old, new)
+    np.testing.assert_allclose(new.denormalised(actor(given)).detach(), plan.detach(), atol=1e-5)
+    np.testing.assert_allclose((actor.distribution.std_param * half[1]).detach(), spread.detach(), rtol=1e-5)
+
+
+def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
+    old = ActionBounds()
+    wider = ActionBounds(low=old.low, high=(*old.high[:9], 0.9))
+    config = replace(CONFIG, env=replace(CONFIG.env, bounds=wider))
+    train(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)  # none is left to do
+    path = tmp_path / "policy.onnx"
+    assert export(tmp_path / "checkpoint.pt", path) < 1e-5
+    given = np.random.default_rng(0).normal(0.0, 0.3, (5, SIZE))
+    first = tmp_path / "first.onnx"
+    export(checkpoint, first)
+    np.testing.assert_allclose(PolicyActor(path).values(given), PolicyActor(first).values(given), atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["format", "features", "actions", "grid_m", "swing_foot_z_range_m", "low", "high"])
