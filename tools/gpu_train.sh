@@ -3,7 +3,11 @@
 # usage: tools/gpu_train.sh WHEELS OUT [arguments of policy.train]
 # WHEELS: a folder of wheels to put beside what python3 has, or "" where they are installed: mujoco, mujoco-core,
 # mujoco-warp, warp-lang, etils, absl-py, glfw, pyopengl, rsl-rl-lib, tensordict, pyvers, cloudpickle,
-# array-api-compat, tomli-w. Expected in python3: torch, numpy, scipy, tensorboard.
+# array-api-compat, tomli-w; and daqp, without which the training is not evaluated with the deployed stack.
+# Expected in python3: torch, numpy, scipy, tensorboard; for that evaluation also onnx and onnxruntime.
+# OUT gets at most seven files, of which checkpoint.pt (5 MB) is the largest. The next machine goes on from it:
+#   tools/gpu_train.sh WHEELS OUT --resume checkpoint.pt --minutes 8 --commit COMMIT
+# (COMMIT: of the code, as such a machine seldom has the repository.) A policy is exported elsewhere.
 # With GPUS=N in the environment N GPUs of this machine learn together.
 set -euo pipefail
 wheels=$1; out=$2; shift 2
