@@ -43,7 +43,7 @@ def edge_counts(
         clip_mm: what all that is farther reads as: such neighbours are equal, and no copies.
     """
     seen_m = np.minimum(predicted_m, 1e-3 * clip_mm)
-    edge = left_edges(seen_m)
+    edge = seen_m[..., 1:] < (1.0 - JUMP) * seen_m[..., :-1]
     frame, row, column = np.nonzero(edge)
     column = column + 1  # the first pixel of the near object
     first, last = column - WINDOW, column + PAST_EDGE
@@ -79,11 +79,6 @@ def edge_counts(
         copies=(copies - by_chance) / max(1.0 - usual_copies, 0.1),
         by_chance=by_chance,
     )
-
-
-def left_edges(depth_m: Floats) -> NDArray[np.bool_]:
-    """Whether a near object begins between a pixel and the next of its row, shape (..., columns - 1)."""
-    return np.asarray(depth_m[..., 1:] < (1.0 - JUMP) * depth_m[..., :-1])
 
 
 def _by_slope(

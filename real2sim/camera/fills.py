@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.camera.edges import BELOW_MM, WINDOW, left_edges
+from real2sim.camera.edges import BELOW_MM, WINDOW
 from real2sim.problem import Floats
 
 AROUND_PX = 3  # from an edge of either side: a camera mixes the pixels there
@@ -42,7 +42,7 @@ def plain_pixels(predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: 
         step = np.abs(np.diff(predicted_m)) / predicted_m[..., 1:]
     near = np.zeros(predicted_m.shape, dtype=bool)
     jump = ~(step < BROKEN)
-    left = left_edges(predicted_m)
+    left = predicted_m[..., 1:] < (1.0 - BROKEN) * predicted_m[..., :-1]
     width = predicted_m.shape[-1]
     for k in range(-WINDOW, AROUND_PX + 1):
         marked = jump if abs(k) <= AROUND_PX else left
