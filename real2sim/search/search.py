@@ -31,6 +31,8 @@ REFITTED = 4
 """Single effects that are fitted again with fresh derivatives; the truth is among the best four fits in practice."""
 PROPOSED = 6
 """Larger models that are fitted after each set of derivatives."""
+PATIENCE = 3
+"""Rounds of fits with fresh derivatives for what is known to be hard."""
 LARGEST = 3
 """Effects in one model at most."""
 
@@ -153,30 +155,44 @@ class _Search:
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Fresh derivatives of fits, then more steps."""
-        fresh = []
-        for model in models:
-            old = self._fits[model]
-            jacobian = fit.slopes(self._evaluate, self._layout, old.unknowns, old.residuals, old.columns, stage)
-            fresh.append(replace(old, jacobian=jacobian))
+        fresh = [self._with_fresh_slopes(self._fits[model], stage) for model in models]
         for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
             self._fits[each.model] = each
 
     def _fit_larger(self, leader: Model, size: int) -> None:
         """Models of up to `size` effects that the derivatives at the leader propose."""
-        self._library(leader)
-        models = [model for model in self._propose(leader, size) if model not in self._fits]
-        for other in self._others(leader, size - 1):
-            self._library(other)
-            proposed = self._propose(other, size)[: PROPOSED // 2]
-            models += [model for model in proposed if model not in [*self._fits, *models]]
+        others = self._others(leader, size - 1)
+        for model in (leader, *others):
+            self._library(model)
+            self._fit_union(leader, model, size)
+        proposed = [self._propose(leader, size), *(self._propose(other, size)[: PROPOSED // 2] for other in others)]
+        models = [model for several in proposed for model in several if model not in self._fits]
+        models = list(dict.fromkeys(models))
         starts = [self._start(model, part) for model in models for part in self._parts(model)]
         tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects")
         fits = [self._joined([each for each in tried if each.model == model]) for model in models]
         self._fits |= {each.model: each for each in fits}
         if fits:
             self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
+        if any(len(model) == size for model in self._fits):
             self._restart(self._best(size), f"{size} effects")
             self._eliminate(self._best(size))
+
+    def _fit_union(self, leader: Model, other: Model, size: int) -> None:
+        """Fits two good models together, patiently: where each imitates the other, both have far to go."""
+        model = model_of([*leader, *other])
+        if len(model) != size or model in self._fits:
+            return
+        stage, fits = f"{size} effects", [self._start(model, self._fits[part]) for part in (leader, other)]
+        for patience in range(PATIENCE):
+            if patience:
+                fits = [self._with_fresh_slopes(each, stage) for each in fits]
+            fits = fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
+        self._fits[model] = self._joined(fits)
+
+    def _with_fresh_slopes(self, old: Fit, stage: str) -> Fit:
+        jacobian = fit.slopes(self._evaluate, self._layout, old.unknowns, old.residuals, old.columns, stage)
+        return replace(old, jacobian=jacobian)
 
     def _restart(self, model: Model, stage: str) -> None:
         """Fits a model again from all shapes that its effects are known to have, if it leaves something.
