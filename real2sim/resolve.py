@@ -8,8 +8,8 @@ from real2sim.problem import Estimate
 from real2sim.search.findings import Findings, FoundEffect
 from saltus.effects.registry import EFFECTS
 
-MARGIN = 2.0
-"""An effect is ruled out where half of the value that it would need would have been found."""
+MARGIN = 1.5
+"""An effect is ruled out where it would need so many times the size that would be found: twice the nats that count."""
 
 
 def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:

@@ -77,7 +77,7 @@ UNSURE = Findings(
 
 
 @pytest.mark.parametrize(
-    ("gain", "verdict", "names"), [(1.01, "named", ["payload_mass"]), (1.02, "set", []), (0.9, "set", [])]
+    ("gain", "verdict", "names"), [(1.02, "named", ["payload_mass"]), (1.03, "set", []), (0.9, "set", [])]
 )
 def test_an_effect_that_another_sensor_would_have_shown_is_ruled_out(
     gain: float, verdict: str, names: list[str]
