@@ -20,6 +20,11 @@ LEAST_SOFTER = 3.0
 FRICTION_RANGE = (0.1, 1.6)
 SECANT = 4.0
 """Searches step by a quarter of a scale; a scale of four times a step makes them take the whole step."""
+LARGEST_CREEP = 1.2
+"""Half of the way, and some, between the ratios of impedances that engines have by default, 1 and 10, in logarithms:
+which of them is nearer has been found before."""
+LARGEST_GIVE = 1.5
+"""Likewise for impedances, of 0.95 and 0.99."""
 CORNERS_NM = (6.0, 12.0, 18.0)
 """Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8 Nm), to a jump's."""
 
@@ -31,6 +36,8 @@ class Claims:
     payload_kg: float = 0.0
     friction: float = NOMINAL_FRICTION
     contact_time_constant: float = NOMINAL_CONTACT_TIME_CONSTANT_S
+    payload_position: tuple[float, ...] | None = None
+    """Of what may be on top of the trunk [m], base frame; None for where the simulator has it."""
 
     @classmethod
     def of(cls, meta: dict[str, Any]) -> "Claims":
@@ -39,13 +46,15 @@ class Claims:
         Raises:
             RecordingError: a claim that no ground and no robot has.
         """
-        ground = meta.get("ground") or {}
+        ground, position = meta.get("ground") or {}, meta.get("payload_position")
         claims = cls(
             payload_kg=float(meta.get("payload_kg") or 0.0),
             friction=float(ground.get("friction", NOMINAL_FRICTION)),
             contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
+            payload_position=None if position is None else tuple(float(value) for value in position),
         )
-        if claims.friction <= 0.0 or claims.contact_time_constant <= 0.0 or claims.payload_kg < 0.0:
+        is_placed = claims.payload_position is None or len(claims.payload_position) == 3
+        if not is_placed or min(claims.friction, claims.contact_time_constant) <= 0.0 or claims.payload_kg < 0.0:
             raise RecordingError(f"meta.json claims a ground or a payload that cannot be: {claims}")
         return claims
 
@@ -66,9 +75,9 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
     highest = max(claims.softness(LARGEST_TIME_CONSTANT_S), LEAST_SOFTER)
     lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
     return (
-        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.2)),
+        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
         _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
-        _one("base_inertia", "trunk", Unknown(name="excess", low=-0.7, high=2.0, scale=0.2)),
+        _one("base_inertia", "trunk", Unknown(name="excess", low=-0.7, high=2.0, scale=0.8)),
         _one(
             "foot_friction",
             "feet",
@@ -95,6 +104,15 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
         _one("viscous_friction", "joints", Unknown(name="coefficient", low=0.0, high=2.0, scale=0.05)),
         _one("coulomb_friction", "joints", Unknown(name="torque", low=0.0, high=4.0, scale=0.1)),
         _one("drive_rate", "joints", Unknown(name="continuous", low=0.0, high=1.0, scale=1.0), is_nuisance=True),
+        # of a contact a log claims friction and time constant; engines want more to be said, and a step of time
+        _one(
+            "contact_solver",
+            "feet",
+            Unknown(name="creep", low=-LARGEST_CREEP, high=LARGEST_CREEP, scale=0.5),
+            Unknown(name="give", low=-LARGEST_GIVE, high=LARGEST_GIVE, scale=0.5),
+            Unknown(name="fineness", low=0.0, high=1.0, scale=1.0),
+            is_nuisance=True,
+        ),
     )
 
 
@@ -120,6 +138,8 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         viscous=value["viscous_friction.coefficient"],
         coulomb=value["coulomb_friction.torque"],
         continuous=value["drive_rate.continuous"],
+        creep=value["contact_solver.creep"],
+        give=value["contact_solver.give"],
     )
 
 
@@ -159,7 +179,8 @@ def _plain(effect: str, claims: Claims, v: list[float]) -> Iterator[tuple[str, E
     elif effect == "coulomb_friction":
         yield "torque", Estimate(value=v[0], unit="Nm")
     else:
-        yield "continuous", Estimate(value=v[0], unit="")
+        names = ("continuous",) if effect == "drive_rate" else ("creep", "give", "fineness")
+        yield from ((name, Estimate(value=value, unit="")) for name, value in zip(names, v, strict=True))
 
 
 def _saturation(loss: float, corner: float) -> dict[str, Estimate]:

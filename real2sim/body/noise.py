@@ -30,9 +30,6 @@ KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
 """Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
 SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
 """Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation itself repeats."""
-SOLVER_SPREAD, SOLVER_REST = 2.0, 0.1
-"""A right way to compute contacts may be twice as far from the simulator's as another; a tenth of the power of what
-they differ by is not along that difference."""
 LARGEST_DOUBT = 10.0
 """Segments with a window in which right simulations differ by this many times the power of the noise are left out: what
 a foot does there hangs on a hair."""
@@ -112,33 +109,27 @@ class Whitening:
         noise: Of the sensors.
         starts: Error of each window under the starting error of each dimension, one standard deviation large, shape
             (dimensions, w, blocks, 33).
-        drawn: Errors under starting errors drawn at random, shape (draws, w, blocks, 33).
-        draws: Those starting errors in standard deviations, shape (draws, w, dimensions). Where a foot touches down or
-            slips, errors are not linear in those of the start: what a sum of `starts` misses counts as noise.
-        solvers: Errors between right ways to compute contacts, shape (solvers, w, blocks, 33). Where they differ, the
-            simulator knows no better: that too is noise, and likely to be a share of one of these.
+        measured: What is added to errors, were windows to start as measured rather than where they are likeliest,
+            shape (w, blocks, 33).
+        unrepeated: Variance of what a right simulation does not repeat either, shape (w, blocks, 33).
         segment: Of each window, shape (w,).
     """
 
-    def __init__(
-        self, noise: Noise, starts: Floats, drawn: Floats, draws: Floats, solvers: Floats, segment: Indices
-    ) -> None:
-        missed = drawn - np.einsum("kwd,dwbs->kwbs", draws, starts)
-        missing, differing = np.mean(missed**2, axis=0), np.mean(solvers**2, axis=0)
+    def __init__(self, noise: Noise, starts: Floats, measured: Floats, unrepeated: Floats, segment: Indices) -> None:
         sensors = noise.sigma[KIND_OF_SIGNAL] ** 2
-        self._sigma = np.sqrt(sensors + missing + SOLVER_REST * differing)
-        doubt = np.mean((missing + 0.5 * differing) / sensors, axis=(1, 2))
+        self._sigma = np.sqrt(sensors + unrepeated)
+        doubt = np.mean(unrepeated / sensors, axis=(1, 2))
         worst = np.array([doubt[segment == s].max() for s in segment])
         self.is_reproducible = worst <= max(LARGEST_DOUBT, float(worst.min()))
-        self._noise = noise
-        plain = noise.plain(np.concatenate([starts, SOLVER_SPREAD * solvers]), self._sigma)  # (d, w, blocks, 33)
+        self._noise, self._measured = noise, measured
+        plain = noise.plain(starts, self._sigma)  # (d, w, blocks, 33)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)
         self._basis, size, _ = np.linalg.svd(flat, full_matrices=False)  # (w, blocks * 33, d)
         self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
 
     def __call__(self, error: Floats) -> Floats:
         """Residuals of errors, both of shape (n, w, blocks, 33); 0 in windows that no simulation can reproduce."""
-        plain = self._noise.plain(error, self._sigma)
+        plain = self._noise.plain(error + self._measured, self._sigma)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)  # (w, blocks * 33, n)
         flat = flat - self._basis @ (self._shrink[..., None] * (self._basis.mT @ flat))
         whitened = flat.transpose(2, 0, 1).reshape(plain.shape)

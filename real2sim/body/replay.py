@@ -48,6 +48,10 @@ class Rig:
     viscous: Floats
     coulomb: Floats
     continuous: Floats
+    creep: Floats
+    """Logarithm of how much more feet creep along the ground than with the solver's contacts, shape (n,)."""
+    give: Floats
+    """Logarithm of how much more the ground gives way in all directions, shape (n,)."""
 
 
 class Replay:
@@ -58,15 +62,24 @@ class Replay:
         boxes: Its terrain.
         span_s: Start and end of the log, over which a battery empties.
         solver: Of contacts.
+        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
     """
 
     def __init__(
-        self, windows: Windows, boxes: Sequence[Box], span_s: tuple[float, float], solver: Solver = OWN_SOLVER
+        self,
+        windows: Windows,
+        boxes: Sequence[Box],
+        span_s: tuple[float, float],
+        solver: Solver = OWN_SOLVER,
+        payload_position: Sequence[float] | None = None,
     ) -> None:
         self._windows = windows
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
+        self._solver = solver
         self._robots = FreeRobots(self._sets * self._count, boxes, solver=solver)
+        if payload_position is not None:
+            self._robots.set_payload_position(np.asarray(payload_position))
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
         self._age = (middle - span_s[0]) / max(span_s[1] - span_s[0], 1e-9)
 
@@ -98,6 +111,7 @@ class Replay:
     def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
         sets, windows, robots = len(rig.gain), self._windows, self._robots
         sims = sets * self._count
+        robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.set_bodies(_repeated(rig.body, self._count))
         drives = _Drives(rig, windows, self._age)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
@@ -151,6 +165,12 @@ class _Drives:
             return np.tile(self._told[:, now], (self._sets, 1))
         newer, older = (self._told[:, now - self._whole - k].transpose(1, 0, 2) for k in (0, 1))
         return np.asarray(((1.0 - self._part) * newer + self._part * older).reshape(-1, 12))
+
+
+def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
+    """Ratio of impedances (n,) and impedance (n, 2) of contacts: their give is (1 - d) / d of the engine's d."""
+    give = (1.0 / np.array(solver.impedance) - 1.0) * np.exp(rig.give)[:, None]
+    return solver.impratio * np.exp(-rig.creep), 1.0 / (1.0 + give)
 
 
 def _taken(rig: Rig, part: slice) -> Rig:

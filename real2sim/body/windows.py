@@ -5,7 +5,7 @@ under PD control what is wrong in the state at their start fades.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -25,7 +25,7 @@ SMOOTHING_STEPS = 25
 """States at the start of windows come from parabolas through 50 ms: bodies move below 10 Hz; noise falls to a third."""
 SEARCH_STEPS = 30
 """A window may start this much later, where the motion is smooth."""
-BUDGET_S = 12.0
+BUDGET_S = 10.8
 """Time that is simulated for one set of unknowns: beyond that, windows are spread over the log with gaps."""
 
 POSE, JOINTS, VELOCITY, RATES = slice(0, 7), slice(7, 19), slice(19, 22), slice(22, 34)
@@ -56,6 +56,11 @@ class Windows:
     measured: Floats
     kp: Floats
     kd: Floats
+
+    def taken(self, part: slice) -> "Windows":
+        """Some of the windows."""
+        names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
+        return replace(self, **{name: getattr(self, name)[part] for name in names})
 
     @property
     def block_s(self) -> Floats:
@@ -128,9 +133,11 @@ def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
     edge = 0.5 * SMOOTHING_STEPS * PHYSICS_DT  # states at the very edge of a stretch would be noisier by half
     room = [max(0.0, s.end_s - s.start_s - edge) for s in segments]
     share = min(1.0, BUDGET_S / max(sum(room), 1e-9))
-    starts = []
+    starts, owed = [], 0.0
     for i, segment in enumerate(segments):
-        count = min(int((room[i] + 1e-6) / length), max(1, round(share * room[i] / length)))
+        owed += share * room[i] / length
+        count = min(int((room[i] + 1e-6) / length), max(1, round(owed)))
+        owed -= count
         spare = (room[i] - count * length) / count if count else 0.0
         starts += [(i, segment.start_s + edge + k * (length + spare)) for k in range(count)]
     return starts

@@ -60,11 +60,22 @@ class FreeRobots:
         self.qpos, self.qvel, self._ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
         self._warmstart, self._sensors = bind("qacc_warmstart"), bind("sensordata")
         self._geom_friction, self._geom_solref = expand("geom_friction"), expand("geom_solref")
+        self._geom_solimp, self._impratio = expand("geom_solimp"), expand("opt.impratio")
         self._body_mass, self._body_inertia = expand("body_mass"), expand("body_inertia")
-        self._body_ipos = expand("body_ipos")
+        self._body_ipos, self._body_pos = expand("body_ipos"), expand("body_pos")
         self._damping, self._frictionloss = expand("dof_damping"), expand("dof_frictionloss")
         self._geoms = np.flatnonzero(self._model.geom_group == scene.ROBOT_GROUP)
         self._trunk, self._payload = self._model.body(scene.TRUNK).id, self._model.body(scene.PAYLOAD).id
+
+    def set_contacts(self, impratio: Floats, impedance: Floats) -> None:
+        """Gives the first robots contacts other than the solver's, before `set_bodies`; shapes (n,) and (n, 2)."""
+        n = len(impratio)
+        self._impratio[:n] = impratio.reshape(n, *self._impratio.shape[1:])
+        self._geom_solimp[:n, self._geoms, :2] = impedance[:, None]
+
+    def set_payload_position(self, position: Floats) -> None:
+        """Puts the payload of every robot there, before `set_bodies` [m], base frame, shape (3,)."""
+        self._body_pos[:, self._payload] = position
 
     def set_bodies(self, body: BodyModel) -> None:
         """Gives the first robots their bodies and their ground; arrays of shape (n, ...)."""
