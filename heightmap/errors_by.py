@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap.comparison import PHASES, Comparison
+from heightmap.quantiles import INTERVAL90, half_width, negative_log_likelihood
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 
@@ -38,7 +38,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """Whether stated standard deviations fit the errors, taken as normal."""
+    """Whether stated standard deviations fit the errors, see `heightmap.quantiles`."""
 
     level: Floats
     """Expected coverage of central intervals."""
@@ -47,7 +47,7 @@ class Calibration:
     stated_m: Floats
     """Mean (RMS) stated standard deviation in bins of equal counts."""
     observed_m: Floats
-    """RMS error in the same bins."""
+    """What should have been stated there: the error that 90 % are below, over 1.645."""
     nll: float
     """Mean negative log-likelihood of the true heights, in nats, heights in metres."""
 
@@ -117,14 +117,14 @@ class Errors:
     def calibration(self) -> Calibration:
         """Coverage by level, and error against stated standard deviation."""
         score = np.abs(self.error) / self.std
-        limits = [NormalDist().inv_cdf(0.5 + 0.5 * level) for level in LEVELS]
+        limits = [half_width(level) for level in LEVELS]
         bins = [part for part in np.array_split(np.argsort(self.std, kind="stable"), STD_BINS) if len(part)]
         return Calibration(
             level=np.array(LEVELS),
             coverage=np.array([np.mean(score <= limit) for limit in limits]),
             stated_m=np.array([np.sqrt(np.mean(self.std[part] ** 2)) for part in bins]),
-            observed_m=np.array([np.sqrt(np.mean(self.error[part] ** 2)) for part in bins]),
-            nll=float(np.mean(0.5 * score**2 + np.log(self.std) + 0.5 * np.log(2.0 * np.pi))),
+            observed_m=np.array([np.quantile(np.abs(self.error[part]), 0.9) / INTERVAL90 for part in bins]),
+            nll=float(np.mean(negative_log_likelihood(self.error, self.std))),
         )
 
     def _binned(self, values: Floats, width: float, name: str) -> list[Row]:

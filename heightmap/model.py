@@ -20,8 +20,8 @@ from saltus.grid import HEIGHTMAP_X
 
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
-MIN_STD_M, MAX_STD_M = 0.001, 0.5
-"""Bounds of the standard deviation: the depth unit of a D435i; the deepest trench."""
+MIN_STD_M, MAX_STD_M = 0.0003, 0.5
+"""Bounds of the standard deviation: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
 IMAGE_SHAPE = (2, 48, 16)
 """Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
 

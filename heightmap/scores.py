@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from heightmap.edges import edge_errors
 from heightmap.held_out import NETWORK, HeldOutRun
-from heightmap.quantiles import INTERVAL90, LAPLACE90
+from heightmap.quantiles import INTERVAL90, negative_log_likelihood
 from heightmap.sight import UNSEEN, VIEWS
 from saltus.messages import Floats
 
@@ -49,7 +49,6 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
     view = np.concatenate([run.view for run in runs])
     error = np.abs(height - true)
     covered = error <= INTERVAL90 * std
-    scale = std * (INTERVAL90 / LAPLACE90)
     by_view = {name: _mean(error[view == number]) for number, name in enumerate(VIEWS)}
     met = view != UNSEEN
     edges = edge_errors(height, np.where(met, true, np.nan))
@@ -62,7 +61,7 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
         edges_found=edges.found,
         coverage90=_mean(covered),
         coverage90_met=_mean(covered[met]),
-        nll=_mean(error / scale + np.log(2.0 * scale)),
+        nll=_mean(negative_log_likelihood(error, std)),
         points=error.size,
     )
 

@@ -12,6 +12,7 @@ from heightmap.comparison import RECORDED, Comparison, compare, in_view, read_ru
 from heightmap.edges import JUMP_M, edge_errors, jumps
 from heightmap.errors_by import REMEMBERED, VISIBLE, Errors, Row
 from heightmap.geometric import GeometricHeightmap
+from heightmap.quantiles import INTERVAL90
 from heightmap.replay import replay_frames, replay_predictor
 from heightmap.report import APART_S, WORST, measure, write_report
 from render.camera import Mount, camera_pose, ray_directions
@@ -98,7 +99,7 @@ def test_calibration_compares_what_is_stated_with_what_is(
 ) -> None:
     rng = np.random.default_rng(3)
     std = rng.uniform(0.005, 0.05, run.true_height.shape)
-    wrong = rng.normal(size=std.shape) * std
+    wrong = rng.laplace(size=std.shape) * std * INTERVAL90 / np.log(10.0)
     maps = told(run, geometric, wrong, scale * std)
     calibration = Errors([compared(tmp_path / "c.mcap", run, maps)]).calibration()
     np.testing.assert_allclose(calibration.observed_m * scale, calibration.stated_m, rtol=0.15)
@@ -109,7 +110,7 @@ def test_calibration_compares_what_is_stated_with_what_is(
 
 
 def test_the_true_spread_has_the_best_likelihood(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
-    wrong = np.random.default_rng(4).normal(size=run.true_height.shape) * 0.02
+    wrong = np.random.default_rng(4).laplace(size=run.true_height.shape) * 0.02 * INTERVAL90 / np.log(10.0)
     scores = [
         Errors([compared(tmp_path / f"{s}.mcap", run, told(run, geometric, wrong, np.full_like(wrong, s)))])
         .calibration()
