@@ -158,7 +158,8 @@ def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> 
         return np.nan_to_num((values - target) / (np.abs(target) + 1e-9), nan=1e3, posinf=1e3, neginf=-1e3)
 
     best, least = np.zeros(len(low)), FITS
-    for start in candidate.starts:
+    inner = tuple(0.75 * low + 0.25 * high)  # a share that is the square of a sine does not move from 0
+    for start in (*candidate.starts, inner):
         inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         scale = [u.scale for u in candidate.unknowns]
         # a knee is read off a grid: steps must be larger than that

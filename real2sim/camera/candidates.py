@@ -23,15 +23,12 @@ def _nuisance(name: str, *unknowns: Unknown) -> Candidate:
     return Candidate(effect=name, where="camera", unknowns=unknowns, starts=((0.0,) * len(unknowns),), is_nuisance=True)
 
 
-def camera_candidates(latency_s: float, clip_m: float, farthest_m: float) -> tuple[Candidate, ...]:
+def camera_candidates(latency_s: float) -> tuple[Candidate, ...]:
     """All effects of a camera, nuisances last.
 
     Args:
         latency_s: claimed.
-        clip_m: where the measured depth seems to end [m]; only a start.
-        farthest_m: farthest depth that is predicted without effects [m].
     """
-    nearest_clip = 0.3 * clip_m
     return (
         _candidate("camera_latency", _unknown("latency", -latency_s, 0.3, 1e-3)),
         # lag in frames, (1 - alpha) / alpha: what an image is behind by in the mean is linear in it
@@ -41,12 +38,8 @@ def camera_candidates(latency_s: float, clip_m: float, farthest_m: float) -> tup
         _candidate("camera_fov", _unknown("scale", -0.2, 0.25, 3e-3)),
         _candidate("depth_scale", _unknown("scale", -0.2, 0.25, 3e-3)),
         _candidate("depth_bias", _unknown("bias", -0.1, 0.1, 1e-3)),
-        _candidate(
-            "range_clip",
-            _unknown("share", 0.0, 1.0, 0.05),
-            _unknown("max", nearest_clip, max(farthest_m, 1.01 * clip_m), 0.01, is_shape=True),
-            starts=((0.0, clip_m),),
-        ),
+        # of what lies beyond the end, how much is cut; where the end is, images say themselves
+        _candidate("range_clip", _unknown("share", 0.0, 1.0, 0.05)),
         # variance: noise adds up in it
         _candidate("depth_noise", _unknown("variance", 0.0, 400.0, 0.2)),
         _candidate("edge_holes", _unknown("width", 0.0, 30.0, 0.3)),
@@ -89,9 +82,9 @@ class CameraEffects:
     jitter_share: float = 0.0
 
     @classmethod
-    def of(cls, candidates: tuple[Candidate, ...], values: Floats) -> "CameraEffects":
-        """Reads a vector of unknowns of `candidates`, shape (unknowns,)."""
-        given = {}
+    def of(cls, candidates: tuple[Candidate, ...], values: Floats, clip_m: float) -> "CameraEffects":
+        """Reads a vector of unknowns of `candidates`, shape (unknowns,), where measured depth ends at `clip_m`."""
+        given = {"clip_m": clip_m}
         names = [(c.effect, u.name) for c in candidates for u in c.unknowns]
         for name, value in zip(names, values.tolist(), strict=True):
             field, offset = _FIELDS[name]
@@ -108,7 +101,6 @@ _FIELDS: dict[tuple[str, str], tuple[str, float]] = {
     ("depth_scale", "scale"): ("depth_scale", 1.0),
     ("depth_bias", "bias"): ("bias", 0.0),
     ("range_clip", "share"): ("clip_share", 0.0),
-    ("range_clip", "max"): ("clip_m", 0.0),
     ("depth_noise", "variance"): ("noise_variance", 0.0),
     ("edge_holes", "width"): ("hole_width", 0.0),
     ("hole_fill", "reach"): ("fill_reach", 0.0),
@@ -120,7 +112,9 @@ _FIELDS: dict[tuple[str, str], tuple[str, float]] = {
 """Field of `CameraEffects` for each unknown, and its value where the unknown is 0."""
 
 
-def physical(candidate: Candidate, values: Floats, latency_s: float, focal_px: float) -> dict[str, Estimate]:
+def physical(
+    candidate: Candidate, values: Floats, latency_s: float, focal_px: float, ends_m: tuple[float, float]
+) -> dict[str, Estimate]:
     """Parameters in the schema's names and units.
 
     Args:
@@ -128,8 +122,10 @@ def physical(candidate: Candidate, values: Floats, latency_s: float, focal_px: f
         values: of its unknowns.
         latency_s: claimed.
         focal_px: claimed, of the images of the log.
+        ends_m: farthest depth with all and with nothing cut.
     """
-    effects = CameraEffects.of((candidate,), np.asarray(values, dtype=np.float64))
+    clip_m, farthest_m = ends_m
+    effects = CameraEffects.of((candidate,), np.asarray(values, dtype=np.float64), clip_m)
     estimates = {
         "camera_latency": ("latency", latency_s + effects.latency, "s"),
         "temporal_smear": ("alpha", 1.0 / (1.0 + effects.lag), ""),
@@ -138,7 +134,7 @@ def physical(candidate: Candidate, values: Floats, latency_s: float, focal_px: f
         "camera_fov": ("scale", effects.tangent_scale, ""),
         "depth_scale": ("scale", effects.depth_scale, ""),
         "depth_bias": ("bias", effects.bias, "m"),
-        "range_clip": ("max", effects.clip_m, "m"),
+        "range_clip": ("max", farthest_m + effects.clip_share * (clip_m - farthest_m), "m"),
         "depth_noise": ("subpixel_sigma", FLOOR * math.sqrt(effects.noise_variance) * focal_px * BASELINE_M, "px"),
         "edge_holes": ("width", effects.hole_width, "px"),
         "hole_fill": ("reach", effects.fill_reach, "px"),

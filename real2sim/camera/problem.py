@@ -17,6 +17,7 @@ from saltus.run_log import RunLog
 RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
 LIMIT = 100.0  # of a residual, in units of noise (contract of a problem)
 LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
+BEYOND = 1.01  # times an end of the range: at least as far goes a scene that it cuts
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
 
 
@@ -62,20 +63,21 @@ class CameraProblem(Problem):
         data = self._data
         later = data.model.predict(replace(AS_CLAIMED, latency=PROBE_S), data.kept)
         shift = self._depth_residuals(later) - self._depth_residuals(data.predicted)
-        predicted = data.predicted[self._at]
         self.untestable = untestable_effects(data, self._counts, shift)
-        farthest_m = float(np.max(predicted, initial=1.0))
+        farthest_m = float(np.max(data.predicted[self._at], initial=1.0))
+        clip_m = data.clip_m or farthest_m
+        self._ends_m = (clip_m, max(farthest_m, BEYOND * clip_m))
         without = set(self.untestable)
         if not np.any(data.frames.jitter_s):
             without.add("arrival_jitter")
-        every = camera_candidates(data.camera.latency_s, data.clip_m or farthest_m, farthest_m)
+        every = camera_candidates(data.camera.latency_s)
         self.candidates = tuple(c for c in every if c.effect not in without)
 
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`; shape (n, 1, m)."""
         rows = []
         for values in np.asarray(unknowns, dtype=np.float64)[:, 0]:
-            effects = CameraEffects.of(self.candidates, values)
+            effects = CameraEffects.of(self.candidates, values, self._ends_m[0])
             predicted = self._data.model.predict(effects, self._data.kept)
             share = self._data.model.noise_share(effects, self._data.kept)
             counted = self._counts.residuals(effects, predicted, share)
@@ -85,7 +87,7 @@ class CameraProblem(Problem):
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """See `Problem`."""
-        return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx)
+        return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx, self._ends_m)
 
     def drivers(self) -> tuple[Driver, ...]:
         """Where in the image, and how far away; for depth only, not for what is counted."""
