@@ -175,7 +175,8 @@ class _Search:
         if fits:
             self._refit([each.model for each in sorted(fits, key=self._cost)[:2]], f"{size} effects")
         if any(len(model) == size for model in self._fits):
-            self._restart(self._best(size), f"{size} effects")
+            if size == 2:
+                self._restart(self._best(size), "2 effects")
             self._eliminate(self._best(size))
 
     def _fit_union(self, leader: Model, other: Model, size: int) -> None:
@@ -287,13 +288,13 @@ class _Search:
     def _parts(self, model: Model) -> list[Fit]:
         """Fits of some of a model's effects that are worth starting from.
 
-        The best one; where shapes are sought, the best one with each effect, as a shape that has made up for what was
-        lacking may be a poor minimum beside what is new.
+        The best one; for pairs with shapes each effect alone, as a shape that has made up for what was lacking may be a
+        poor minimum beside what is new.
         """
         parts = sorted((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
         found = parts[:1]
-        if np.any(self._layout.is_shape[self._layout.of_effects(model)]):
-            found += [next(each for each in parts if effect in each.model) for effect in model]
+        if len(model) == 2 and np.any(self._layout.is_shape[self._layout.of_effects(model)]):
+            found += [self._fits[effect,] for effect in model]
         return list({each.model: each for each in found}.values())
 
     def _joined(self, fits: list[Fit]) -> Fit:
