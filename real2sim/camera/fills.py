@@ -74,11 +74,10 @@ def filled(
     found = found[np.isfinite(found[:, 0])]
     if not len(found):
         return None
-    by_shape, by_distance, equal, pairs, shape_variance, distance_variance = found.sum(axis=0)
-    unlike = pairs - (equal - min(by_shape, by_distance))
+    by_shape, by_distance, pairs, shape_variance, distance_variance = found.sum(axis=0)
     return Filled(
-        share=float(min(by_shape, by_distance) / unlike),
-        deviation=float(math.sqrt(max(shape_variance, distance_variance)) / unlike),
+        share=float(min(by_shape, by_distance) / pairs),
+        deviation=float(math.sqrt(max(shape_variance, distance_variance)) / pairs),
     )
 
 
@@ -103,14 +102,20 @@ def _differences(values: NDArray[np.int32], whole: NDArray[np.bool_], part: NDAr
     return counts
 
 
-def _excess(next_to: Floats, apart: Floats) -> tuple[float, float, float, float, float, float]:
-    """Of equal neighbours over what noise makes, by shape and by distance; their number, all pairs, two variances."""
+def _excess(next_to: Floats, apart: Floats) -> tuple[float, float, float, float, float]:
+    """Equal neighbours that noise does not make, by shape and by distance; all pairs; variances of the two.
+
+    NaN where noise does not have the shape that is assumed.
+    """
     sides = {d: (next_to[3 - d], next_to[3 + d]) for d in SHAPE}
-    if min(sides[3]) < FEWEST or apart[7] < FEWEST:
-        return (math.nan,) * 6
+    falls = sum(sides[1]) >= sum(sides[2]) >= sum(sides[3])  # else depth comes in steps, and noise is not smooth in it
+    if not falls or min(min(side) for side in sides.values()) < FEWEST or apart[7] < FEWEST:
+        return (math.nan,) * 5
     equal, pairs = float(next_to[3]), float(next_to[7])
     logarithm = sum(weight * 0.5 * math.log(sides[d][0] * sides[d][1]) for d, weight in SHAPE.items())
     variance = sum((0.5 * weight) ** 2 * (1.0 / sides[d][0] + 1.0 / sides[d][1]) for d, weight in SHAPE.items())
     by_chance, ratio = math.exp(logarithm), pairs / float(apart[7])
     far = float(apart[3]) * ratio
-    return equal - by_chance, equal - far, equal, pairs, equal + by_chance**2 * variance, equal + far * ratio
+    unlike = 1.0 - far / pairs  # a copy takes the place of a pixel that may be equal by chance
+    by_distance = (equal - far) / unlike
+    return equal - by_chance, by_distance, pairs, equal + by_chance**2 * variance, (equal + far * ratio) / unlike**2
