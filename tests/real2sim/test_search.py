@@ -120,6 +120,14 @@ def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_
     assert after == pytest.approx(floor, rel=0.1)
 
 
+def test_three_effects_are_found_though_a_delay_stands_in_for_two_of_them() -> None:
+    hidden = everywhere("armature", 0.006) | everywhere("viscous_friction", 0.1) | everywhere("coulomb_friction", 0.25)
+    findings = search(OneJoint(hidden))
+    named = {found.name for found in findings.effects} | {name for names in findings.sets for name in names}
+    assert {"armature", "viscous_friction", "coulomb_friction"} <= named
+    assert not named & {"command_delay", "actuator_lag", "torque_saturation"}
+
+
 def test_a_small_effect_beside_a_far_larger_one_is_named() -> None:
     findings = search(OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02)))
     assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
