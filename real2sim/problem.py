@@ -104,6 +104,9 @@ class Problem(ABC):
     """How much two right simulations of one effect differ, in units of what they do where robots have drives and
     contacts."""
 
+    collinear: float = 0.95
+    """Cosine from which two effects are a set although one of them explains more (schema of run logs)."""
+
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, measured minus simulated, for several sets of unknowns at once.

@@ -39,7 +39,7 @@ class Rebased(Problem):
         self.name, self.blocks, self.places = inner.name, inner.blocks, inner.places
         self.segments, self.segment = inner.segments, inner.segment
         self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
-        self.samples_per_residual = inner.samples_per_residual
+        self.samples_per_residual, self.simulation_doubt = inner.samples_per_residual, inner.simulation_doubt
         self.untestable = inner.untestable
         offsets = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))

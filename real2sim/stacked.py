@@ -28,6 +28,10 @@ class Stacked(Problem):
         shifts_s: How much later each log's clock is set, so that logs follow each other, shape (logs,).
     """
 
+    collinear = 1.0
+    """Who has asked a robot twice wants to know what explains both answers: effects are a set where both explain them,
+    not where they are merely alike."""
+
     def __init__(self, problems: Sequence[Problem], shifts_s: Sequence[float]) -> None:
         first = problems[0]
         self._problems = tuple(problems)

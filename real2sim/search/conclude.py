@@ -41,7 +41,7 @@ def findings(
     around = library(chosen.fit.model)
     chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
     confusion = signature.confusion(court.layout, around, chosen.fit.model)
-    alike = decide.ambiguities(court, chosen, scored, confusion, dispersion)
+    alike = decide.ambiguities(court, chosen, scored, confusion, dispersion, problem.collinear)
     told = reported(problem, court, evaluate, null, chosen)
     final = told.residuals
     tested = Cells.of(problem, ~court.split.is_fit)

@@ -38,8 +38,6 @@ two correct simulations of those others differ by; see `WHOLE_SHARE`."""
 WHOLE_SHARE = 0.9
 """Less than that share of the whole gap is enough for a further effect that takes this share of what the model without
 it leaves, down to what simulations differ by."""
-COLLINEAR = 0.95
-"""Cosine from which two effects count as inseparable, by the schema of run logs."""
 CLOSED_SHARE = (0.75, 0.98, 0.99)
 """A model of one, two, three effects that closes less of the gap than this does not explain it: the more effects, the
 easier is it to imitate another. A flexible gear, which no library holds, is a lag and a lost gain to 0.97."""
@@ -180,7 +178,12 @@ def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> 
 
 
 def ambiguities(
-    court: Court, chosen: Scored, scored: Sequence[Scored], confusion: Confusion, dispersion: float
+    court: Court,
+    chosen: Scored,
+    scored: Sequence[Scored],
+    confusion: Confusion,
+    dispersion: float,
+    collinear: float,
 ) -> dict[str, list[str]]:
     """For each effect of the chosen model, the others that these data do not tell from it, likeliest first.
 
@@ -201,11 +204,11 @@ def ambiguities(
         more = court.closed(null, without, chosen) - court.closed(null, without, rival)
         is_tied = more < ALIKE_SHARE or not court.lead(rival, chosen, dispersion)
         # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
-        imitates = court.closed(null, null, rival) >= COLLINEAR**2 * court.closed(null, null, chosen)
-        if is_tied or (imitates and confusion.between(effect, other) >= COLLINEAR):
+        imitates = court.closed(null, null, rival) >= collinear**2 * court.closed(null, null, chosen)
+        if is_tied or (imitates and confusion.between(effect, other) >= collinear):
             found[effect].append(other)
     for effect in chosen.fit.model:
         for other in chosen.fit.model:
-            if other != effect and confusion.between(effect, other) >= COLLINEAR:
+            if other != effect and confusion.between(effect, other) >= collinear:
                 found[effect].append(other)
     return {effect: others[: SET_SIZE - 1] for effect, others in found.items()}

@@ -21,7 +21,7 @@ class Narrowed(Problem):
         self.name, self.blocks, self.places = inner.name, inner.blocks, inner.places
         self.segments, self.segment = inner.segments, inner.segment
         self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
-        self.samples_per_residual = inner.samples_per_residual
+        self.samples_per_residual, self.simulation_doubt = inner.samples_per_residual, inner.simulation_doubt
         self.untestable = {name: why for name, why in inner.untestable.items() if name not in without}
         self.candidates = tuple(c for c in inner.candidates if c.effect not in without)
         is_kept = [c.effect not in without for c in inner.candidates for _ in c.unknowns]

@@ -93,3 +93,12 @@ def test_who_has_a_gap_of_its_own_rules_nothing_out() -> None:
     sizes = {"torque_gain": Estimate(value=1.001, unit="")}
     lost = Findings(problem="joints", verdict="unexplained", minimum_detectable=sizes)
     assert resolved((UNSURE, lost))[0].verdict == "set"
+
+
+def test_evidence_of_two_logs_decides_between_effects_that_are_alike_in_both() -> None:
+    both = [LinearProblem(HIDDEN, alike=0.97, seed=seed) for seed in (0, 1)]
+    assert [search(one).verdict for one in both] == ["set", "set"]
+    together = search(Stacked(both, (0.0, LATER_S)))
+    assert (together.verdict, [effect.name for effect in together.effects]) == ("named", ["e1"])
+    same = [LinearProblem(HIDDEN, alike=0.9999, seed=seed) for seed in (0, 1)]
+    assert search(Stacked(same, (0.0, LATER_S))).sets == (("e1", "e2"),)
