@@ -33,6 +33,9 @@ SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
 LARGEST_DOUBT = 10.0
 """Segments with a window in which right simulations differ by this many times the power of the noise are left out: what
 a foot does there hangs on a hair."""
+LARGEST_LASTING = 1.0
+"""Windows are left out in which errors of the start have not faded below the noise: a foot is about to lift or slip
+there, and the simulation goes its own way."""
 UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
 """Where on flat ground a robot stands, and which way it faces, tells nothing: they start free."""
 
@@ -112,15 +115,19 @@ class Whitening:
         measured: What is added to errors, were windows to start as measured rather than where they are likeliest,
             shape (w, blocks, 33).
         unrepeated: Variance of what a right simulation does not repeat either, shape (w, blocks, 33).
+        lasting: Power of errors of the start late in each window, in units of the noise, shape (w,).
         segment: Of each window, shape (w,).
     """
 
-    def __init__(self, noise: Noise, starts: Floats, measured: Floats, unrepeated: Floats, segment: Indices) -> None:
+    def __init__(
+        self, noise: Noise, starts: Floats, measured: Floats, unrepeated: Floats, lasting: Floats, segment: Indices
+    ) -> None:
         sensors = noise.sigma[KIND_OF_SIGNAL] ** 2
         self._sigma = np.sqrt(sensors + unrepeated)
         doubt = np.mean(unrepeated / sensors, axis=(1, 2))
         worst = np.array([doubt[segment == s].max() for s in segment])
-        self.is_reproducible = worst <= max(LARGEST_DOUBT, float(worst.min()))
+        is_steady = lasting <= max(LARGEST_LASTING, float(lasting.min()))
+        self.is_reproducible = is_steady & (worst <= max(LARGEST_DOUBT, float(worst[is_steady].min())))
         self._noise, self._measured = noise, measured
         plain = noise.plain(starts, self._sigma)  # (d, w, blocks, 33)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)

@@ -26,6 +26,8 @@ from saltus.sim.free import Box, Solver
 
 LARGEST = 100.0
 """Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
+LATE = BLOCKS * 2 // 3
+"""Block from which on errors of the start should have faded."""
 DRAWS, PAIRS = 8, 5
 """Random starts, and small changes of the robot, each there and back: variances within a half."""
 USUAL = {
@@ -193,7 +195,8 @@ class BodyProblem(Problem):
         missed = self._moved(spread, draws) - np.einsum("kwd,dwbs->kwbs", draws, slopes)
         measured = -np.einsum("wd,dwbs->wbs", starts.likeliest, slopes)
         unrepeated = np.mean(missed**2, axis=0) + self._by_a_hair() + self._of_steps()
-        return Whitening(noise, slopes, measured, unrepeated, windows.segment)
+        lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
+        return Whitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
     def _usual(self) -> Floats:
         """Unknowns with one of `USUAL` off its rest each, shape (e, unknowns)."""
