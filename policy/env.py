@@ -127,6 +127,10 @@ class JumpEnv:
             timed_out=self.episodes.timed_out.clone(),
         )
 
+    def crowded_share(self) -> float:
+        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        return float(torch.as_tensor(self._engine.crowded()).float().mean())
+
     def set_levels(self, level: Tensor) -> None:
         """Starts every robot again on a course of the given level, shape (n,)."""
         store(self.memory, level=level)

@@ -46,6 +46,7 @@ class Progress:
             "steps_per_s": (learner.steps - self._last_steps) / max(seconds, 1e-9),
             "learning_rate": learner.ppo.learning_rate,
             "std": learner.std,
+            "crowded": self._env.crowded_share(),
             **losses,
             **self._rewards(),
             **self._terrains(),

@@ -44,6 +44,10 @@ class BatchEngine(Engine):
         """Which shapes touched the terrain, shape (count, 16)."""
         return self._sensors > 0.0
 
+    def crowded(self) -> Array:
+        """No robot, shape (count,): the engine makes room as it is needed."""
+        return np.zeros(self.count, dtype=np.bool_)
+
     def set_terrain(self, center: Array, half_size: Array) -> None:
         """Puts boxes under all robots."""
         center, half_size = np.asarray(center), np.asarray(half_size)

@@ -54,6 +54,10 @@ class Engine(ABC):
         """Which shapes touched the terrain at the start of the last step: shape (count, 16), order of `TOUCHING`."""
 
     @abstractmethod
+    def crowded(self) -> Array:
+        """Which robots had contacts that found no room since the last call, and were not simulated: shape (count,)."""
+
+    @abstractmethod
     def set_terrain(self, center: Array, half_size: Array) -> None:
         """Puts boxes under all robots; centres and half edge lengths [m], shape (count, boxes, 3)."""
 

@@ -18,8 +18,8 @@ CONSTRAINTS = 84
 SOLVER_ITERATIONS = 10
 """Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
 within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
-_NO_NEWS = mujoco_warp.OverflowType.ITERATIONS | mujoco_warp.OverflowType.LS_ITERATIONS
-"""Robots print a line each when the solver is stopped before it has converged: of thousands some always are."""
+_NO_ROOM = mujoco_warp.OverflowType.NEFC | mujoco_warp.OverflowType.BROADPHASE | mujoco_warp.OverflowType.NARROWPHASE
+"""What the engine notes when contacts or constraint rows of a robot were left out."""
 _DIFFERING = (
     "geom_pos",
     "geom_size",
@@ -56,7 +56,8 @@ class WarpEngine(Engine):
         mujoco.mj_forward(self.model, start)
         with warp.ScopedDevice(device):
             self._model = mujoco_warp.put_model(self.model, batch_sizes=dict.fromkeys(_DIFFERING, count))
-            self._model.opt.warn_overflow &= ~_NO_NEWS
+            # Robots would print a line each, at every step, and of thousands some always have something to say.
+            self._model.opt.warn_overflow = 0
             self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=CONSTRAINTS)
             self._bind()
             self._graph = self._capture() if warp.get_device(device).is_cuda else None
@@ -80,6 +81,12 @@ class WarpEngine(Engine):
         flags = xp.zeros(nowhere + 1, dtype=xp.bool, device=self.qpos.device)
         flags[entry] = True
         return flags[:nowhere].reshape(self.count, 16)
+
+    def crowded(self) -> Array:
+        """Which robots had contacts that found no room since the last call, shape (count,)."""
+        found = (self._overflow & int(_NO_ROOM)) != 0
+        self._overflow.zero_()
+        return found
 
     def set_terrain(self, center: Array, half_size: Array) -> None:
         """Puts boxes under all robots."""
@@ -116,6 +123,7 @@ class WarpEngine(Engine):
         self._body_mass, self._body_inertia = view(model.body_mass), view(model.body_inertia)
         self._body_ipos = view(model.body_ipos)
         self._contact_geom, self._contact_world = view(data.contact.geom), view(data.contact.worldid)
+        self._overflow = view(data.overflow)
         self._contact_distance, self._contact_count = view(data.contact.dist), view(data.nacon)
         shape_of_geom = [-1] * self.model.ngeom  # terrain and trunk
         for shape, geom in enumerate(self._where.touching):

@@ -92,3 +92,20 @@ def test_a_solver_that_is_stopped_early_prints_nothing(
     for _ in range(5):
         engine.step()
     assert "limit reached" not in capfd.readouterr().out
+
+
+def test_robots_whose_contacts_find_no_room_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("saltus.sim.warp.CONTACTS", 8)
+    engine = WarpEngine(COUNT, BOXES, device="cpu")
+    put_in_the_air(engine)
+    engine.set_terrain(torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), torch.ones(COUNT, 1, 3))
+    engine.step()
+    assert not engine.crowded().any()
+    torch.as_tensor(engine.qpos)[:, 2] = 0.05  # whole legs in the ground: more than 8 contacts each
+    engine.step()
+    assert engine.crowded().any()
+    assert not engine.crowded().any()
+
+
+def test_the_processor_makes_room(engines: tuple[Engine, Engine]) -> None:
+    assert not engines[0].crowded().any()
