@@ -3,7 +3,7 @@
 The rule:
 
 1. A condition with two or more segments that look like repeats - the claimed model leaves similar gaps in all of them -
-   gives its last segment to the test.
+   gives one segment to the test: the first condition its last, the next the one before, and so on.
 2. Where segments of a condition differ, e.g. one motion at several amplitudes, or where there is only one, each is cut
    into pieces, and every third piece is a test. An effect that only the largest amplitude shows is then seen by fit and
    test alike.
@@ -66,14 +66,15 @@ def split(problem: Problem, residuals: Floats) -> Split:
     power = np.mean(residuals**2, axis=0)
     pieces: list[tuple[Indices, int]] = []  # rows and segment
     test: list[bool] = []
-    for condition in dict.fromkeys(segment.condition for segment in problem.segments):
+    for number, condition in enumerate(dict.fromkeys(segment.condition for segment in problem.segments)):
         members = [i for i, s in enumerate(problem.segments) if s.condition == condition]
         rows = {i: np.flatnonzero(problem.segment == i) for i in members}
         members = [i for i in members if len(rows[i])]
         levels = [float(np.sqrt(np.mean(power[rows[i]]))) for i in members]
         if len(members) >= 2 and max(levels) <= REPEAT_RATIO * min(levels):
             pieces += [(rows[i], i) for i in members]
-            test += [i == members[-1] for i in members]
+            # of one condition the last, of the next the one before: fits see early and late, for what changes with time
+            test += [i == members[-1 - number % len(members)] for i in members]
             continue
         for turn, i in enumerate(members):
             time_s = problem.time_s[rows[i]]

@@ -5,11 +5,11 @@ from one_joint import OneJoint
 from real2sim.search.split import TEST, split
 
 
-def test_the_last_of_repeats_is_the_test() -> None:
+def test_one_of_repeats_is_the_test_late_and_early_in_turn() -> None:
     problem = LinearProblem({})
     parts = split(problem, problem.residuals(np.zeros((1, 2, len(problem.candidates))))[0])
-    assert sorted(set(parts.segment[parts.fold == TEST])) == [1, 3, 5]
-    assert sorted(set(parts.segment[parts.fold != TEST])) == [0, 2, 4]
+    assert sorted(set(parts.segment[parts.fold == TEST])) == [1, 2, 5]
+    assert sorted(set(parts.segment[parts.fold != TEST])) == [0, 3, 4]
 
 
 def test_amplitudes_are_each_in_fit_and_test() -> None:
