@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from heightmap.delivery import Delivery, DeliveryModel, deliver
-from heightmap.model import Normalisation
+from heightmap.model import Estimate, HeightmapModel, Normalisation
 from heightmap.shards import Episode
 from saltus.depth import MILLIMETRE, RANGE_M
 
@@ -181,6 +181,16 @@ class _Slot:
     position: int
     starts: bool = True
     """Whether it has just entered the episode."""
+
+
+def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
+    """Runs a window; robots that begin a new episode begin without memory."""
+    batch, images = window.image.shape[:2]
+    encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))
+    rows = torch.arange(batch, device=hidden.device)
+    in_use = encoded[rows, window.in_use]  # (time, batch, features)
+    hidden = torch.where(window.starts[:, None], 0.0, hidden)
+    return model.ticks(in_use, window.age, window.new, window.proprioception, hidden)
 
 
 def without_stereo(noise: ImageNoise) -> ImageNoise:

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from heightmap.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, Window
+from heightmap.calibration import calibrate
+from heightmap.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
 from heightmap.delivery import TRAINING
 from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
 from heightmap.quantiles import INTERVAL90
@@ -81,11 +82,7 @@ def train(
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
     """
     records = read_manifest(data)
-    fitted, _ = split(read_dataset(data))
-    # Every round of the dataset is met equally often, however many episodes it has.
-    weight, _ = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
-    true_depth, _ = split([_has_true_depth(record) for record in records for _ in range(record.episodes)])
-    store = EpisodeStore(fitted, _device(config.device), weight, true_depth)
+    store, held_out = _stores(data, records, _device(config.device))
     torch.manual_seed(config.seed)
     model, before = load_checkpoint(start) if start else (HeightmapModel(config.model, store.normalisation()), None)
     model.to(store.device).train()
@@ -106,8 +103,20 @@ def train(
             progress(state)
         if now - saved > config.save_every_s or last:
             saved = now
+            if last:
+                calibrate(model, held_out, config.noise, config.seed)
             _save(checkpoint, origin, update, model, optimiser)
     return model.cpu().eval()
+
+
+def _stores(data: Path, records: list[ShardRecord], device: torch.device) -> tuple[EpisodeStore, EpisodeStore]:
+    """Episodes to fit, and those held out."""
+    # Every round of the dataset is met equally often, however many episodes it has.
+    weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
+    true_depth = split([_has_true_depth(record) for record in records for _ in range(record.episodes)])
+    parts = zip(split(read_dataset(data)), weights, true_depth, strict=True)
+    fitted, held_out = (EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts)
+    return fitted, held_out
 
 
 def _updates(
@@ -149,16 +158,6 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
     model = HeightmapModel(config, Normalisation(**shapes))
     model.load_state_dict(table["model"])
     return model.eval(), {**table["origin"], "update": table["update"]}
-
-
-def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
-    """Runs a window; robots that begin a new episode begin without memory."""
-    batch, images = window.image.shape[:2]
-    encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))
-    rows = torch.arange(batch, device=hidden.device)
-    in_use = encoded[rows, window.in_use]  # (time, batch, features)
-    hidden = torch.where(window.starts[:, None], 0.0, hidden)
-    return model.ticks(in_use, window.age, window.new, window.proprioception, hidden)
 
 
 def _loss(estimate: Estimate, window: Window) -> Tensor:
