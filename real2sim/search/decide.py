@@ -10,7 +10,7 @@ from real2sim.search import bootstrap
 from real2sim.search.cells import Cells
 from real2sim.search.findings import Confusion
 from real2sim.search.fit import Fit
-from real2sim.search.layout import Layout, Model, model_of
+from real2sim.search.layout import Layout, Model
 from real2sim.search.split import TEST, Split
 
 GAIN_NATS = 10.0
@@ -45,9 +45,6 @@ PROMISING_SHARE = 0.8
 """A pair that closes less lacks more than one further effect: larger models are not tried."""
 REMAINDER_RMS = 0.5
 """RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
-ALIKE_SHARE = 0.01
-"""Of what an effect explains, a rival that explains all but this share is as good, however sure the rest is: a tenth of
-the amplitude is within what two correct simulations of a gait or of a contact differ by."""
 SET_SIZE = 3
 
 
@@ -200,9 +197,7 @@ def ambiguities(
         if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE[0]:
             continue
         effect, other = gone.pop(), new.pop()
-        without = by_model.get(model_of(set(chosen.fit.model) - {effect}), null)
-        more = court.closed(null, without, chosen) - court.closed(null, without, rival)
-        is_tied = more < ALIKE_SHARE or not court.lead(rival, chosen, dispersion)
+        is_tied = not court.lead(rival, chosen, dispersion)
         # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
         imitates = court.closed(null, null, rival) >= collinear**2 * court.closed(null, null, chosen)
         if is_tied or (imitates and confusion.between(effect, other) >= collinear):
