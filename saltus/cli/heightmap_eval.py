@@ -74,11 +74,10 @@ class Eval:
 
 def _print_table(table: dict[str, Any]) -> None:
     """A row for all runs, each level and terrain, and each baseline; lengths in millimetres."""
-    rows = {"network": table}
-    rows |= {f"  {name}": row for group in ("by_level", "by_terrain") for name, row in table[group].items()}
+    groups = (*table["by_level"].items(), *table["by_terrain"].items())
+    rows = [("network", table), *((f"  {name}", row) for name, row in groups)]
     for baseline, row in table["baselines"].items():
-        rows[baseline] = row
-        rows |= {f"  {name}": part for name, part in row["by_terrain"].items()}
+        rows += [(baseline, row), *((f"  {name}", part) for name, part in row["by_terrain"].items())]
     print(f"{'error [mm]':<18}" + "".join(f"{title:>11}" for title, _, _ in COLUMNS))
-    for name, row in rows.items():
+    for name, row in rows:
         print(f"{name:<18}" + "".join(f"{factor * row[key]:>11.2f}" for _, key, factor in COLUMNS))
