@@ -38,6 +38,8 @@ class Unknown:
     """A small but telling change, e.g. 1 ms of a delay: finite differences step by a fraction of it."""
     is_shape: bool = False
     """Matters only where an unknown of its candidate that is no shape is not 0, e.g. the knee of a saturation."""
+    stated: float | None = None
+    """The one value other than absence that a verdict can state, where others are but a way for fits to come to it."""
 
 
 @dataclass(frozen=True, kw_only=True)

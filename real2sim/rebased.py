@@ -164,6 +164,8 @@ def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> 
         scale = [u.scale for u in candidate.unknowns]
         # a knee is read off a grid: steps must be larger than that
         x = least_squares(error, inside, bounds=(low, high), x_scale=scale, diff_step=[STEP] * len(scale)).x
+        # what no parameter depends on is what the verdict takes it for
+        x = np.array([at if u.stated is None else u.stated for u, at in zip(candidate.unknowns, x, strict=True)])
         if (worst := float(np.abs(error(x)).max())) < least:
             best, least = x, worst
     return best

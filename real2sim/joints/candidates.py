@@ -18,6 +18,11 @@ def _size(name: str, low: float, high: float, scale: float) -> Unknown:
     return Unknown(name=name, low=low, high=high, scale=scale)
 
 
+def _weight() -> Unknown:
+    """How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
+    return Unknown(name="weight", low=0.0, high=1.0, scale=0.2, stated=1.0)
+
+
 def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
     return Unknown(name=name, low=low, high=high, scale=scale, is_shape=True)
 
@@ -60,7 +65,7 @@ KINDS = (
     Kind(
         effect="torque_speed_limit",
         unknowns=(
-            _size("weight", 0.0, 1.0, 0.2),
+            _weight(),
             _shape("corner", 0.0, 30.0, 1.0),
             _shape("span", 0.3, 60.0, 1.0),
         ),
@@ -93,7 +98,7 @@ KINDS = (
     Kind(effect="encoder_bias", unknowns=(_size("bias", -0.3, 0.3, 2e-3),), starts=((0.0,),), resolution=4e-3),
     Kind(
         effect="encoder_quantisation",
-        unknowns=(_size("weight", 0.0, 1.0, 0.2), _shape("step", 2e-4, 0.1, 1e-6)),
+        unknowns=(_weight(), _shape("step", 2e-4, 0.1, 1e-6)),
         starts=((1.0, 0.005),),
         faithful=0.95,
     ),

@@ -118,6 +118,12 @@ def each_alone(problem: Problem, places: list[Place], least: float) -> list[Grou
     return [_pool([places[i]]) for i in present_at(problem, places, least)]
 
 
+def each_trace(places: list[Place], least: float) -> list[Group]:
+    """Every place at which the effect has an RMS of `least`, and the place that shows it best, with its own value."""
+    least = min(least, max(place.rms for place in places))
+    return [_pool([place]) for place in places if place.rms >= least]
+
+
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
     """At which places an effect is larger than chance and than what simulations differ by; at least one."""
     largest = int(np.argmax([place.rms for place in places]))

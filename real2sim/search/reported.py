@@ -12,6 +12,8 @@ from real2sim.search.quadratic import bounded_minimum
 
 ITERATIONS = 3
 """Of Gauss-Newton, each with fresh derivatives: values start within a few errors of where they end."""
+HALVINGS = 3
+"""Of a step that does not help: a number that can only be stated as it is may be far from where the fit had it."""
 AS_GOOD = 1.1
 """Ratio of costs up to which a way to state values is as good as the best one: 10 % of what is left is what values of
 equal drives scatter by, as `estimates.SAME` has it."""
@@ -31,7 +33,8 @@ class Reported:
 def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored) -> Reported:
     """The simplest way to state the chosen model that explains the log as the fit does.
 
-    Ways, simplest first: values that places share; own values where the effect shows; own values at all places.
+    Ways, simplest first: values that places share; own values where the effect is present; own values wherever it
+    leaves a trace, however unsure they are: with less a patch would not explain the log.
     """
     model = chosen.fit.model
     if not model:
@@ -40,9 +43,9 @@ def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, 
     ways: tuple[Groups, ...] = (
         {effect: estimates.group(problem, found, court.size) for effect, found in places.items()},
         {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()},
+        {effect: estimates.each_trace(found, court.size) for effect, found in places.items()},
     )
-    tried = [_Tied(court, chosen.fit, way).fitted(evaluate) for way in ways]
-    everywhere = Reported(groups=ways[-1], unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    *tried, everywhere = (_Tied(problem, court, chosen.fit, way).fitted(evaluate) for way in ways)
     least = decide.explained_share(court, model)
     lowest = min(_cost(court, one.residuals) for one in (*tried, everywhere))
     for one in tried:
@@ -66,12 +69,13 @@ class _Tied:
     """A model in which the places of a group have one value, and places of no group lack the effect.
 
     Args:
+        problem: Says which numbers a verdict can only state as they are.
         court: Split and layout.
         start: The fit whose nuisances and shapes are kept where no group says anything.
         groups: Of each effect.
     """
 
-    def __init__(self, court: Court, start: fit.Fit, groups: Groups) -> None:
+    def __init__(self, problem: Problem, court: Court, start: fit.Fit, groups: Groups) -> None:
         self._court, self._start, self._groups = court, start, groups
         layout = court.layout
         self._rest = start.unknowns.copy()
@@ -80,17 +84,21 @@ class _Tied:
         # each number that is fitted: the blocks and columns of the vector of unknowns at which it stands
         self._seats: list[list[tuple[int, int]]] = []
         values: list[float] = []
+        stated: list[float] = []
         for group in (group for several in groups.values() for group in several):
             columns = [layout.of_candidate(place.candidate) for place in group.places]
+            unknowns = problem.candidates[group.places[0].candidate].unknowns
             for i, value in enumerate(group.value):
+                stated.append(np.nan if (told := unknowns[i].stated) is None else told)
                 self._seats.append([(p.block, int(c[i])) for p, c in zip(group.places, columns, strict=True)])
                 values.append(float(value))
         for column in layout.nuisances:
             for block in range(len(start.unknowns)):
                 self._seats.append([(block, int(column))])
                 values.append(float(start.unknowns[block, column]))
+                stated.append(np.nan)
         own = [seats[0][1] for seats in self._seats]
-        self._low, self._high = layout.low[own], layout.high[own]
+        self._low, self._high = (np.where(np.isnan(stated), b[own], stated) for b in (layout.low, layout.high))
         self._values = np.clip(np.array(values), self._low, self._high)
 
     def fitted(self, evaluate: Evaluator) -> Reported:
@@ -101,12 +109,15 @@ class _Tied:
         for _ in range(ITERATIONS):
             if self._court.cells.largest_rms(self._court.cells.structure(residuals)) <= self._court.size:
                 break
-            trial = np.clip(values + self._change(evaluate, values, unknowns, residuals), self._low, self._high)
-            moved = self._unknowns(trial)
-            left = evaluate("reported values", moved[np.newaxis])[0]
-            if _cost(self._court, left) >= _cost(self._court, residuals):
+            change = self._change(evaluate, values, unknowns, residuals)
+            shares = 0.5 ** np.arange(1 + HALVINGS)
+            trials = np.clip(values + shares[:, np.newaxis] * change, self._low, self._high)
+            moved = np.array([self._unknowns(trial) for trial in trials])
+            left = evaluate("reported values", moved)
+            best = int(np.argmin([_cost(self._court, each) for each in left]))
+            if _cost(self._court, left[best]) >= _cost(self._court, residuals):
                 break
-            values, unknowns, residuals = trial, moved, left
+            values, unknowns, residuals = trials[best], moved[best], left[best]
         return Reported(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
 
     def _change(self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats) -> Floats:

@@ -20,6 +20,7 @@ from real2sim.sensors import SENSORS
 from real2sim.verdict import Verdict
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import RecordingError
 from saltus.run_log import RunLog, write_run_log
@@ -79,6 +80,20 @@ def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) ->
     friction = next(c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf"))
     assert with_effects.physical(friction, np.zeros(1))["coefficient"].value == pytest.approx(0.2)
     np.testing.assert_array_equal(Rebased(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
+
+
+def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
+    inner = next(sensor for sensor in SENSORS if sensor.name == "joints").problem(held)
+    robot = Profile(actuator=(TorqueSpeedLimit(corner=0.2, no_load=1.0),))
+    unknowns = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
+    with_limit = Rebased(inner, robot).residuals(unknowns)
+    at = 0
+    for candidate in inner.candidates:
+        if candidate.effect == "torque_speed_limit":
+            unknowns[..., at : at + 3] = (1.0, 0.2, 0.8)  # weight, corner, and from there to the no-load speed
+        at += len(candidate.unknowns)
+    np.testing.assert_allclose(with_limit, inner.residuals(unknowns), atol=1e-3)
+    assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)
 
 
 def test_an_effect_that_no_sensor_shows_is_untestable_and_says_why(held: RunLog) -> None:
