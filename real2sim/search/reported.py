@@ -45,14 +45,15 @@ def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, 
         {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()},
         {effect: estimates.each_trace(found, court.size) for effect, found in places.items()},
     )
-    *tried, everywhere = (_Tied(problem, court, chosen.fit, way).fitted(evaluate) for way in ways)
+    tried = [_Tied(problem, court, chosen.fit, way).fitted(evaluate) for way in ways]
     least = decide.explained_share(court, model)
-    lowest = min(_cost(court, one.residuals) for one in (*tried, everywhere))
+    lowest = min(_cost(court, one.residuals) for one in tried)
     for one in tried:
         closed = court.closed(null, null, replace(chosen, structure=court.cells.structure(one.residuals)))
         if closed >= least and _is_as_good(court, one.residuals, lowest):
             return one
-    return everywhere
+    # what is stated leaves more than what was fitted, but is the best there is
+    return Reported(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 
 
 def _cost(court: Court, residuals: Floats) -> float:
