@@ -3,7 +3,7 @@
     saltus bench transport --json [--arguments=--count --arguments=6000] [--arguments=--robots --arguments=8]
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
-`wait`, so it holds encoding, two hops of TCP, waking the receiver and decoding.
+`wait`, so it holds encoding, two hops of TCP, the receiver's polling and decoding.
 
 Frame to heightmap: a robot's process and the heightmap service, both on a router; beside them a consumer that takes
 heightmaps at a quarter of the rate. Sending goes by absolute deadlines, whatever becomes of the answers. An image
@@ -18,7 +18,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import timeit
 from collections.abc import Callable
@@ -33,7 +32,7 @@ import psutil
 from heightmap.replay import AssumeLevel
 from render.stereo.model_view import sampled_model_camera
 from saltus import go1
-from saltus.bus import ZenohBus
+from saltus.bus import ZenohBus, pause_s
 from saltus.cli.output import print_json
 from saltus.codec import decode, encode
 from saltus.config import RunConfig, to_toml
@@ -150,14 +149,14 @@ class Scenes:
 class Robot:
     """A robot's place on the bus: sends images and states, receives heightmaps."""
 
-    def __init__(self, endpoint: str, prefix: str, count: int, bell: threading.Event) -> None:
+    def __init__(self, endpoint: str, prefix: str, count: int) -> None:
         self.bus = ZenohBus(endpoint, prefix)
         self.latency_ms: Floats = np.full(count, np.inf)
         self.newest = -1
         """The image of the newest heightmap."""
         self._sent_times = np.zeros(count, np.int64)
         self._frames, self._states = self.bus.publisher("camera/depth"), self.bus.publisher("controller/state")
-        self._heightmaps = self.bus.latest("heightmap/heightmap", bell=bell)
+        self._heightmaps = self.bus.latest("heightmap/heightmap")
 
     def send(self, frame: DepthFrame, state: RobotState) -> None:
         """Publishes both."""
@@ -175,8 +174,7 @@ class Robot:
 
 def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
-    bell = threading.Event()
-    scenes, robots = Scenes(), [Robot(endpoint, prefix, count, bell) for prefix in prefixes]
+    scenes, robots = Scenes(), [Robot(endpoint, prefix, count) for prefix in prefixes]
     ticker = Ticker(RATE_HZ)
     for number in range(count):
         ticker.wait()
@@ -184,14 +182,14 @@ def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, ne
         message = scenes.at(number, time.monotonic_ns() - epoch_ns)
         for robot in robots:
             robot.send(*message)
-        while (left_s := start_s + PATIENCE / RATE_HZ - time.monotonic()) > 0.0:
-            if bell.wait(left_s):
-                bell.clear()
+        sent_s = time.monotonic()
+        while (now_s := time.monotonic()) - start_s < PATIENCE / RATE_HZ:
             for robot in robots:
                 robot.receive()
             newest.value = robots[0].newest
             if all(robot.newest == number for robot in robots):
                 break
+            time.sleep(pause_s(now_s - sent_s))
     result.send((np.concatenate([robot.latency_ms[SETTLE:] for robot in robots]), ticker.overruns))
     for robot in robots:
         robot.bus.close()

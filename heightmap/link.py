@@ -1,12 +1,14 @@
 """One robot on the bus, as the heightmap process sees it."""
 
-import threading
-
 from heightmap.fleet import Arrival
 from saltus.bus import Sample
 from saltus.messages import Done, Heightmap, HeightmapStatus, RobotState
 from saltus.process import ProcessContext
 from saltus.ticker import freshness
+
+DUE_NS = 1_500_000
+"""Jitter of a state's arrival on a machine that is not overloaded: for so long around the expected moment it is awaited
+with short pauses."""
 
 
 class RobotLink:
@@ -14,15 +16,14 @@ class RobotLink:
 
     Args:
         context: Of that robot's run.
-        bell: Set whenever a state or a frame has come.
     """
 
-    def __init__(self, context: ProcessContext, bell: threading.Event) -> None:
+    def __init__(self, context: ProcessContext) -> None:
         self.context = context
         self.ticks = 0
         """Heightmaps so far."""
-        self._states = context.bus.latest("controller/state", bell=bell)
-        self._frames = context.bus.latest("camera/depth", bell=bell)
+        self._states = context.bus.latest("controller/state")
+        self._frames = context.bus.latest("camera/depth")
         self._heightmaps = context.bus.publisher("heightmap/heightmap")
         self._done = context.bus.publisher("done", context.name)
         self._robot: bytes | None = None
@@ -35,6 +36,11 @@ class RobotLink:
     def name(self) -> str:
         """Prefix of the robot's keys."""
         return self.context.bus.prefix
+
+    def is_due(self, monotonic_ns: int) -> bool:
+        """Whether the next state should arrive about now, to go by the last one and the rate of the states."""
+        last_ns = self._states.last_arrival_ns
+        return last_ns is not None and abs(monotonic_ns - last_ns - 1e9 / self._states.topic.rate_hz) < DUE_NS
 
     def take(self) -> Arrival | None:
         """Returns what the robot asks now, if it does; never waits.

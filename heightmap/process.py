@@ -1,6 +1,5 @@
 """The heightmap process: answers every state of every robot with a heightmap, and takes in new models."""
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,14 +8,13 @@ from heightmap.fleet import FleetService
 from heightmap.link import RobotLink
 from heightmap.model_inbox import FILE, ModelInbox
 from heightmap.network import HeightmapNetwork
+from saltus.bus import SLEEP_MIN_S, pause_s
 from saltus.errors import ModelError
 from saltus.process import STATUS_PERIOD_S, ProcessContext
 from saltus.resources import resource
 
 REFUSED = "model/refused"
 """What models that were refused are counted under, beside refused messages."""
-WAIT_S = 0.1
-"""Without a message, until life is proven and a new model is looked for."""
 
 
 class HeightmapProcess:
@@ -33,8 +31,7 @@ class HeightmapProcess:
         first = contexts[0]
         chosen = first.config.heightmap_model
         network = HeightmapNetwork(Path(chosen) if chosen else resource("models/heightmap.onnx"))
-        self._bell = threading.Event()
-        self._links = {context.bus.prefix: RobotLink(context, self._bell) for context in contexts}
+        self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
         self._fleet = FleetService(network, self._links)
         self._lockstep = first.config.pace == "lockstep"
         self._inbox = ModelInbox(first.run_dir / FILE)
@@ -43,18 +40,25 @@ class HeightmapProcess:
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Answers until it is told to stop. Without robot states it only shows that it is alive."""
+        since_s = time.monotonic()
         while not (stopped() or any(link.context.stopped for link in self._links.values())):
             for link in self._links.values():
                 link.context.beat(ticks=link.ticks)
             if not self._lockstep:
                 self._look_for_model()
-            if self._bell.wait(WAIT_S):
-                self._bell.clear()
-                self._answer()
+            if self._answer():
+                since_s = time.monotonic()
+            else:
+                time.sleep(self._pause_s(time.monotonic() - since_s))
         self._inbox.close()
 
-    def _answer(self) -> None:
-        """Answers whoever asks."""
+    def _pause_s(self, waited_s: float) -> float:
+        """The shortest pause where some robot's state is due, so that it is not noticed late."""
+        now_ns = time.monotonic_ns()
+        return SLEEP_MIN_S if any(link.is_due(now_ns) for link in self._links.values()) else pause_s(waited_s)
+
+    def _answer(self) -> bool:
+        """Answers whoever asks; returns whether anybody did."""
         arrivals = {}
         for name, link in self._links.items():
             arrival = link.take()
@@ -66,6 +70,7 @@ class HeightmapProcess:
         for batch in batches:
             for name, heightmap in self._fleet.step(batch).items():
                 self._links[name].answer(heightmap)
+        return bool(arrivals)
 
     def _look_for_model(self) -> None:
         """Twice a second: whether a model was given, and what became of the last one."""

@@ -22,6 +22,9 @@ from saltus.messages import Message
 from saltus.resources import resource
 from saltus.topics import TOPICS, Topic
 
+SLEEP_MIN_S = 50e-6  # the kernel's own timer slack
+SLEEP_MAX_S = 0.5e-3  # 2000 wake-ups a second cost an idle process 3 % of a core
+SLEEP_SHARE = 1 / 8  # of the time waited so far: an answer is noticed at most 1/8 of its own delay late
 RETIRED_SENDERS = 16
 RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
 STREAM_CAPACITY = 20_000  # samples; 20 s of a run
@@ -35,7 +38,7 @@ class Sample:
     """Of the topic's type in `saltus.topics`."""
     envelope: Envelope
     arrival_ns: int
-    """On the monotonic clock of this machine."""
+    """When it was taken, on the monotonic clock of this machine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,30 +60,11 @@ class Publisher(Protocol):
         """Sends; never waits for a receiver."""
 
 
-class Inbox:
-    """The last samples of one key, below `Latest`; older ones than `RING` are gone. Filled from another thread.
-
-    Args:
-        bell: Rung whenever a sample arrives; several inboxes may share one, so that all of them can be waited for.
-    """
-
-    def __init__(self, bell: threading.Event | None = None) -> None:
-        self._samples: deque[RawSample] = deque(maxlen=RING)
-        self._bell = bell or threading.Event()
-
-    def push(self, sample: RawSample) -> None:
-        """Adds a sample."""
-        self._samples.append(sample)
-        self._bell.set()
+class Source(Protocol):
+    """The last samples of one key, below `Latest`; older ones than `RING` are gone."""
 
     def next(self) -> RawSample | None:
-        """Takes the oldest sample out."""
-        return self._samples.popleft() if self._samples else None
-
-    def wait(self, timeout_s: float) -> None:
-        """Waits until the bell has rung since the last call, at most `timeout_s`; whoever waits looks again then."""
-        if self._bell.wait(timeout_s):
-            self._bell.clear()
+        """Returns the oldest sample that was not yet returned."""
 
 
 class Stream:
@@ -111,11 +95,11 @@ class Stream:
 class Latest:
     """The newest message of one key, checked."""
 
-    def __init__(self, topic: Topic, inbox: Inbox, rejected: Counter[str]) -> None:
+    def __init__(self, topic: Topic, source: Source, rejected: Counter[str]) -> None:
         self.topic = topic
         self.last_arrival_ns: int | None = None
         """Monotonic time of the last message that was accepted; loss is timed from it."""
-        self._inbox = inbox
+        self._source = source
         self._rejected = rejected
         self._sender: Envelope | None = None
         self._retired: deque[bytes] = deque(maxlen=RETIRED_SENDERS)
@@ -123,18 +107,18 @@ class Latest:
     def take(self) -> Sample | None:
         """Returns the newest message that was not yet taken. Never waits, never raises."""
         newest: Sample | None = None
-        while (raw := self._inbox.next()) is not None:
+        while (raw := self._source.next()) is not None:
             newest = self._check(raw) or newest
         return newest
 
     def wait(self, timeout_s: float) -> Sample | None:
         """Waits for the next message, at most `timeout_s`."""
-        end = time.monotonic() + timeout_s
+        start = time.monotonic()
         while (sample := self.take()) is None:
-            left_s = end - time.monotonic()
-            if left_s <= 0.0:
+            waited = time.monotonic() - start
+            if waited >= timeout_s:
                 return None
-            self._inbox.wait(left_s)
+            time.sleep(min(pause_s(waited), timeout_s - waited))
         return sample
 
     def silent_s(self) -> float:
@@ -168,6 +152,11 @@ class Latest:
             raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
 
 
+def pause_s(waited_s: float) -> float:
+    """How long to sleep before looking for a message again, after having waited for so long [s]."""
+    return min(max(SLEEP_SHARE * waited_s, SLEEP_MIN_S), SLEEP_MAX_S)
+
+
 def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
     """Checks a sample by itself.
 
@@ -197,14 +186,8 @@ class Bus(ABC):
         """A publisher of `topic`, or of `topic/suffix` where every process has a key of its own."""
 
     @abstractmethod
-    def latest(self, topic: str, suffix: str = "", bell: threading.Event | None = None) -> Latest:
-        """The newest message of one concrete key.
-
-        Args:
-            topic: Row of `saltus.topics`.
-            suffix: Where every process has a key of its own.
-            bell: Set whenever something arrives, for those who wait for several keys at once.
-        """
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """The newest message of one concrete key."""
 
     @abstractmethod
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
@@ -264,14 +247,12 @@ class ZenohBus(Bus):
         )
         return ZenohPublisher(raw, self.boot_id)
 
-    def latest(self, topic: str, suffix: str = "", bell: threading.Event | None = None) -> Latest:
+    def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
         key = self._key(topic, suffix)
-        name, inbox = key.removeprefix(f"{self.prefix}/"), Inbox(bell)
-        # Called as samples arrive, and never blocks: a channel of Zenoh would have to be polled, which costs a process
-        # that waits for two messages in a row 0.2 ms and its core some per cent.
-        self._session.declare_subscriber(key, lambda sample: inbox.push(_raw(sample, name)))
-        return Latest(TOPICS[topic], inbox, self.rejected)
+        # A ring: the default FIFO lets a slow consumer fall seconds behind and then blocks the session
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(RING))
+        return Latest(TOPICS[topic], _ZenohSource(subscriber, key.removeprefix(f"{self.prefix}/")), self.rejected)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""
@@ -312,6 +293,16 @@ class ZenohPublisher:
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
         self._publisher.put(payload, attachment=envelope.to_bytes())
+
+
+class _ZenohSource:
+    def __init__(self, subscriber: Any, key: str) -> None:
+        self._subscriber = subscriber
+        self._key = key
+
+    def next(self) -> RawSample | None:
+        sample = self._subscriber.try_recv()
+        return None if sample is None else _raw(sample, self._key)
 
 
 def _raw(sample: Any, key: str) -> RawSample:

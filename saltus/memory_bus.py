@@ -1,10 +1,10 @@
 """A bus inside one process, for tests and replay: the same codec, checks and counters as over Zenoh."""
 
-import threading
 import time
+from collections import deque
 
 from saltus import codec
-from saltus.bus import STREAM_CAPACITY, Bus, Inbox, Latest, RawSample, Stream
+from saltus.bus import RING, STREAM_CAPACITY, Bus, Latest, RawSample, Stream
 from saltus.codec import Envelope
 from saltus.messages import Message
 from saltus.topics import TOPICS
@@ -14,12 +14,12 @@ class MemoryHub:
     """What the memory buses of several processes share."""
 
     def __init__(self) -> None:
-        self._inboxes: dict[str, list[Inbox]] = {}
+        self._slots: dict[str, list[MemorySlot]] = {}
         self._streams: list[tuple[str, Stream]] = []
 
-    def attach(self, key: str, inbox: Inbox) -> None:
-        """Subscribes an inbox to one key."""
-        self._inboxes.setdefault(key, []).append(inbox)
+    def attach(self, key: str, slot: "MemorySlot") -> None:
+        """Subscribes a slot to one key."""
+        self._slots.setdefault(key, []).append(slot)
 
     def attach_stream(self, prefix: str, stream: Stream) -> None:
         """Subscribes a stream to all keys below a prefix."""
@@ -28,11 +28,22 @@ class MemoryHub:
     def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
         """Delivers bytes as they are, malformed ones too."""
         now_ns = time.monotonic_ns()
-        for inbox in self._inboxes.get(key, ()):
-            inbox.push(RawSample(key, payload, attachment, now_ns))
+        for slot in self._slots.get(key, ()):
+            slot.samples.append(RawSample(key, payload, attachment, now_ns))
         for prefix, stream in self._streams:
             if key.startswith(prefix):
                 stream.push(RawSample(key.removeprefix(prefix), payload, attachment, now_ns))
+
+
+class MemorySlot:
+    """Holds the last samples of one key."""
+
+    def __init__(self) -> None:
+        self.samples: deque[RawSample] = deque(maxlen=RING)
+
+    def next(self) -> RawSample | None:
+        """Takes the oldest sample out."""
+        return self.samples.popleft() if self.samples else None
 
 
 class MemoryBus(Bus):
@@ -46,11 +57,11 @@ class MemoryBus(Bus):
         """See `Bus.publisher`."""
         return MemoryPublisher(self.hub, self._key(topic, suffix), self.boot_id)
 
-    def latest(self, topic: str, suffix: str = "", bell: threading.Event | None = None) -> Latest:
+    def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
-        inbox = Inbox(bell)
-        self.hub.attach(self._key(topic, suffix), inbox)
-        return Latest(TOPICS[topic], inbox, self.rejected)
+        slot = MemorySlot()
+        self.hub.attach(self._key(topic, suffix), slot)
+        return Latest(TOPICS[topic], slot, self.rejected)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""
