@@ -26,6 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # before this folder, whose render.py is this file
 
 from render.backends import make_renderer, present
+from render.stereo.model_view import COLUMNS, ROWS
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
@@ -43,7 +44,6 @@ NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
 NATIVE_BATCH = 56
 WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
-ROWS, COLUMNS = 3, 1  # rays for a pixel of the model in `render.stereo_fast`, which cannot be asked without Embree
 
 Poses = tuple[Any, Any, Any]
 
@@ -111,10 +111,8 @@ def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
 
 def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
     """The chain of the sensor's own pixels, or that for training, with a process on each core."""
-    from render import stereo_fast
     from render.stereo_processes import StereoProcesses
 
-    assert (ROWS, COLUMNS) == (stereo_fast.ROWS, stereo_fast.COLUMNS)
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
     rng = np.random.default_rng(0)
     cameras = StereoProcesses(

@@ -6,13 +6,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from heightmap.mounts import random_mount
 from heightmap.network import HeightmapNetwork
 from heightmap.planned import felt, varied
 from heightmap.predicted import PredictedHeights
 from heightmap.robot_cameras import IdealCameras
-from heightmap.rollouts import Trajectory, episode_of, labelled, random_mount
+from heightmap.rollouts import Trajectory, episode_of, labelled
+from heightmap.runs import MIN_TICKS, runs
 from heightmap.shards import Episode
 from heightmap.stereo_images import stereo_images
 from policy.action import Action
@@ -32,7 +33,6 @@ from saltus.trial import Trial
 
 # Stairs and stones twice: there the heights matter most, and there they were worst.
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
-MIN_TICKS = 60  # the first 0.5 s are warm-up; of a shorter run nothing would be left
 MAX_LOSS = 0.08  # greatest share of lost images, as in `heightmap.delivery.TRAINING`
 
 
@@ -169,7 +169,7 @@ def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[
     joints = np.array([step.truth.joint_position for step in steps])
     proprioception = np.array([felt(step) for step in steps])
     for robot, terrain in enumerate(terrains):
-        for run in _runs(starts[:, robot]):
+        for run in runs(starts[:, robot]):
             yield Trajectory(
                 terrain=terrain,
                 position_base_in_world=position[run, robot],
@@ -177,10 +177,3 @@ def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[
                 joint_position=joints[run, robot],
                 proprioception=proprioception[run, robot],
             )
-
-
-def _runs(starts: NDArray[np.bool_]) -> list[slice]:
-    """Spans from one start to the next, of at least `MIN_TICKS`."""
-    first = np.flatnonzero(starts)
-    last = np.append(first[1:], len(starts))
-    return [slice(int(a), int(b)) for a, b in zip(first, last, strict=True) if b - a >= MIN_TICKS]

@@ -10,6 +10,7 @@ from saltus.messages import Floats
 from saltus.topics import CAMERA_LATENCY_S
 
 TICK_S = 0.01
+FRAME_TICKS = 2  # camera at 50 Hz
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,9 @@
 """What the network feels: the proprioception vector, built in one place for training and service alike."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus import kinematics
+from saltus.arrays import Array, namespace
 from saltus.messages import Floats, RobotState
 
 PROPRIOCEPTION = (
@@ -20,14 +20,14 @@ PROPRIOCEPTION = (
 
 def proprioception(
     *,
-    quaternion_base_in_world: Floats,
-    angular_velocity_base: Floats,
-    joint_position: Floats,
-    velocity_base_in_world: Floats,
-    base_height: Floats,
-    leg_trusted: NDArray[np.bool_],
-) -> Floats:
-    """Builds the vector for any leading batch dimensions.
+    quaternion_base_in_world: Array,
+    angular_velocity_base: Array,
+    joint_position: Array,
+    velocity_base_in_world: Array,
+    base_height: Array,
+    leg_trusted: Array,
+) -> Array:
+    """Builds the vector for any leading batch dimensions, numpy or torch.
 
     The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
 
@@ -37,42 +37,43 @@ def proprioception(
         joint_position: [rad], shape (..., 12).
         velocity_base_in_world: estimate [m/s], shape (..., 3).
         base_height: estimate of the base above the feet in stance [m], shape (...).
-        leg_trusted: shape (..., 4).
+        leg_trusted: bool, shape (..., 4).
 
     Returns:
         float32, shape (..., len(PROPRIOCEPTION)).
     """
-    rotation = kinematics.rotation_matrix(np.asarray(quaternion_base_in_world, np.float64))
+    xp = namespace(joint_position)
+    rotation = kinematics.rotation_matrix(quaternion_base_in_world)
     roll, pitch, yaw = kinematics.roll_pitch_yaw(rotation)
-    yaw_from_world = np.swapaxes(kinematics.yaw_rotation(yaw), -1, -2)
+    yaw_from_world = kinematics.yaw_rotation(yaw).mT
     base_to_yaw = yaw_from_world @ rotation
-    feet_base = kinematics.foot_position(np.asarray(joint_position, np.float64))
-    feet = feet_base @ np.swapaxes(base_to_yaw, -1, -2)  # (..., 4, 3)
-    trusted = np.asarray(leg_trusted, np.float64)
-    masked = feet[..., [0, 2]] * trusted[..., None]
+    feet = kinematics.foot_position(joint_position) @ base_to_yaw.mT  # (..., 4, 3)
+    trusted = xp.astype(leg_trusted, joint_position.dtype)
+    masked = feet[..., ::2] * trusted[..., None]  # x and z
     parts = (
         roll[..., None],
         pitch[..., None],
-        masked.reshape(*masked.shape[:-2], 8),
+        masked.reshape((*masked.shape[:-2], 8)),
         trusted,
         _rotate(yaw_from_world, velocity_base_in_world),
         _rotate(base_to_yaw, angular_velocity_base),
-        np.asarray(base_height)[..., None],
+        base_height[..., None],
     )
-    return np.concatenate(parts, -1).astype(np.float32)
+    return xp.astype(xp.concat(parts, axis=-1), xp.float32)
 
 
 def proprioception_of(state: RobotState) -> Floats:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
-    return proprioception(
-        quaternion_base_in_world=state.quaternion_base_in_world,
-        angular_velocity_base=state.angular_velocity_base,
-        joint_position=state.joint_position,
-        velocity_base_in_world=state.velocity_base_in_world,
-        base_height=np.asarray(state.base_height),
-        leg_trusted=state.leg_trusted,
+    vector: Floats = proprioception(
+        quaternion_base_in_world=np.asarray(state.quaternion_base_in_world, np.float64),
+        angular_velocity_base=np.asarray(state.angular_velocity_base, np.float64),
+        joint_position=np.asarray(state.joint_position, np.float64),
+        velocity_base_in_world=np.asarray(state.velocity_base_in_world, np.float64),
+        base_height=np.asarray(state.base_height, np.float64),
+        leg_trusted=np.asarray(state.leg_trusted, np.bool_),
     )
+    return vector
 
 
-def _rotate(rotation: Floats, vector: Floats) -> Floats:
-    return (rotation @ np.asarray(vector)[..., None])[..., 0]
+def _rotate(rotation: Array, vector: Array) -> Array:
+    return (rotation @ vector[..., None])[..., 0]

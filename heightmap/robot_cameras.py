@@ -9,9 +9,8 @@ from heightmap.stereo_images import OPTICS, SAMPLED
 from render.camera import moved_camera
 from render.embree import EmbreeRenderer
 from render.stereo.camera import StereoCamera, StereoConfig
-from render.stereo.model_view import pooled
+from render.stereo.model_view import COLUMNS, ROWS, pooled
 from render.stereo_embree import StereoEmbree
-from render.stereo_fast import COLUMNS, ROWS
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.camera import ViewChain
 from saltus.sim.state import PlantState

@@ -8,19 +8,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap.delivery import FRAME_TICKS
+from heightmap.mounts import random_mount
 from heightmap.shards import Episode, ShardRecord, write_shard
 from render.camera import Mount, moved_camera
 from render.embree import EmbreeRenderer
-from saltus import go1, kinematics
+from saltus import kinematics
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.effects.camera import ViewChain
 from saltus.grid import HEIGHTMAP_X
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
-
-FRAME_TICKS = 2  # camera at 50 Hz
-MOUNT_PITCH_ERROR = np.deg2rad(1.5)  # a printed mount and its screws
-MOUNT_POSITION_ERROR_M = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,13 +74,6 @@ def episodes(
     for trajectory in source.trajectories(rng, count):
         camera, mount = moved_camera(view or ViewChain(), MODEL_CAMERA, random_mount(rng))
         yield episode_of(trajectory, mount, camera=camera)
-
-
-def random_mount(rng: np.random.Generator) -> Mount:
-    """The camera of one robot, as it really sits."""
-    offset = rng.uniform(-MOUNT_POSITION_ERROR_M, MOUNT_POSITION_ERROR_M, 3)
-    pitch = rng.uniform(-MOUNT_PITCH_ERROR, MOUNT_PITCH_ERROR)
-    return Mount(position=go1.CAMERA_POSITION + offset, pitch=go1.CAMERA_PITCH + pitch)
 
 
 def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floats:

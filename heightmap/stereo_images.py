@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap.delivery import TICK_S
-from heightmap.rollouts import FRAME_TICKS, Trajectory
+from heightmap.delivery import FRAME_TICKS, TICK_S
+from heightmap.rollouts import Trajectory
 from render.camera import Mount
 from render.randomisation import CameraRandomisation
 from render.stereo.camera import StereoCamera, StereoConfig
-from render.stereo.model_view import pooled, sampled_model_camera
+from render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from render.stereo.optics import Optics
 from render.stereo_embree import StereoEmbree
-from render.stereo_fast import CHUNK, COLUMNS, ROWS
+from render.stereo_fast import CHUNK
 from saltus.depth import MODEL_CAMERA, depth_in_millimetres
 
 SAMPLED = sampled_model_camera(ROWS, COLUMNS)

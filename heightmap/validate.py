@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from heightmap.delivery import DeliveryModel, deliver
+from heightmap.delivery import FRAME_TICKS, DeliveryModel, deliver
 from heightmap.network import HeightmapNetwork, Inputs
 from heightmap.quantiles import INTERVAL90
 from heightmap.shards import Episode
@@ -19,7 +19,6 @@ UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
 WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
 MIN_WARMUP = 5  # images: a few more than one bad one could decide for
-_FRAME_TICKS = 2
 _AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
 
@@ -76,7 +75,7 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
     image, averaged over the episodes.
     """
     network = HeightmapNetwork(model_path)
-    ticks = limit * _FRAME_TICKS
+    ticks = limit * FRAME_TICKS
     warm, cold = np.zeros(limit), np.zeros(limit)
     for episode in episodes:
         lost_at = len(episode.height) // 2
@@ -86,7 +85,7 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
             continue
         for total, forget_at in ((warm, None), (cold, lost_at)):
             height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
-            total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, _FRAME_TICKS).mean(-1)
+            total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
     late = np.flatnonzero(cold > WARM * warm)
     return int(np.clip(late[-1] + 2 if len(late) else 1, MIN_WARMUP, limit))
 

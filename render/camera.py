@@ -22,19 +22,24 @@ from saltus.messages import Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """Where a camera sits on the trunk; by default where the Go1's does."""
+    """Where a camera sits on the trunk; by default where the Go1's does.
+
+    The cameras of a batch of robots may each have a place of their own: then the poses that a mount is used with, and
+    its numbers, share their leading dimension (n,).
+    """
 
     position: Floats = field(default_factory=CAMERA_POSITION.copy)
-    """Optical centre in the base frame [m], shape (3,)."""
-    pitch: float = CAMERA_PITCH
-    """Nose down positive [rad]."""
+    """Optical centre in the base frame [m], shape (3,) or (n, 3)."""
+    pitch: float | Floats = CAMERA_PITCH
+    """Nose down positive [rad], one number or shape (n,)."""
 
     @property
     def rotation(self) -> Floats:
-        """Camera frame to base frame, shape (3, 3)."""
-        c, s = math.cos(self.pitch), math.sin(self.pitch)
-        right, down, forward = (0.0, -1.0, 0.0), (-s, 0.0, -c), (c, 0.0, -s)
-        return np.array([right, down, forward]).T
+        """Camera frame to base frame, shape (3, 3) or (n, 3, 3)."""
+        c, s = np.cos(self.pitch), np.sin(self.pitch)
+        zero, one = np.zeros_like(c), np.ones_like(c)
+        right, down, forward = (zero, -one, zero), (-s, zero, -c), (c, zero, -s)
+        return np.stack([np.stack(axis, -1) for axis in (right, down, forward)], -1)
 
     @cached_property
     def in_base(self) -> tuple[Constant, Constant]:
@@ -75,7 +80,7 @@ def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> t
     """
     base_in_world = rotation_matrix(base_quaternion)
     position, rotation = (constant.like(base_in_world) for constant in mount.in_base)
-    return base_position + base_in_world @ position, base_in_world @ rotation
+    return base_position + (base_in_world @ position[..., None])[..., 0], base_in_world @ rotation
 
 
 def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:
@@ -110,11 +115,11 @@ def check_mount(mount: Mount) -> None:
         SaltusError: the optical centre lies in the trunk, or a number is not finite.
     """
     position = np.asarray(mount.position)
-    if not (np.isfinite(position).all() and math.isfinite(mount.pitch)):
+    if not (np.isfinite(position).all() and np.isfinite(mount.pitch).all()):
         raise SaltusError(
             f"camera mount at {position.tolist()} m, pitch {mount.pitch} rad: every number must be finite"
         )
-    if (np.abs(position) <= 0.5 * TRUNK_SIZE).all():
+    if (np.abs(position) <= 0.5 * TRUNK_SIZE).all(-1).any():
         raise SaltusError(
             f"camera mount at {position.tolist()} m is inside the robot's trunk, which reaches to "
             f"{(0.5 * TRUNK_SIZE).tolist()} m from its centre; the Go1's camera is at {CAMERA_POSITION.tolist()} m"

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from render.camera import Mount
 from render.renderer import check_poses
 from render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from render.stereo.model_view import pooled, sampled_model_camera
+from render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from render.stereo.optics import Optics
 from render.stereo_embree import StereoEmbree
 from saltus.depth import MODEL_CAMERA
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
 
-ROWS, COLUMNS = 3, 1
 CHUNK = 64  # images that one thread works on at a time: their arrays of 600 kB stay in its cache
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from render.camera import Mount
 from render.renderer import check_poses
 from render.stereo.camera import StereoConfig
-from render.stereo_fast import COLUMNS, ROWS, FastState, FastStereo
+from render.stereo.model_view import COLUMNS, ROWS
+from render.stereo_fast import FastState, FastStereo
 from saltus.errors import SaltusError
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain

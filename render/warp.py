@@ -31,7 +31,7 @@ class WarpCaster:
         box_center: [m], world frame, numpy or torch, shape (n, boxes, 3), or (1, boxes, 3) for one terrain under all.
         box_half_size: [m], the same shape; see `saltus.terrain.batch.Courses.boxes`.
         intrinsics: of the cameras.
-        mount: of the cameras on the trunks; the Go1's where it is not given.
+        mount: of the cameras on the trunks, of all or of each; the Go1's where it is not given.
         legs: whether the robots' legs can be seen.
         device: "cuda:0" or "cpu"; the first GPU where there is one, if not given.
     """
@@ -48,8 +48,7 @@ class WarpCaster:
     ) -> None:
         check_camera(intrinsics)
         self.intrinsics = intrinsics
-        self.mount = mount or Mount()
-        check_mount(self.mount)
+        self.set_mount(mount or Mount())
         self.legs = legs
         warp.config.log_level = warp.LOG_WARNING  # no banner
         self.device = str(warp.get_device(device))
@@ -69,6 +68,15 @@ class WarpCaster:
             )
         self._low = self._on_device(center - half_size, warp.vec3f)
         self._high = self._on_device(center + half_size, warp.vec3f)
+
+    def set_mount(self, mount: Mount) -> None:
+        """Puts the cameras somewhere else on the trunks.
+
+        Raises:
+            SaltusError: a number is not finite, or a camera would be in its trunk.
+        """
+        check_mount(mount)
+        self.mount = mount
 
     def cast(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> warp.array:
         """Depth along the optical axis [m], infinite where nothing is hit, float32, shape (n, height, width).
@@ -112,7 +120,7 @@ class WarpCaster:
         if self._low.shape[0] not in (1, len(base_position)):
             raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
-        legs = leg_capsules(joint_position if self.legs else joint_position[:0])
+        legs = leg_capsules(joint_position)
         position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.mount.in_base)
         seen = capsules_in_camera(legs, position_in_base, camera_in_base)
         camera = self.intrinsics

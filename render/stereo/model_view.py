@@ -5,6 +5,9 @@ from typing import Any
 from saltus.arrays import namespace
 from saltus.depth import MODEL_CAMERA, VALID_SHARE, Intrinsics
 
+ROWS, COLUMNS = 3, 1
+"""Rays for a pixel of the model in training: depth edges are horizontal in most of what a robot sees ahead."""
+
 
 def sampled_model_camera(rows: int, columns: int) -> Intrinsics:
     """The model's camera with `rows` times `columns` samples for each of its pixels."""

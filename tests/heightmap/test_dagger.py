@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heightmap.closed_loop import MIN_TICKS, ClosedLoop, MixedPlanner
+from heightmap.closed_loop import ClosedLoop, MixedPlanner
 from heightmap.dagger import Collected, DaggerConfig, Observer, dagger
 from heightmap.features import PROPRIOCEPTION
+from heightmap.runs import MIN_TICKS
 from heightmap.shards import DatasetError, read_manifest
 from heightmap.train import Progress
 from heightmap.workers import in_order

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from heightmap.closed_loop import ClosedLoop
+from heightmap.delivery import FRAME_TICKS
 from heightmap.kinematic import KinematicBounding
+from heightmap.mounts import random_mount
 from heightmap.robot_cameras import IdealCameras, StereoCameras
-from heightmap.rollouts import FRAME_TICKS, Trajectory, episode_of, random_mount
+from heightmap.rollouts import Trajectory, episode_of
 from heightmap.stereo_images import drawn_cameras, stereo_images
 from policy.planner import make_planner
 from policy.rollout import STAND_STEPS, Rollout

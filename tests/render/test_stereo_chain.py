@@ -12,11 +12,11 @@ from render.embree import EmbreeRenderer
 from render.stereo.background import Background
 from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from render.stereo.disparity_noise import DisparityNoise
-from render.stereo.model_view import pooled, sampled_model_camera
+from render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from render.stereo.optics import Optics
 from render.stereo.second_view import hidden_from, right_camera, right_mount
 from render.stereo_embree import StereoEmbree
-from render.stereo_fast import CHUNK, COLUMNS, ROWS, FastStereo
+from render.stereo_fast import CHUNK, FastStereo
 from render.stereo_processes import StereoProcesses
 from render.stereo_torch import TorchStereo
 from saltus.config import TerrainConfig

@@ -1,0 +1,17 @@
+"""Where the time of one robot falls into runs, from each start to the next."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+MIN_TICKS = 60  # the first 0.5 s are warm-up; of a shorter run nothing would be left
+
+
+def runs(starts: NDArray[np.bool_]) -> list[slice]:
+    """Spans from one start to the next, of at least `MIN_TICKS`.
+
+    Args:
+        starts: Whether the robot starts anew with a tick, shape (ticks,).
+    """
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], len(starts))
+    return [slice(int(a), int(b)) for a, b in zip(first, last, strict=True) if b - a >= MIN_TICKS]
