@@ -3,7 +3,9 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from heightmap.delivery import TICK_S
 from heightmap.features import PROPRIOCEPTION
+from heightmap.shard_columns import ShardColumn, read_column
 from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
@@ -60,30 +63,76 @@ class ShardRecord:
     config: dict[str, Any]
 
 
-def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
-    """Adds a round to a dataset: the shard first, whole, then the manifest that names it.
+class ShardWriter:
+    """A shard that is being written.
+
+    Args:
+        file: Of the shard.
+        pool: Threads to compress with.
+    """
+
+    record: ShardRecord
+    """What the manifest says of it; there once it is written."""
+
+    def __init__(self, file: h5py.File, pool: Executor) -> None:
+        self._file, self._pool = file, pool
+        self._columns: dict[str, ShardColumn] = {}
+        self._rows: list[tuple[str, int, int]] = []
+
+    def append(self, episodes: Iterable[Episode]) -> None:
+        """Adds episodes, which are consumed one by one."""
+        for episode in episodes:
+            for name in (*PER_TICK, *PER_FRAME):
+                rows = getattr(episode, name)
+                if name not in self._columns:
+                    self._columns[name] = ShardColumn(self._file, name, rows, self._pool)
+                self._columns[name].append(rows)
+            self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
+
+    def close(self) -> dict[str, int]:
+        """Writes what is left; returns how much there is.
+
+        Raises:
+            DatasetError: there are no episodes.
+        """
+        if not self._rows:
+            raise DatasetError("no episodes to write")
+        for column in self._columns.values():
+            column.close()
+        names, ticks, frames = zip(*self._rows, strict=True)
+        self._file["terrain"] = np.array(names, dtype="S")
+        self._file["ticks"] = np.array(ticks)
+        self._file["frames"] = np.array(frames)
+        self._file.attrs[LAYOUT] = json.dumps(layout())
+        return {"episodes": len(names), "ticks": sum(ticks), "frames": sum(frames)}
+
+
+@contextmanager
+def open_shard(directory: Path, *, seed: int, config: dict[str, Any]) -> Iterator[ShardWriter]:
+    """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
 
     Args:
         directory: The dataset; made where it is missing.
-        episodes: Consumed one by one.
-        seed: From which the episodes were drawn.
-        config: How they were made; plain JSON values.
+        seed: From which the episodes are drawn.
+        config: How they are made; plain JSON values.
     """
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
     name = f"round_{len(records):03d}.h5"
-    counts = {"episodes": 0, "ticks": 0, "frames": 0}
-
-    def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w") as file:
-            counts.update(_fill(file, episodes))
-            file.attrs[LAYOUT] = json.dumps(layout())
-
-    write_whole(directory / name, fill)
+    with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
+        writer = ShardWriter(file, pool)
+        yield writer
+        counts = writer.close()
     sha256 = file_sha256(directory / name)
-    record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=commit(), config=config, **counts)
-    write_manifest(directory, [*records, record])
-    return record
+    writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=commit(), config=config, **counts)
+    write_manifest(directory, [*records, writer.record])
+
+
+def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
+    """Adds a round of episodes to a dataset; arguments as those of `open_shard`."""
+    with open_shard(directory, seed=seed, config=config) as shard:
+        shard.append(episodes)
+    return shard.record
 
 
 def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
@@ -129,45 +178,14 @@ def read_dataset(directory: Path) -> list[Episode]:
     return [episode for record in records for episode in _read_shard(directory, record)]
 
 
-def _fill(file: h5py.File, episodes: Iterable[Episode]) -> dict[str, int]:
-    counts = {"episodes": 0, "ticks": 0, "frames": 0}
-    rows: list[tuple[str, int, int]] = []
-    for episode in episodes:
-        for name in (*PER_TICK, *PER_FRAME):
-            _append(file, name, getattr(episode, name))
-        rows.append((episode.terrain, len(episode.height), len(episode.depth)))
-        counts["episodes"] += 1
-        counts["ticks"] += len(episode.height)
-        counts["frames"] += len(episode.depth)
-    if not rows:
-        raise DatasetError("no episodes to write")
-    names, ticks, frames = zip(*rows, strict=True)
-    file["terrain"] = np.array(names, dtype="S")
-    file["ticks"] = np.array(ticks)
-    file["frames"] = np.array(frames)
-    return counts
-
-
-def _append(file: h5py.File, name: str, rows: NDArray[Any]) -> None:
-    if name not in file:
-        chunk = (256, *rows.shape[1:])
-        shape = (None, *rows.shape[1:])
-        file.create_dataset(name, data=rows, maxshape=shape, chunks=chunk, compression="gzip", shuffle=True)
-        return
-    dataset = file[name]
-    start = len(dataset)
-    dataset.resize(start + len(rows), axis=0)
-    dataset[start:] = rows
-
-
 def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
     path = directory / record.file
     if not path.exists():
         raise DatasetError(f"{path} is missing: the manifest names it")
     if file_sha256(path) != record.sha256:
         raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
-    with h5py.File(path, "r") as file:
-        arrays = {name: file[name][:] for name in (*PER_TICK, *PER_FRAME)}
+    with h5py.File(path, "r") as file, _pool() as pool:
+        arrays = {name: read_column(file[name], pool) for name in (*PER_TICK, *PER_FRAME)}
         kinds = [kind.decode() for kind in file["terrain"][:]]
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
     parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
@@ -176,9 +194,15 @@ def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Writes a file beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
+    with _whole(path) as temporary:
+        write(temporary)
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.partial")
     try:
-        write(temporary)
+        yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -189,6 +213,10 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
 
 def _write_text(path: Path, text: str) -> None:

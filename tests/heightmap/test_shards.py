@@ -1,9 +1,12 @@
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from heightmap.shard_columns import CHUNK, ShardColumn, read_column
 from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest, write_shard
 
 
@@ -83,3 +86,23 @@ def test_no_episodes_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="no episodes"):
         write_shard(tmp_path, iter(()), seed=0, config={})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("rows", [1, 255, 256, 257, 40_000])
+@pytest.mark.parametrize("kind", ["plain", "noise"])
+def test_columns_are_what_hdf5_itself_reads_and_writes(tmp_path: Path, rows: int, kind: str) -> None:
+    """Noise gets longer by compression: HDF5 then leaves a chunk as it is."""
+    rng = np.random.default_rng(rows)
+    given = (
+        rng.integers(0, 2**32, (rows, 3), dtype=np.uint32) if kind == "noise" else np.arange(3 * rows).reshape(-1, 3)
+    )
+    with ThreadPoolExecutor(2) as pool, h5py.File(tmp_path / "columns.h5", "w") as file:
+        ours = ShardColumn(file, "ours", given, pool)
+        for part in np.array_split(given, 7):
+            ours.append(part)
+        ours.close()
+        file.create_dataset("theirs", data=given, chunks=(CHUNK, 3), compression="gzip", shuffle=True)
+        file.create_dataset("fast", data=given, chunks=True, compression="lzf")
+        np.testing.assert_array_equal(file["ours"][:], given)
+        for name in file:
+            np.testing.assert_array_equal(read_column(file[name], pool), given)
