@@ -93,15 +93,17 @@ def test_no_episodes_are_an_error(tmp_path: Path) -> None:
 def test_columns_are_what_hdf5_itself_reads_and_writes(tmp_path: Path, rows: int, kind: str) -> None:
     """Noise gets longer by compression: HDF5 then leaves a chunk as it is."""
     rng = np.random.default_rng(rows)
-    given = (
-        rng.integers(0, 2**32, (rows, 3), dtype=np.uint32) if kind == "noise" else np.arange(3 * rows).reshape(-1, 3)
-    )
+    given = np.arange(3 * rows, dtype=np.uint32).reshape(-1, 3)
+    if kind == "noise":
+        given = rng.integers(0, 2**32, given.shape, dtype=np.uint32)
     with ThreadPoolExecutor(2) as pool, h5py.File(tmp_path / "columns.h5", "w") as file:
         ours = ShardColumn(file, "ours", given, pool)
         for part in np.array_split(given, 7):
             ours.append(part)
         ours.close()
-        file.create_dataset("theirs", data=given, chunks=(CHUNK, 3), compression="gzip", shuffle=True)
+        file.create_dataset(
+            "theirs", data=given, maxshape=(None, 3), chunks=(CHUNK, 3), compression="gzip", shuffle=True
+        )
         file.create_dataset("fast", data=given, chunks=True, compression="lzf")
         np.testing.assert_array_equal(file["ours"][:], given)
         for name in file:
