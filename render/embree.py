@@ -5,9 +5,9 @@ import threading
 from typing import ClassVar
 
 import numpy as np
-import open3d
 from numpy.typing import NDArray
 
+from render._open3d import load_open3d
 from render.camera import Mount, camera_pose, ray_directions
 from render.capsules import capsules_in_camera, draw_capsules
 from render.legs import leg_capsules
@@ -16,6 +16,8 @@ from render.surface import terrain_triangles
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
+
+open3d = load_open3d()
 
 # 256 images of the model's camera: 4.7 MB of rays, which stay in the cache between writing and casting them, while the
 # threads of a call have enough to do

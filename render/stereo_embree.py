@@ -1,9 +1,9 @@
 """Both views of a stereo camera by rays: depth from the left imager, and a ray from the right one to every point."""
 
 import numpy as np
-import open3d
 from numpy.typing import NDArray
 
+from render._open3d import load_open3d
 from render.camera import Mount, camera_pose
 from render.capsules import Quadrics, capsules_in_camera, windows
 from render.embree import RAYS_PER_CAST, EmbreeRenderer
@@ -14,6 +14,8 @@ from render.stereo.second_view import right_camera
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
+
+open3d = load_open3d()
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer

@@ -1,0 +1,30 @@
+"""What a process that casts rays loads; in processes of their own, since a module is loaded once."""
+
+import subprocess
+import sys
+
+LOADED = "import sys; print(sorted({'dash', 'plotly', 'open3d', 'scipy'} & set(sys.modules)))"
+REFUSED = """
+import open3d
+from saltus.errors import SaltusError
+try:
+    open3d.visualization.draw_plotly([])
+except SaltusError as error:
+    print(error)
+"""
+
+
+def said(program: str) -> str:
+    return subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_a_camera_loads_open3d_without_its_plots() -> None:
+    assert said(f"import render.__main__, render.embree\n{LOADED}") == "['open3d']"
+
+
+def test_plots_are_left_alone_where_open3d_was_loaded_before() -> None:
+    assert said(f"import open3d, render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[:15] == "['dash', 'open3"
+
+
+def test_what_was_left_out_says_so() -> None:
+    assert "import open3d before render" in said(f"import render.embree\n{REFUSED}")
