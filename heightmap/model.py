@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from heightmap.features import PROPRIOCEPTION
+from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.grid import HEIGHTMAP_X
 
 MAX_IMAGE_AGE_S = 0.5
@@ -24,6 +25,13 @@ MIN_STD_M, MAX_STD_M = 0.0003, 0.5
 """Bounds of the standard deviation: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
 IMAGE_SHAPE = (2, 48, 16)
 """Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
+
+
+def model_image(millimetres: Tensor) -> Tensor:
+    """What the network is shown of images [mm], 0 where invalid: shape (..., 48, 16) -> (..., 2, 48, 16)."""
+    valid = millimetres > 0
+    depth = torch.where(valid, (millimetres * (MILLIMETRE / RANGE_M)).clamp(max=1.0), 1.0)
+    return torch.stack((depth, valid.to(depth.dtype)), -3)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,6 +79,11 @@ class ShardWriter:
         self._columns: dict[str, ShardColumn] = {}
         self._rows: list[tuple[str, int, int]] = []
 
+    @property
+    def ticks(self) -> int:
+        """Of all episodes so far."""
+        return sum(ticks for _, ticks, _ in self._rows)
+
     def append(self, episodes: Iterable[Episode]) -> None:
         """Adds episodes, which are consumed one by one."""
         for episode in episodes:

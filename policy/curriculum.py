@@ -18,7 +18,9 @@ class CurriculumConfig:
     gap: float = 0.15
     """Share of the robots on each kind of terrain; a robot stays on its kind."""
     levels: int = 10
-    """Level k has difficulties from k / levels to (k + 1) / levels."""
+    """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
+    hardest: float = 1.0
+    """Difficulty at the end of the last level."""
     promotion_m: float = 4.5
     """Way along the terrain's profile, up and along, that earns a harder course; original, but horizontal there: 10
     jumps of 0.4 m up steep stairs never sufficed."""
@@ -69,4 +71,4 @@ def next_level(
 
 def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:
     """Difficulty of a course of `level`, shape (n,)."""
-    return (level + draw) / config.levels
+    return config.hardest * (level + draw) / config.levels

@@ -1,0 +1,158 @@
+"""The learned policy leads thousands of robots on one device, on true or predicted heights, and all is written down.
+
+What `heightmap.closed_loop` does with processes: batches of robots that run for a fixed time on courses of all
+difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from heightmap.delivery import FRAME_TICKS, TRAINING
+from heightmap.device_cameras import DeviceCameras
+from heightmap.device_heights import DeviceHeights, LateImages
+from heightmap.device_recording import DeviceRecording, Recorded
+from heightmap.features import proprioception
+from heightmap.model import HeightmapModel
+from heightmap.runs import MIN_TICKS
+from policy.curriculum import CurriculumConfig
+from policy.env import JumpEnv
+from policy.export import DeployedPolicy
+from policy.features import LAYOUT
+from policy.rollout import STAND_STEPS
+from policy.settings import TrainConfig
+from policy.train import make_engine
+from saltus.config import Camera, from_toml
+from saltus.errors import ConfigError
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+
+# The policy reacts to what it reaches: slower and other rhythms than its own, but not so that it falls.
+_SPEED, _RHYTHM = (0.7, 1.1), (0.93, 1.07)
+# Stairs and stones twice, as in `heightmap.closed_loop`; one level: who falls gets no easier course.
+_COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0, gap=1.0, levels=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceLoop:
+    """How robots are let run.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
+
+    robots: int = 4096
+    """In a batch."""
+    ticks: int = 600
+    """Of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float = 1.0
+    """Courses go up to this difficulty, evenly: at 1 stairs, stones, steps and gaps are as in the policy's training."""
+    cameras: tuple[Camera, ...] = ("d435i",)
+    """Whose images are kept; the predictor in the loop sees those of the first."""
+
+    def __post_init__(self) -> None:
+        if self.robots < 1:
+            raise ConfigError(f"robots = {self.robots}: it must be at least 1")
+        if self.ticks < MIN_TICKS:
+            raise ConfigError(f"ticks = {self.ticks}: it must be at least {MIN_TICKS}")
+        if not 0.0 <= self.hardest <= 1.0:
+            raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to 1")
+
+
+class DeviceRollouts:
+    """Robots, made ready once; every batch starts all of them anew.
+
+    Args:
+        loop: How they are let run.
+        policy: A checkpoint, as `policy.learner.read_checkpoint` reads it; its task, but for the courses, is theirs.
+        predictor: Of the heights in the loop; without it the policy sees what its training showed it.
+        device: "cuda:0" or "cpu".
+        seed: Of everything that is drawn.
+    """
+
+    def __init__(
+        self,
+        loop: DeviceLoop,
+        policy: dict[str, Any],
+        predictor: HeightmapModel | None,
+        *,
+        device: str,
+        seed: int,
+    ) -> None:
+        self.loop = loop
+        self._device = torch.device(device)
+        self._rng = np.random.default_rng(seed)
+        self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
+        config = from_toml(TrainConfig, policy["config"]).env
+        config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
+        engine = make_engine(loop.robots, device)
+        self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
+        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._policy = DeployedPolicy(policy).to(self._device)
+        self._model = None if predictor is None else predictor.to(self._device).eval()
+        self._cameras = DeviceCameras(self._env.courses(), loop.cameras, device, self._rng)
+        self._grid = torch.tensor(HEIGHTMAP_X, dtype=torch.float32, device=self._device)
+        self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
+
+    @torch.no_grad()
+    def batch(self) -> Recorded:
+        """Lets all robots run for `loop.ticks`."""
+        env = self._env
+        self._cameras.replace(self._rng)
+        env.set_levels(env.memory.level)
+        heights = self._heights()
+        speed, rhythm = (low + (high - low) * self._uniform() for low, high in (_SPEED, _RHYTHM))
+        stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
+        transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
+        for tick in range(self.loop.ticks):
+            felt, qpos = self.felt(), self._qpos.float()
+            images = self._cameras.expose(env.courses(), qpos, tick) if tick % FRAME_TICKS == 0 else {}
+            self._recording.add(tick, felt, self.true_heights(), fresh, images)
+            shown = transition.actor
+            if heights is not None:
+                shown[:, -LAYOUT["heights"] :] = heights.step(images.get(self.loop.cameras[0]), tick, felt, fresh)
+            plan = self._policy(shown)
+            plan[:, 0] *= rhythm
+            plan[:, 1] *= speed
+            stands = tick < stands_until
+            plan = torch.where(stands[:, None], env.config.bounds.clipped(torch.zeros_like(plan)), plan)
+            transition = env.step(env.config.bounds.normalised(plan))
+            env.memory.phase.mul_(~stands)  # who stands does not begin to step,
+            env.memory.trusted.logical_or_(stands[:, None])  # and stands on all feet
+            fresh = transition.done
+        return self._recording.to_host(env.memory.kind)
+
+    def felt(self) -> Tensor:
+        """What the robots feel now, see `heightmap.features`, shape (n, some)."""
+        memory, qpos = self._env.memory, self._qpos.float()
+        vector: Tensor = proprioception(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=self._qvel[:, 3:6].float(),
+            joint_position=qpos[:, 7:],
+            velocity_base_in_world=memory.estimate[:, :3],
+            base_height=memory.estimate[:, 3],
+            leg_trusted=memory.trusted,
+        )
+        return vector
+
+    def true_heights(self) -> Tensor:
+        """The terrain relative to the base along its yaw [m], shape (n, 30)."""
+        qpos = self._qpos.float()
+        _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
+        heights: Tensor = self._env.courses().height_at(qpos[:, :1] + torch.cos(yaw)[:, None] * self._grid)
+        return heights - qpos[:, 2:3]
+
+    def crowded_share(self) -> float:
+        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        return self._env.crowded_share()
+
+    def _heights(self) -> DeviceHeights | None:
+        if self._model is None:
+            return None
+        return DeviceHeights(self._model, LateImages(self.loop.robots, TRAINING, self._generator))
+
+    def _uniform(self) -> Tensor:
+        return torch.rand(self.loop.robots, generator=self._generator, device=self._device)

@@ -1,0 +1,167 @@
+"""Adds a round of data from robots on a GPU to datasets: `python -m heightmap.gpu_rollouts --out FOLDER`.
+
+Prints a line for each batch, and at the end one JSON object: labelled steps of 10 ms a second with and without
+writing, rendering, noise and the predictor in the loop included.
+"""
+
+import argparse
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from heightmap.device_rollouts import DeviceLoop, DeviceRollouts
+from heightmap.shards import ShardRecord, open_shard
+from heightmap.train import load_checkpoint
+from policy.learner import read_checkpoint
+from saltus.config import Camera
+from saltus.errors import SaltusError
+
+POLICY = Path("models/checkpoints/policy.pt")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchDone:
+    """Where the collection is."""
+
+    batches: int
+    ticks: int
+    """Labelled steps of 10 ms so far."""
+    moving_s: float
+    """Time so far for all but writing, without what came before the first batch."""
+    seconds: float
+    """With writing."""
+    crowded: float
+    """Share of the robots of the batch whose physics left out contacts for want of room."""
+
+
+def collect(
+    outputs: dict[Camera, Path],
+    *,
+    policy: Path,
+    predictor: Path | None,
+    robots: int,
+    ticks: int,
+    batches: int,
+    hardest: float,
+    seed: int,
+    device: str,
+    done: Callable[[BatchDone], None],
+) -> dict[Camera, ShardRecord]:
+    """Adds one shard to each dataset; all show the same motion.
+
+    Args:
+        outputs: Dataset for the images of each camera; the predictor in the loop sees those of the first.
+        policy: Checkpoint of the policy that leads.
+        predictor: Checkpoint of the predictor in the loop; without it the policy sees true heights, a little off.
+        robots: In a batch.
+        ticks: Of each robot.
+        batches: How many.
+        hardest: Courses go up to this difficulty, from 0 to 1.
+        seed: Of everything that is drawn.
+        device: "cuda" or "cpu".
+        done: Is told after each batch.
+
+    Raises:
+        SaltusError: there is no such device, or a checkpoint cannot be read.
+    """
+    loop = DeviceLoop(robots=robots, ticks=ticks, hardest=hardest, cameras=tuple(outputs))
+    model = None if predictor is None else load_checkpoint(predictor)[0]
+    rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=checked_device(device), seed=seed)
+    table: dict[str, Any] = {"source": "device rollouts", "batches": batches, **asdict(loop)}
+    table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
+    began, moving_s, labelled = time.perf_counter(), 0.0, 0
+    with ExitStack() as stack:
+        shards = {
+            camera: stack.enter_context(open_shard(folder, seed=seed, config={**table, "camera": camera}))
+            for camera, folder in outputs.items()
+        }
+        for batch in range(batches):
+            start = time.perf_counter()
+            recorded = rollouts.batch()
+            moving_s += time.perf_counter() - start
+            for camera, shard in shards.items():
+                shard.append(recorded.episodes(camera))
+                labelled = shard.ticks
+            now = time.perf_counter()
+            done(
+                BatchDone(
+                    batches=batch + 1, ticks=labelled, moving_s=moving_s, seconds=now - began,
+                    crowded=rollouts.crowded_share(),
+                )
+            )  # fmt: skip
+    return {camera: shard.record for camera, shard in shards.items()}
+
+
+def checked_device(device: str) -> str:
+    """The device by its full name, where it can be used.
+
+    Raises:
+        SaltusError: no GPU, or no physics for it.
+    """
+    if device == "cpu":
+        return device
+    if not torch.cuda.is_available():
+        raise SaltusError("no GPU found: use --device cpu, or a machine with one")
+    try:
+        import saltus.sim.warp  # noqa: F401
+    except ImportError as error:
+        raise SaltusError(f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'") from error
+    return "cuda:0"
+
+
+def _sha16(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Parses the command line and collects."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="dataset that gets a shard")
+    parser.add_argument("--also-ideal", type=Path, help="dataset for the true depth of the same motion")
+    parser.add_argument("--robots", type=int, default=4096, help="in a batch")
+    parser.add_argument("--ticks", type=int, default=600, help="of each robot")
+    parser.add_argument("--batches", type=int, default=4)
+    parser.add_argument("--policy", type=Path, default=POLICY, help="checkpoint")
+    parser.add_argument("--predictor", type=Path, help="checkpoint; true heights where it is not given")
+    parser.add_argument("--camera", choices=("d435i", "ideal"), default="d435i", help="images in --out")
+    parser.add_argument("--hardest", type=float, default=1.0, help="courses go up to this difficulty, at most 1")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", choices=("cuda", "cpu"), default="cuda")
+    given = parser.parse_args(arguments)
+    outputs: dict[Camera, Path] = {given.camera: given.out}
+    if given.also_ideal is not None:
+        outputs["ideal"] = given.also_ideal
+    told: list[BatchDone] = []
+
+    def tell(batch: BatchDone) -> None:
+        told.append(batch)
+        _say(
+            f"batch {batch.batches}: {batch.ticks} steps, {batch.ticks / batch.moving_s:.0f} /s, "
+            f"{batch.ticks / batch.seconds:.0f} /s with writing, {100 * batch.crowded:.2f} % of robots crowded"
+        )
+
+    records = collect(
+        outputs, policy=given.policy, predictor=given.predictor, robots=given.robots, ticks=given.ticks,
+        batches=given.batches, hardest=given.hardest, seed=given.seed, device=given.device, done=tell,
+    )  # fmt: skip
+    for camera, record in records.items():
+        _say(f"{outputs[camera] / record.file}: {record.episodes} episodes, {record.ticks} steps, camera {camera}")
+    last = told[-1]
+    _say(
+        json.dumps({"steps_per_s": round(last.ticks / last.moving_s), "with_writing": round(last.ticks / last.seconds)})
+    )
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
