@@ -76,10 +76,8 @@ class DeviceCameras:
                 depth = warp.to_torch(caster.cast(*robots))
             else:
                 time_s = torch.full((self._count,), tick * TICK_S, dtype=torch.float64, device=self._device)
-                pair = caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m)
-                depth, self._state = self._stereo.step_pooled(
-                    *map(warp.to_torch, pair), time_s, self._state, ROWS, COLUMNS
-                )
+                true, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m))
+                depth, self._state = self._stereo.step_pooled(true, hidden, time_s, self._state, ROWS, COLUMNS)
             images[kind] = _in_millimetres(depth)
         return images
 

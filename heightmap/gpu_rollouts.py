@@ -154,9 +154,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for camera, record in records.items():
         _say(f"{outputs[camera] / record.file}: {record.episodes} episodes, {record.ticks} steps, camera {camera}")
     last = told[-1]
-    _say(
-        json.dumps({"steps_per_s": round(last.ticks / last.moving_s), "with_writing": round(last.ticks / last.seconds)})
-    )
+    speed = {"steps_per_s": last.ticks / last.moving_s, "steps_per_s_with_writing": last.ticks / last.seconds}
+    _say(json.dumps({name: round(value) for name, value in speed.items()}))
 
 
 def _say(line: str) -> None:
