@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-import warp
 from torch import Tensor
 
 from heightmap.delivery import TICK_S
@@ -15,7 +14,7 @@ from render.stereo.camera import StereoConfig
 from render.stereo.model_view import COLUMNS, ROWS, sampled_model_camera
 from render.stereo.optics import Optics
 from render.stereo_torch import TorchStereo
-from render.warp import WarpCaster
+from render.warp import WarpCaster, as_tensor
 from saltus.config import Camera
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING
 from saltus.terrain.batch import Courses
@@ -73,10 +72,10 @@ class DeviceCameras:
         for kind, caster in self._casters.items():
             caster.set_boxes(*boxes)
             if kind == "ideal":
-                depth = warp.to_torch(caster.cast(*robots))
+                depth = as_tensor(caster.cast(*robots))
             else:
                 time_s = torch.full((self._count,), tick * TICK_S, dtype=torch.float64, device=self._device)
-                true, hidden = map(warp.to_torch, caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m))
+                true, hidden = map(as_tensor, caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m))
                 depth, self._state = self._stereo.step_pooled(true, hidden, time_s, self._state, ROWS, COLUMNS)
             images[kind] = _in_millimetres(depth)
         return images

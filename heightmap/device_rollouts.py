@@ -26,7 +26,7 @@ from policy.rollout import STAND_STEPS
 from policy.settings import TrainConfig
 from policy.train import make_engine
 from saltus.config import Camera, from_toml
-from saltus.errors import ConfigError
+from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 
@@ -156,3 +156,20 @@ class DeviceRollouts:
 
     def _uniform(self) -> Tensor:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)
+
+
+def checked_device(device: str) -> str:
+    """The device by its full name, where it can be used.
+
+    Raises:
+        SaltusError: no GPU, or no physics for it.
+    """
+    if device == "cpu":
+        return device
+    if not torch.cuda.is_available():
+        raise SaltusError("no GPU found: use --device cpu, or a machine with one")
+    try:
+        import saltus.sim.warp  # noqa: F401
+    except ImportError as error:
+        raise SaltusError(f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'") from error
+    return "cuda:0"

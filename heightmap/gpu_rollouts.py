@@ -14,14 +14,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from heightmap.device_rollouts import DeviceLoop, DeviceRollouts
+from heightmap.device_rollouts import DeviceLoop, DeviceRollouts, checked_device
 from heightmap.shards import ShardRecord, open_shard
 from heightmap.train import load_checkpoint
 from policy.learner import read_checkpoint
 from saltus.config import Camera
-from saltus.errors import SaltusError
 
 POLICY = Path("models/checkpoints/policy.pt")
 
@@ -97,23 +94,6 @@ def collect(
                 )
             )  # fmt: skip
     return {camera: shard.record for camera, shard in shards.items()}
-
-
-def checked_device(device: str) -> str:
-    """The device by its full name, where it can be used.
-
-    Raises:
-        SaltusError: no GPU, or no physics for it.
-    """
-    if device == "cpu":
-        return device
-    if not torch.cuda.is_available():
-        raise SaltusError("no GPU found: use --device cpu, or a machine with one")
-    try:
-        import saltus.sim.warp  # noqa: F401
-    except ImportError as error:
-        raise SaltusError(f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'") from error
-    return "cuda:0"
 
 
 def _sha16(path: Path) -> str:

@@ -149,6 +149,11 @@ class WarpCaster:
         return warp.ScopedStream(warp.stream_from_torch(array.device) if on_gpu else None)
 
 
+def as_tensor(array: warp.array) -> Array:
+    """The same memory as a torch tensor."""
+    return warp.to_torch(array)
+
+
 class WarpRenderer(Renderer):
     """See `Renderer`; `caster` does the same without leaving the device.
 
