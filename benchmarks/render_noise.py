@@ -157,7 +157,7 @@ def pose(x: float, yaw: float, joints: Floats = go1.STAND_POSE) -> tuple[Floats,
 def cost_rows() -> list[dict[str, Any]]:
     """Milliseconds of each effect on the native crop, one image on one core."""
     optics = Optics.of(NATIVE)
-    pair = StereoEmbree(make_terrain(TerrainConfig()), optics, NATIVE)
+    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, NATIVE)
     depth, hidden = pair.render_pair(*pose(0.8, 0.2))
     rows = []
     signal: Any = stereo_image(depth, hidden, np.asarray(0.0), optics)
@@ -192,7 +192,7 @@ def colours(depth: Floats, height: int = 360) -> Any:
 def draw(path: Path) -> None:
     """The stages of the chain, for a robot beside stairs with its front legs in view, on a grey page."""
     optics = Optics.of(D435I)
-    pair = StereoEmbree(make_terrain(TerrainConfig()), optics, D435I)
+    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, D435I)
     depth, hidden = pair.render_pair(*pose(1.0, 0.35, REACHING))
     stages: list[tuple[str, Floats]] = [("true depth", depth)]
     stages.append(("not seen by the right imager", np.where(hidden, 0.0, depth)))

@@ -60,7 +60,7 @@ class RunConfig:
     """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240 (Embree)."""
     profile: str = "go1"
     """Effects of the hardware: "ideal", "go1", or the name or path of a TOML profile."""
-    planner: PlannerName = "scripted"
+    planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     heightmap_model: str | None = None
     """Path of an ONNX file; the shipped model where it is not given."""

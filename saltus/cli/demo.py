@@ -31,7 +31,7 @@ class Demo:
     """ideal: true depth. d435i: with the errors of a stereo camera."""
     renderer: Renderer = "auto"
     """Back end of the ideal camera."""
-    planner: PlannerName = "scripted"
+    planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, or a TOML file."""

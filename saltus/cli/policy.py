@@ -26,7 +26,7 @@ class Eval:
     """Runs trials with fresh seeds on one terrain, many robots at once, without the bus; leaves a report."""
 
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
-    planner: PlannerName = "scripted"
+    planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a policy."""
     model: Path | None = None
     """ONNX file of the learned policy; the shipped one where it is not given."""

@@ -38,22 +38,23 @@ class Size:
 
 
 # The laws of difficulty are the project's definition (the original's, with gap and step widened so that difficulty 1
-# is beyond the paper's best jumps of 0.8 m and 0.6 m). Bounds: the least that a foot of 4 cm can tell from flat
-# ground or stand on, up to a quarter more than difficulty 1 asks for.
+# is beyond the paper's best jumps of 0.8 m and 0.6 m). Defaults: the courses of the paper's robot, with the mean of its
+# gaps between stones. Bounds: the least that a foot of 4 cm can tell from flat ground or stand on, up to a quarter more
+# than difficulty 1 asks for.
 TABLE: dict[TerrainKind, dict[str, Size]] = {
     "flat": {},
     "stairs": {
         "steps": Size(default=14, low=1, high=100),
-        "rise_m": Size(default=0.06, low=0.0, high=0.375, base=0.05, slope=0.25),
+        "rise_m": Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
         "run_m": Size(default=0.25, low=0.1, high=2.0),
     },
     "stepping_stones": {
         "steps": Size(default=8, low=1, high=100),
         "stone_m": Size(default=0.5, low=0.1, high=2.0),
-        "gap_m": Size(default=0.2, low=0.0, high=0.75, base=0.0, slope=0.6),
+        "gap_m": Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
     },
-    "step": {"height_m": Size(default=0.2, low=0.0, high=1.0, base=0.0, slope=0.8)},
-    "gap": {"gap_m": Size(default=0.3, low=0.01, high=1.4, base=0.01, slope=1.1)},
+    "step": {"height_m": Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)},
+    "gap": {"gap_m": Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)},
 }
 GREATEST_GAP = Size(default=0.5, low=0.0, high=0.75)  # between stones; bounds of the gap itself
 

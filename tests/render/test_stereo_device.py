@@ -55,7 +55,7 @@ def nothing_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
 def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     """Robots before and on stairs, legs in view of some."""
     rng = np.random.default_rng(2)
-    terrain, camera = make_terrain(TerrainConfig(terrain="stairs")), sampled_model_camera(rows, columns)
+    terrain, camera = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06)), sampled_model_camera(rows, columns)
     position = rng.uniform([0.5, -0.1, 0.25], [4.0, 0.1, 0.5], (COUNT, 3))
     position[:, 2] += terrain.height_at(position[:, 0])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
