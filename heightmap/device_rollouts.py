@@ -117,11 +117,8 @@ class DeviceRollouts:
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
-            stands = tick < stands_until
-            plan = torch.where(stands[:, None], env.config.bounds.clipped(torch.zeros_like(plan)), plan)
+            env.standing.copy_(tick < stands_until)
             transition = env.step(env.config.bounds.normalised(plan))
-            env.memory.phase.mul_(~stands)  # who stands does not begin to step,
-            env.memory.trusted.logical_or_(stands[:, None])  # and stands on all feet
             fresh = transition.done
         return self._recording.to_host(env.memory.kind)
 

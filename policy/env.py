@@ -26,13 +26,15 @@ from policy.randomisation import RandomisationConfig
 from policy.rewards import RewardConfig, RewardInputs, reward_terms
 from policy.views import Views
 from saltus import go1
+from saltus.arrays import Constant, namespace
 from saltus.effects.profile import load_profile
 from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
-from saltus.messages import ControllerMode
+from saltus.messages import ControllerMode, JointCommand
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses
 
 _GRAVITY = 9.81
+_STAND_POSE = Constant(go1.STAND_POSE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +100,9 @@ class JumpEnv:
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
+        self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
+        """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
+        shape (n,)."""
         self.views = Views(self.memory, config, self._qpos, self._qvel)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
@@ -190,18 +195,31 @@ class JumpEnv:
         )
         command, state, seen = self._law.step(plan, sensed, self._law_state(), ControllerMode.RUN)
         torque, line = self._drives.step(
-            command, qpos[:, 7:], qvel[:, 6:], memory.torque_line, memory.delay_s, memory.motor_strength
+            self._or_stand(command), qpos[:, 7:], qvel[:, 6:], memory.torque_line, memory.delay_s, memory.motor_strength
         )
         self._ctrl.copy_(torque)
+        stands = self.standing[:, None]
         store(
             memory,
-            phase=state.gait.phase,
+            phase=torch.where(self.standing, 0.0, state.gait.phase),
             liftoff=state.liftoff,
             torque_line=line,
-            contact=seen.gait.contact,
-            progress=seen.gait.progress,
-            trusted=seen.gait.trusted,
+            contact=seen.gait.contact | stands,
+            progress=torch.where(stands, 0.0, seen.gait.progress),
+            trusted=seen.gait.trusted | stands,
             tracking_cost=seen.tracking_cost,
+        )
+
+    def _or_stand(self, command: JointCommand) -> JointCommand:
+        """The command; that of the standing pose for robots that stand."""
+        xp, law, stands = namespace(command.torque), self._law.config, self.standing[:, None]
+        zero = xp.zeros_like(command.torque)
+        return JointCommand(
+            position=xp.where(stands, zero + _STAND_POSE.like(zero), command.position),
+            velocity=xp.where(stands, zero, command.velocity),
+            kp=xp.where(stands, zero + law.stand_kp, command.kp),
+            kd=xp.where(stands, zero + law.stand_kd, command.kd),
+            torque=xp.where(stands, zero, command.torque),
         )
 
     def _law_state(self) -> LawState:

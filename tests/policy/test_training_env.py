@@ -134,6 +134,7 @@ def test_levels_rise_with_the_way_and_fall_without():
     moved = next_level(config, level, way, failed, np.zeros(6, dtype=bool), np.full(6, 0.35))
     np.testing.assert_array_equal(moved, [0.0, 4.0, 3.0, 2.0, 3.0, 9.0])
     assert difficulty(config, np.array([9.0]), np.array([1.0])) == 1.0
+    assert difficulty(replace(config, hardest=0.5), np.array([9.0]), np.array([1.0])) == 0.5
 
 
 def test_levels_can_be_set():
@@ -142,3 +143,19 @@ def test_levels_can_be_set():
     for _ in range(5):
         env.step(bound(env))
     assert (env.memory.level == 7.0).all()
+
+
+def test_robots_that_are_told_to_stand_do_so_and_then_begin_to_step():
+    quiet = RandomisationConfig(torque_period_s=1e9, push_mps=0.0, pitch_torque_nm=0.0)
+    env = make_env(config=EnvConfig(randomisation=quiet))
+    env.standing[: N // 2] = True
+    for _ in range(60):
+        env.step(bound(env))
+    memory, speed = env.memory, torch.as_tensor(env._engine.qvel)[:, 0]
+    assert (memory.phase[: N // 2] == 0.0).all()
+    assert memory.contact[: N // 2].all()
+    assert memory.trusted[: N // 2].all()
+    assert speed[: N // 2].abs().max() < 0.1 < speed[N // 2 :].mean()
+    env.standing.zero_()
+    env.step(bound(env))
+    assert (memory.phase[: N // 2] > 0.0).all()
