@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import torch
 from heightmap_inputs import states
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -81,6 +82,24 @@ def test_a_batch_equals_one_by_one() -> None:
         for j in range(n):
             single = proprioception(**{name: value[i, j] for name, value in values.items()})
             np.testing.assert_allclose(single, batch[i, j], atol=1e-6)
+
+
+def test_tensors_give_the_same_vector() -> None:
+    rng = np.random.default_rng(1)
+    values = {
+        "quaternion_base_in_world": kinematics.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.0, 1.0, (3, 50))),
+        "angular_velocity_base": rng.normal(size=(50, 3)),
+        "joint_position": rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (50, 12)),
+        "velocity_base_in_world": rng.normal(size=(50, 3)),
+        "base_height": rng.uniform(0.1, 0.5, 50),
+        "leg_trusted": rng.uniform(size=(50, 4)) < 0.5,
+    }
+    tensors = {name: torch.as_tensor(value) for name, value in values.items()}
+    single = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
+    for arrays in (tensors, single):
+        vector = proprioception(**arrays)
+        assert vector.dtype == torch.float32
+        np.testing.assert_allclose(vector, proprioception(**values), atol=1e-5)
 
 
 def test_a_message_gives_the_same_vector() -> None:

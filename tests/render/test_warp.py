@@ -56,6 +56,26 @@ def test_legs_only_come_nearer() -> None:
     assert (with_legs < without).any()
 
 
+@pytest.mark.parametrize("legs", [True, False])
+def test_every_robot_has_a_mount_of_its_own(legs: bool) -> None:
+    """One cast sees what each robot's own renderer shows."""
+    rng = np.random.default_rng(3)
+    where = robots(6)
+    shift, pitch = rng.uniform(-0.02, 0.02, (6, 3)), rng.uniform(0.4, 0.6, 6)
+    each = Mount(position=go1.CAMERA_POSITION + shift, pitch=pitch)
+    caster = WarpRenderer(STAIRS, legs=legs, device="cpu").caster
+    caster.set_mount(each)
+    together = caster.cast(*tensors(where)).numpy()
+    for i in range(6):
+        mount = Mount(position=each.position[i], pitch=float(pitch[i]))
+        alone = WarpRenderer(STAIRS, mount=mount, legs=legs, device="cpu").render_batch(*(a[i : i + 1] for a in where))
+        differ = ~np.isclose(together[i], alone[0], rtol=0.0, atol=1e-3)
+        assert differ.mean() < 0.01  # edges, seen through the rounding of poses
+    each.position[2] = 0.0
+    with pytest.raises(SaltusError, match="inside the robot"):
+        caster.set_mount(each)
+
+
 def test_every_robot_has_boxes_of_its_own() -> None:
     """One cast over many courses sees what each robot's own terrain shows."""
     terrains = [make_terrain(TerrainConfig(terrain="gap", gap_m=0.2 + 0.1 * i)) for i in range(4)]

@@ -1,0 +1,165 @@
+"""Rollouts on one device follow the laws of those with processes; on a processor a seed repeats them to the bit."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from heightmap.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
+from heightmap.device_heights import DeviceHeights, LateImages
+from heightmap.device_rollouts import DeviceLoop, checked_device
+from heightmap.features import PROPRIOCEPTION
+from heightmap.gpu_rollouts import main
+from heightmap.inventory import validate
+from heightmap.model import HeightmapModel
+from heightmap.network import HeightmapNetwork
+from heightmap.runs import MIN_TICKS
+from heightmap.shards import Episode, read_dataset, read_manifest
+from heightmap.validate import run_episode
+from saltus.errors import ConfigError, SaltusError
+from saltus.terrain.batch import KINDS
+
+CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
+ROBOTS, TICKS = 8, 70
+NOT_ON_GPU_MACHINES = ("open3d", "cv2", "tyro", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "tqdm")
+
+
+def collected(folder: Path, *more: str) -> list[Episode]:
+    """What a run of the program with a predictor in the loop puts into a dataset."""
+    given = {"robots": ROBOTS, "ticks": TICKS, "batches": 2, "seed": 3, "device": "cpu"}
+    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS / "heightmap.pt", "out": folder}
+    main([*(part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value))), *more])
+    return read_dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def datasets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Images of both cameras from one motion, and the same once more."""
+    folder = tmp_path_factory.mktemp("device")
+    collected(folder / "d435i", "--also-ideal", str(folder / "ideal"))
+    collected(folder / "again")
+    return {name: folder / name for name in ("d435i", "ideal", "again")}
+
+
+def test_a_seed_repeats_the_data(datasets: dict[str, Path]) -> None:
+    one, other = (read_manifest(datasets[name])[0] for name in ("d435i", "again"))
+    assert one.ticks == other.ticks > 0.9 * 2 * ROBOTS * TICKS
+    for left, right in zip(*(read_dataset(datasets[name]) for name in ("d435i", "again")), strict=True):
+        for name in ("proprioception", "height", "depth", "frame_tick"):
+            np.testing.assert_array_equal(getattr(left, name), getattr(right, name))
+
+
+def test_both_cameras_see_the_same_motion(datasets: dict[str, Path]) -> None:
+    for name in ("d435i", "ideal"):
+        assert validate(datasets[name]) == []
+        assert read_manifest(datasets[name])[0].config["camera"] == name
+    pairs = list(zip(*(read_dataset(datasets[name]) for name in ("d435i", "ideal")), strict=True))
+    for stereo, true in pairs:
+        np.testing.assert_array_equal(stereo.proprioception, true.proprioception)
+        np.testing.assert_array_equal(stereo.height, true.height)
+        both = (stereo.depth > 0) & (true.depth < 2000)
+        assert both.mean() > 0.2
+        error = stereo.depth[both].astype(float) - true.depth[both]
+        assert 0.5 < np.median(np.abs(error)) < 30.0  # [mm]; edges and holes err more
+    assert {true.terrain for _, true in pairs} == set(KINDS)
+
+
+def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[str, Path]) -> None:
+    for episode in read_dataset(datasets["d435i"]):
+        assert MIN_TICKS <= len(episode.height) <= TICKS
+        assert episode.frame_tick[0] < FRAME_TICKS
+        assert (np.diff(episode.frame_tick) == FRAME_TICKS).all()
+        assert np.isfinite(episode.proprioception).all()
+        base_height = episode.proprioception[:, PROPRIOCEPTION.index("base_height")]
+        level = np.abs(episode.height[0] - episode.height[0, 0]) < 0.005  # ground under a robot that stands
+        assert level[:10].all()
+        assert episode.height[0, 0] == pytest.approx(-base_height[0], abs=0.06)
+
+
+@pytest.mark.parametrize("latency_ms", [30.0, 37.0, 40.0, 52.0, 60.0])
+def test_images_come_when_they_come_elsewhere(latency_ms: float) -> None:
+    model = DeliveryModel(latency_s=(1e-3 * latency_ms, 1e-3 * latency_ms))
+    taken = np.arange(0, 80, FRAME_TICKS, dtype=np.int32)
+    expected = deliver(taken, 80, model, np.random.default_rng(0))
+    images = LateImages(3, model, torch.Generator().manual_seed(0))
+    for tick in range(80):
+        if tick % FRAME_TICKS == 0:
+            images.send(torch.full((3, 48, 16), tick + 1), tick)
+        image, age_s, new = images.receive(tick)
+        assert (new == bool(expected.new[tick])).all()
+        if expected.frame[tick] >= 0:
+            np.testing.assert_allclose(age_s, expected.age_s[tick], atol=1e-6)
+            np.testing.assert_allclose(image[:, 0], (taken[expected.frame[tick]] + 1) / 3000.0, rtol=1e-5)
+        else:
+            assert (image[:, 0] == 1.0).all()
+            assert (image[:, 1] == 0.0).all()
+
+
+def test_late_and_lost_images_never_go_back_in_time() -> None:
+    images = LateImages(400, TRAINING, torch.Generator().manual_seed(1))
+    ages, fresh = [], []
+    for tick in range(200):
+        if tick % FRAME_TICKS == 0:
+            images.send(torch.full((400, 48, 16), 1000), tick)
+        _, age_s, new = images.receive(tick)
+        ages.append(age_s)
+        fresh.append(new)
+    age, new = torch.stack(ages)[20:], torch.stack(fresh)[20:]
+    step = age[1:] - age[:-1]
+    torch.testing.assert_close(step[~new[1:]], torch.full_like(step[~new[1:]], TICK_S), atol=1e-5, rtol=0.0)
+    assert age[new].min() >= TRAINING.latency_s[0] - 1e-6
+    assert age[new].max() <= sum((TRAINING.latency_s[1], TRAINING.jitter_s, TICK_S))
+    arrived = FRAME_TICKS * new.float().mean(0)
+    assert 1.0 - TRAINING.loss < arrived.mean() < 1.0
+    forgotten = torch.arange(400) < 7
+    images.forget(forgotten)
+    image, age_s, new = images.receive(200)
+    assert (image[:7, 1] == 0.0).all()
+    assert (image[7:, 1] == 1.0).all()
+    assert not new[:7].any()
+    assert (age_s[:7] > 1e3).all()
+
+
+def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_path: Path) -> None:
+    """Tick by tick, and again after a robot starts anew."""
+    rng = np.random.default_rng(0)
+    ticks, latency = 60, DeliveryModel()
+    episode = Episode(
+        terrain="flat",
+        proprioception=rng.normal(size=(ticks, len(PROPRIOCEPTION))).astype(np.float32),
+        height=np.zeros((ticks, 30), np.float32),
+        depth=rng.integers(0, 5000, (ticks // 2, 48, 16)).astype(np.uint16),
+        frame_tick=np.arange(0, ticks, FRAME_TICKS, dtype=np.int32),
+    )
+    expected, _ = run_episode(HeightmapNetwork(model_path), episode, latency)
+    images = LateImages(2, latency, torch.Generator().manual_seed(0))
+    heights = DeviceHeights(model, images)
+    for tick in range(2 * ticks):
+        k = tick % ticks
+        image = torch.tensor(episode.depth[k // 2].astype(np.int32)).expand(2, 48, 16) if k % FRAME_TICKS == 0 else None
+        felt = torch.tensor(episode.proprioception[k]).expand(2, -1)
+        found = heights.step(image, tick, felt, torch.full((2,), k == 0))
+        np.testing.assert_allclose(found, np.tile(expected[k], (2, 1)), atol=1e-4)
+
+
+def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> None:
+    blocked = f"import sys; sys.modules.update(dict.fromkeys({NOT_ON_GPU_MACHINES!r}))"
+    program = f"{blocked}; import heightmap.gpu_rollouts, heightmap.train, saltus.sim.warp"
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"), [({"robots": 0}, "robots"), ({"ticks": 10}, "ticks"), ({"hardest": 1.5}, "hardest")]
+)
+def test_loops_that_lead_nowhere_are_refused(changes: dict[str, float], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        DeviceLoop(**changes)
+
+
+def test_a_missing_gpu_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(SaltusError, match="no GPU found"):
+        checked_device("cuda")
