@@ -43,7 +43,7 @@ $(VENV)/.run-time: $(VENV)/.python pyproject.toml tools/libraries.sh
 	@touch $@
 
 $(VENV)/.development: $(VENV)/.run-time constraints.txt
-	$(BIN)/pip install --constraint constraints.txt --editable ".[train,dev]"
+	$(BIN)/pip install --constraint constraints.txt --editable ".[train,ray,dev]"
 	@touch $@
 
 clean:

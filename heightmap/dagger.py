@@ -16,8 +16,8 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from heightmap.closed_loop import ClosedLoop
 from heightmap.export import Origin, export
 from heightmap.inventory import merge
 from heightmap.network import HeightmapNetwork
+from heightmap.ray_workers import in_order_on_ray
 from heightmap.release import release
 from heightmap.shards import (
     DatasetError,
@@ -44,6 +45,11 @@ from saltus.errors import ConfigError
 
 SOURCE = "dagger"
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
+
+Key = tuple[int, int, int]
+"""Of a batch: seed, round, number."""
+Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
+"""Makes batches from a predictor and their keys, in the order of the keys."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +104,7 @@ def dagger(
     start: Path | None = None,
     base: Path | None = None,
     processes: int | None = None,
+    cluster: str | None = None,
 ) -> Path:
     """Runs rounds until there are `config.rounds` of them, going on where it was interrupted.
 
@@ -108,12 +115,15 @@ def dagger(
         start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and trains from nothing.
         base: Dataset whose shards stand before the first round's, and are trained on as well.
         processes: That collect; one for each core where it is not given. The data do not depend on it.
+        cluster: They are those of a Ray cluster, see `heightmap.ray_workers`; the data do not depend on this either.
 
     Returns:
         The newest predictor's ONNX file.
 
     Raises:
         DatasetError: the folder holds a run of another configuration, or a dataset is damaged.
+        ConfigError: there is no Ray, or it is asked for a number of processes that is not its to choose.
+        StackError: the cluster cannot be reached, or its hosts cannot do the work.
     """
     directory.mkdir(parents=True, exist_ok=True)
     _remember(directory, config, start, base)
@@ -124,7 +134,7 @@ def dagger(
     before = None if start is None else _started(directory / "start", start)
     for index in range(config.rounds):
         if index >= len(read_manifest(data)) - begun_with:
-            _collect(data, index, before, config, observer, processes or len(os.sched_getaffinity(0)))
+            _collect(data, index, before, config, observer, partial(_batches, config.loop, processes, cluster))
         folder = directory / f"round_{index:03d}"
         if not folder.exists():
             _train(folder, index, before, config, observer)
@@ -164,26 +174,30 @@ def _started(folder: Path, start: Path) -> Path:
     return folder
 
 
+def _batches(
+    loop: ClosedLoop, processes: int | None, cluster: str | None, model: Path | None, keys: Sequence[Key]
+) -> Generator[list[Episode], None, None]:
+    """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
+    if cluster is not None:
+        return in_order_on_ray(loop.episodes, model, keys, cluster, processes)
+    return in_order(partial(loop.episodes, model), keys, processes or len(os.sched_getaffinity(0)))
+
+
 def _collect(
-    data: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer, processes: int
+    data: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer, batches: Batches
 ) -> None:
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
     table: dict[str, Any] = {"source": SOURCE, "round": index, "batches": config.batches, **asdict(config.loop)}
     table["heights"] = "true" if model is None else HeightmapNetwork(model).model_id
-    write_shard(data, _watched(partial(config.loop.episodes, model), keys, index, observer, processes),
-                seed=config.seed, config=table)  # fmt: skip
+    # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
+    with closing(batches(model, keys)) as made:
+        write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)
 
 
-def _watched(
-    batch: Callable[[tuple[int, ...]], list[Episode]],
-    keys: list[tuple[int, int, int]],
-    index: int,
-    observer: Observer,
-    processes: int,
-) -> Iterator[Episode]:
+def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -> Iterator[Episode]:
     ticks = 0
-    for done, episodes in enumerate(in_order(batch, keys, processes), start=1):
+    for done, episodes in enumerate(batches, start=1):
         yield from episodes
         ticks += sum(len(episode.height) for episode in episodes)
         observer.collected(Collected(round=index, batches=done, ticks=ticks))

@@ -45,6 +45,8 @@ class Dagger:
     """Of all that is drawn."""
     processes: int | None = None
     """That collect; one for each core where it is not given. The data do not depend on it."""
+    ray: str | None = None
+    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
@@ -63,8 +65,14 @@ class Dagger:
         with _Bars(config.batches, self.updates) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(
-                self.out, config, observer, start=self.start, base=self.base, processes=self.processes
-            )  # fmt: skip
+                self.out,
+                config,
+                observer,
+                start=self.start,
+                base=self.base,
+                processes=self.processes,
+                cluster=self.ray,
+            )
         print(model)
         return 0
 
