@@ -35,7 +35,7 @@ class Dagger:
     """Gradient steps in a round."""
     batch: int = 32
     """Windows in a gradient step."""
-    hardest: float = 0.6
+    hardest: float = 0.8
     """Courses go up to this difficulty."""
     learned: float = 0.5
     """Share of robots that the learned policy leads; the others are led by the scripted planner."""

@@ -32,7 +32,7 @@ class Eval:
     model: Path | None = None
     """ONNX file; the shipped model where it is not given."""
     runs: int = 200
-    """How many; half on courses that the planners master, half on harder ones."""
+    """How many; half on courses that both planners master, half on harder ones."""
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     camera: Camera = "d435i"
