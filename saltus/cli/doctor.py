@@ -64,6 +64,7 @@ def _versions() -> list[Finding]:
         findings.append(Finding(name=name, ok=found != "missing", detail=found, cure="pip install saltus"))
     for name in TRAINING_PACKAGES:
         findings.append(Finding(name=f"{name} (only for training)", ok=True, detail=package_version(name)))
+    findings.append(Finding(name="ray (only for many hosts)", ok=True, detail=package_version("ray")))
     return findings
 
 
