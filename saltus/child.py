@@ -1,14 +1,19 @@
 """A process under the supervisor's care."""
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from saltus import cue
+
 LOG_TAIL_LINES = 15
+LOAD_TIMEOUT_S = 30.0
 # Four processes on two cores: numeric libraries that start a thread per core only get in each other's way
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
 
@@ -21,19 +26,23 @@ class Program:
     module: str
     restart: bool
     """In real time: whether it is started again when it dies. Otherwise its end is the end of the run."""
+    spare: bool = False
+    """In real time: whether another process has loaded already, to take over when it dies."""
 
 
 class Child:
-    """A program, its process, and what is known of its health."""
+    """A program: the process that runs, one that may wait to take over, and what is known of its health."""
 
     def __init__(self, program: Program, log: Path) -> None:
         self.program = program
         self.log = log
         self.started_s = 0.0
+        """Monotonic time at which the process that runs was told to begin."""
         self.alive_s: float | None = None
         """Monotonic time of the last proof of life; None until it is ready."""
         self.restarts = 0
-        self._process: subprocess.Popen[bytes] | None = None
+        self._runs: _Launch | None = None
+        self._waits: _Launch | None = None
 
     @property
     def name(self) -> str:
@@ -42,46 +51,57 @@ class Child:
 
     @property
     def ready(self) -> bool:
-        """Whether it has said so since it was started."""
+        """Whether it has said so since it was told to begin."""
         return self.alive_s is not None
+
+    @property
+    def loading(self) -> bool:
+        """Whether there is a process that will wait for its cue and has not come so far."""
+        return self._waits is not None and self._waits.loading()
 
     @property
     def pid(self) -> int | None:
         """Process id; None where it does not run."""
-        return None if self._process is None or self._process.poll() is not None else self._process.pid
+        return self._runs.process.pid if self._runs is not None and self.running() else None
 
-    def start(self, arguments: list[str]) -> None:
-        """Starts it in a session of its own, so that Ctrl-C reaches the supervisor alone."""
-        with self.log.open("ab") as file:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", self.program.module, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **ENVIRONMENT},
-                start_new_session=True,
-            )
-        self.started_s = time.monotonic()
+    def load(self, arguments: list[str]) -> None:
+        """Starts a process that loads everything, and then waits to take over."""
+        self._waits = _Launch(self.program.module, arguments, self.log)
+
+    def begin(self, arguments: list[str]) -> None:
+        """Tells the process that waits to take over; starts one where none waits. The one before must have ended."""
+        if self._waits is None or self._waits.process.poll() is not None:
+            self._drop(self._waits)
+            self.load(arguments)
+        self._drop(self._runs)
+        self._runs, self._waits = self._waits, None
+        self.started_s = time.monotonic()  # before it is told to: it may answer at once
         self.alive_s = None
+        if self._runs is not None:
+            self._runs.begin()
 
     def exit_code(self) -> int | None:
-        """Exit code, negative for a signal; None while it runs or was never started."""
-        return None if self._process is None else self._process.poll()
+        """Exit code, negative for a signal; None while it runs or was never told to begin."""
+        return None if self._runs is None else self._runs.process.poll()
 
     def running(self) -> bool:
-        """Whether it was started and has not ended."""
-        return self._process is not None and self._process.poll() is None
+        """Whether it was told to begin and has not ended."""
+        return self._runs is not None and self._runs.process.poll() is None
 
     def signal(self, number: signal.Signals) -> None:
-        """Sends a signal to it and to whatever it started."""
-        if self._process is not None and self._process.poll() is None:
-            os.killpg(self._process.pid, number)
+        """Sends a signal to the process that runs and to whatever it started."""
+        if self._runs is not None:
+            self._runs.signal(number)
 
     def kill(self) -> None:
-        """Ends it at once; it is gone on return."""
-        self.signal(signal.SIGKILL)
-        if self._process is not None:
-            self._process.wait()
+        """Ends the process that runs, at once; it is gone on return."""
+        if self._runs is not None:
+            self._runs.end()
+
+    def dismiss(self) -> None:
+        """Ends the process that waits: it has nothing to finish."""
+        self._drop(self._waits)
+        self._waits = None
 
     def log_tail(self) -> str:
         """The last lines that it wrote, indented, for the end of an error message."""
@@ -90,6 +110,53 @@ class Child:
         except OSError:
             lines = []
         return "".join(f"\n  {line}" for line in lines) or f"; {self.log} is empty"
+
+    @staticmethod
+    def _drop(launch: "_Launch | None") -> None:
+        if launch is not None:
+            launch.end()
+
+
+class _Launch:
+    """One start of a program: its process, and the line on which it is told to begin."""
+
+    def __init__(self, module: str, arguments: list[str], log: Path) -> None:
+        self._line, theirs = socket.socketpair()
+        self._line.setblocking(False)
+        with theirs, log.open("ab") as file:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments, cue.FLAG],
+                stdin=theirs.fileno(),
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **ENVIRONMENT},
+                start_new_session=True,  # so that Ctrl-C reaches the supervisor alone
+            )
+        self._started_s = time.monotonic()
+        self._loaded = False
+
+    def loading(self) -> bool:
+        """Whether it has not yet said that it waits, and still may."""
+        with contextlib.suppress(BlockingIOError, ConnectionResetError):
+            self._loaded = self._loaded or self._line.recv(1) == cue.LOADED
+        in_time = time.monotonic() - self._started_s < LOAD_TIMEOUT_S
+        return not self._loaded and in_time and self.process.poll() is None
+
+    def begin(self) -> None:
+        """Tells it to begin as soon as it has loaded."""
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # it has died: its exit code will say so
+            self._line.send(cue.BEGIN)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Sends a signal to its group, unless it has ended."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, number)
+
+    def end(self) -> None:
+        """Ends it at once; may be called again."""
+        self.signal(signal.SIGKILL)
+        self.process.wait()
+        self._line.close()
 
 
 def name_exit(code: int) -> str:

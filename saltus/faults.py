@@ -32,6 +32,8 @@ STANDING_HEIGHT_M = 0.18
 UPRIGHT_COSINE = 0.87  # 30 degrees
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
 """What stops coming when a process dies."""
+BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
+"""What the service says without a camera, and to one that has just begun."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +118,7 @@ def _complaints(recording: Recording, process: str) -> Iterable[int]:
     """Arrival times of the consumer's messages that say that the product is missing."""
     if process == "render":
         for arrival, _, heightmap in recording.messages("heightmap/heightmap"):
-            if isinstance(heightmap, Heightmap) and heightmap.status == HeightmapStatus.INVALID:
+            if isinstance(heightmap, Heightmap) and heightmap.status in BLIND:
                 yield arrival
     elif process == "heightmap":
         for arrival, _, plan in recording.messages("policy/plan"):

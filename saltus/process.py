@@ -44,7 +44,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from saltus import config
+from saltus import config, cue
 from saltus.bus import Bus, ZenohBus
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
@@ -58,9 +58,17 @@ RUN_FILE = "run.toml"
 
 
 class ProcessContext:
-    """A process and its surroundings."""
+    """A process and its surroundings.
 
-    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus) -> None:
+    Args:
+        name: Row of the process table.
+        run_config: Of the run.
+        run_dir: Of the run.
+        bus: To the other processes.
+        cued: Whether `ready` waits for the supervisor (`saltus.cue`).
+    """
+
+    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: bool = False) -> None:
         self.name = name
         self.config = run_config
         self.run_dir = run_dir
@@ -68,6 +76,7 @@ class ProcessContext:
         self.clock = RunClock(run_config.epoch_ns, lockstep=run_config.pace == "lockstep")
         self.stopped = False
         """Whether the process should finish and return."""
+        self._cued = cued
         self._ready = False
         self._status = bus.publisher("status", name)
         self._events = bus.publisher("event", name)
@@ -76,7 +85,10 @@ class ProcessContext:
         self._seen_router_s = time.monotonic()
 
     def ready(self) -> None:
-        """Says that everything is loaded and subscribed. Nothing is reported before."""
+        """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
+        if self._cued and not cue.await_cue(lambda: self.stopped):
+            self.stopped = True
+            return
         self._ready = True
         self._next_status_s = 0.0
         self.beat(ticks=0)
@@ -127,11 +139,12 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
     parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml")
     parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument(cue.FLAG, action="store_true", dest="cued", help="wait for the supervisor when all is loaded")
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
         with ZenohBus(options.endpoint, run_config.robot) as bus:
-            context = ProcessContext(name, run_config, options.run_dir, bus)
+            context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             return _run_body(context, body)
     except SaltusError as error:

@@ -10,6 +10,7 @@ import signal
 import socket
 import statistics
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -29,7 +30,8 @@ from saltus.resources import resource
 from saltus.ticker import RunClock
 
 PROGRAMS = (
-    Program(name="render", module="render", restart=True),
+    # Open3D alone takes half a second of a free processor, and several on a busy machine
+    Program(name="render", module="render", restart=True, spare=True),
     Program(name="heightmap", module="heightmap", restart=True),
     Program(name="policy", module="policy", restart=True),
     # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
@@ -160,15 +162,32 @@ class Stack:
         self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand
 
     def _start_all(self) -> None:
-        for restart in (True, False):
-            group = [child for child in self._children.values() if child.program.restart == restart]
-            for child in group:
-                self._start(child)
-            while not all(child.ready for child in group) and self.poll():
-                time.sleep(POLL_S)
+        """All load at once; the run begins with the last of them, when nothing loads any more."""
+        first = [child for child in self._children.values() if child.program.restart]
+        last = [child for child in self._children.values() if not child.program.restart]
+        for child in first:
+            child.begin(self._arguments)
+            self._load_spare(child)
+        for child in last:
+            child.load(self._arguments)
+        self._poll_until(
+            lambda: all(child.ready for child in first) and not any(child.loading for child in first + last)
+        )
+        for child in last:
+            child.begin(self._arguments)
+        self._poll_until(lambda: all(child.ready for child in last))
 
-    def _start(self, child: Child) -> None:
-        child.start(["--run-dir", str(self.run_dir), "--endpoint", self.endpoint])
+    def _load_spare(self, child: Child) -> None:
+        if child.program.spare and self.config.pace == "realtime":
+            child.load(self._arguments)
+
+    def _poll_until(self, condition: Callable[[], bool]) -> None:
+        while not condition() and self.poll():
+            time.sleep(POLL_S)
+
+    @property
+    def _arguments(self) -> list[str]:
+        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint]
 
     def _look_after(self, child: Child) -> None:
         if self.finished:
@@ -196,7 +215,8 @@ class Stack:
         if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
             raise StackError(f"{child.name} died ({how}){child.log_tail()}")
         child.restarts += 1
-        self._start(child)
+        child.begin(self._arguments)
+        self._load_spare(child)
 
     def _drain(self) -> None:
         for raw in self._stream.drain():
@@ -263,6 +283,7 @@ class Stack:
     def _stop(self, *, restart: bool) -> None:
         group = [child for child in self._children.values() if child.program.restart == restart]
         for child in group:
+            child.dismiss()
             child.signal(signal.SIGTERM)
         deadline_s = time.monotonic() + STOP_TIMEOUT_S
         while any(child.running() for child in group) and time.monotonic() < deadline_s:

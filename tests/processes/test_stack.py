@@ -20,7 +20,7 @@ from saltus.recording import read_recording
 from saltus.stack import PROGRAMS, Stack
 
 PROCESSES = Path(__file__).resolve().parents[1] / "processes"
-CONSUMER = Program(name="consumer", module="consumer", restart=True)
+CONSUMER = Program(name="consumer", module="consumer", restart=True, spare=True)
 STATES = Program(name="states", module="states", restart=False)
 BROKEN = """
     import sys
@@ -57,12 +57,17 @@ def poll_until(stack: Stack, condition: Callable[[], bool], timeout_s: float) ->
     return time.monotonic() - start
 
 
+def pids_of_run(directory: Path) -> set[int]:
+    return {child.pid for child in children_of_run(directory)}
+
+
 def strike_consumer_then_robot(stack: Stack) -> None:
     for restarts, number in enumerate((signal.SIGKILL, signal.SIGSTOP), start=1):
-        old = stack.pid("consumer")
+        poll_until(stack, lambda: not stack._children["consumer"].loading, 10.0)
+        old, before = stack.pid("consumer"), pids_of_run(stack.run_dir)
         os.kill(old, number)
         poll_until(stack, lambda n=restarts: stack.restarts["consumer"] == n, 5.0)  # type: ignore[misc]
-        assert stack.pid("consumer") != old
+        assert stack.pid("consumer") in before - {old}  # one that had loaded takes over
         poll_until(stack, lambda: stack._children["consumer"].ready, 10.0)
     os.kill(stack.pid("states"), signal.SIGKILL)
     stack.wait(5.0)
@@ -95,6 +100,7 @@ def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(tmp
 
 def test_the_run_ends_when_the_robot_returns(tmp_path: Path) -> None:
     with Stack(run_config("lockstep", time_limit_s=0.3), tmp_path, (CONSUMER, STATES)) as stack:
+        assert len(pids_of_run(tmp_path)) == 2  # in lockstep nobody takes over
         assert stack.wait(10.0)
         assert stack.finished
     recording = read_recording(stack.recording)

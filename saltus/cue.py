@@ -1,0 +1,34 @@
+"""How a process that has loaded waits until it is told to begin.
+
+Loading takes up to a second on a free processor. So the supervisor has a spare process loaded, which waits at
+`ProcessContext.ready` and takes over as soon as the first has died; and the controller loads beside the others, though
+the run begins with it. The line is the standard input of the process, a socket: the process writes `LOADED`, and reads
+`BEGIN` or, where the supervisor is gone, the end.
+"""
+
+import contextlib
+import os
+import select
+from collections.abc import Callable
+
+FLAG = "--await-cue"
+LOADED = b"l"
+BEGIN = b"b"
+LOOK_S = 0.1  # how often it looks whether it was told to stop
+_LINE = 0
+
+
+def await_cue(stopped: Callable[[], bool]) -> bool:
+    """Says that this process has loaded, and waits; returns whether it should begin.
+
+    Args:
+        stopped: Whether the process was told to stop while it waits.
+    """
+    with contextlib.suppress(OSError):  # the supervisor is gone: so says the end of the line
+        os.write(_LINE, LOADED)
+    while not stopped():
+        if select.select([_LINE], [], [], LOOK_S)[0]:
+            with contextlib.suppress(ConnectionResetError):
+                return os.read(_LINE, 1) == BEGIN
+            return False
+    return False
