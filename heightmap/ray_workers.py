@@ -109,7 +109,7 @@ def _joined(cluster: str, processes: int | None) -> Iterator[ModuleType]:
             _try_port(cluster)
             cores = (processes or len(os.sched_getaffinity(0))) if cluster == LOCAL else None
             ray.init(cluster, num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
-        except (ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
+        except Exception as error:  # what goes wrong at its start has no common base class
             raise StackError(f"no Ray cluster at {cluster}: {_first_line(error)}") from error
         yield ray
     except ray.exceptions.RayTaskError as error:
