@@ -1,7 +1,7 @@
 """Episodes as the network meets them in training: on the device, delayed, noisy, cut into windows."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from heightmap.delivery import Delivery, DeliveryModel, deliver
-from heightmap.model import Estimate, HeightmapModel, Normalisation
+from heightmap.delivery import DeliveryModel, deliver
+from heightmap.model import IMAGE_SHAPE, Estimate, HeightmapModel, Normalisation, model_image
 from heightmap.shards import Episode
 from saltus.depth import MILLIMETRE, RANGE_M
 
@@ -80,8 +80,9 @@ class EpisodeStore:
         self._true_depth = np.ones(len(episodes), np.bool_) if true_depth is None else np.asarray(true_depth)
         self._share = np.cumsum(np.ones(len(episodes)) if weight is None else weight)
         self.device = device
+        self._lengths = np.array([len(e.height) for e in episodes])
         self._first_frame = np.cumsum([0, *(len(e.depth) for e in episodes)])
-        self._first_tick = np.cumsum([0, *(len(e.height) for e in episodes)])
+        self._first_tick = np.cumsum([0, *self._lengths])
         depth = np.concatenate([e.depth for e in episodes])
         limit = int(RANGE_M / MILLIMETRE)
         self._depth = torch.from_numpy(np.minimum(depth, limit).astype(np.int16)).to(device)
@@ -100,87 +101,82 @@ class EpisodeStore:
 
         Half of the robots enter an episode somewhere in it, so that a memory is also built up in full motion.
         """
-        slots = [self._slot(rng, delivery) for _ in range(batch)]
+        slots = _Slots(batch, int(self._lengths.max()))
+        for row in range(batch):
+            self._enter(slots, row, delivery, rng)
         generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
         while True:
             window = self._cut(slots, length)
-            yield window._replace(image=self._noisy(window, noise, generator))
-            for i, slot in enumerate(slots):
-                slot.position += length
-                slot.starts = False
-                if slot.position >= len(self.episodes[slot.episode].height):
-                    slots[i] = self._slot(rng, delivery)
+            yield window._replace(image=with_noise(window.image, noise, generator, window.true_depth))
+            slots.position += length
+            slots.starts[:] = False
+            for finished in np.flatnonzero(slots.position >= self._lengths[slots.episode]):
+                self._enter(slots, int(finished), delivery, rng)
 
-    def _noisy(self, window: Window, noise: ImageNoise, generator: torch.Generator) -> Tensor:
-        """True depth gets all of the noise, images of a stereo camera what they do not have yet."""
-        image, true_depth = window.image, window.true_depth
-        added = image.clone()
-        for mask, kind in ((true_depth, noise), (~true_depth, without_stereo(noise))):
-            added[mask] = with_noise(image[mask], kind, generator)
-        return added
-
-    def _slot(self, rng: np.random.Generator, model: DeliveryModel) -> "_Slot":
+    def _enter(self, slots: "_Slots", row: int, model: DeliveryModel, rng: np.random.Generator) -> None:
+        """Sends a robot into another episode."""
         chosen = int(np.searchsorted(self._share, rng.uniform(0.0, self._share[-1]), side="right"))
-        ticks = len(self.episodes[chosen].height)
+        ticks = int(self._lengths[chosen])
         begin = int(rng.integers(2)) * int(rng.integers(ticks))
-        return _Slot(chosen, deliver(self.episodes[chosen].frame_tick, ticks, model, rng), begin)
+        drawn = deliver(self.episodes[chosen].frame_tick, ticks, model, rng)
+        slots.episode[row], slots.position[row], slots.starts[row] = chosen, begin, True
+        slots.frame[row, :ticks], slots.age_s[row, :ticks], slots.new[row, :ticks] = drawn
 
     def _ticks(self, rows: list[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.concatenate(rows).astype(np.float32)).to(self.device)
 
-    def _cut(self, slots: Sequence["_Slot"], length: int) -> Window:
-        batch = len(slots)
-        tick = np.zeros((length, batch), np.int64)
-        frame = np.zeros((length, batch), np.int64)
-        age, new, valid = (np.zeros((length, batch), np.float32) for _ in range(3))
-        first, last = np.zeros(batch, np.int64), np.zeros(batch, np.int64)
-        for b, slot in enumerate(slots):
-            ticks = len(self.episodes[slot.episode].height)
-            rows = np.minimum(np.arange(slot.position, slot.position + length), ticks - 1)
-            tick[:, b] = self._first_tick[slot.episode] + rows
-            frame[:, b] = slot.delivery.frame[rows]
-            age[:, b], new[:, b] = slot.delivery.age_s[rows], slot.delivery.new[rows]
-            valid[:, b] = np.arange(slot.position, slot.position + length) < ticks
-            first[b], last[b] = max(frame[0, b], 0), max(frame[-1, b], 0)
+    def _cut(self, slots: "_Slots", length: int) -> Window:
+        ticks = self._lengths[slots.episode]
+        beyond = slots.position[:, None] + np.arange(length)
+        rows = np.minimum(beyond, ticks[:, None] - 1)
+        frame = np.take_along_axis(slots.frame, rows, 1)
+        first, last = np.maximum(frame[:, 0], 0), np.maximum(frame[:, -1], 0)
         span = int((last - first).max()) + 1
-        offset = self._first_frame[[slot.episode for slot in slots]]
-        wanted = np.minimum(first[:, None] + np.arange(span), last[:, None]) + offset[:, None]
-        index = np.where(frame >= 0, frame - first + 1, 0)
-        rows_t = self._to(tick)
+        wanted = np.minimum(first[:, None] + np.arange(span), last[:, None]) + self._first_frame[slots.episode, None]
+        tick = self._to((rows + self._first_tick[slots.episode, None]).T)
         return Window(
             image=self._images(self._to(wanted)),
-            in_use=self._to(index),
-            age=self._to(age),
-            new=self._to(new),
-            proprioception=self._proprioception[rows_t],
-            height=self._height[rows_t],
-            valid=self._to(valid),
-            true_depth=self._to(self._true_depth[[slot.episode for slot in slots]]),
-            starts=self._to(np.array([slot.starts for slot in slots])),
+            in_use=self._to(np.where(frame >= 0, frame - first[:, None] + 1, 0).T),
+            age=self._to(np.take_along_axis(slots.age_s, rows, 1).T),
+            new=self._to(np.take_along_axis(slots.new, rows, 1).T),
+            proprioception=self._proprioception[tick],
+            height=self._height[tick],
+            valid=self._to((beyond < ticks[:, None]).T.astype(np.float32)),
+            true_depth=self._to(self._true_depth[slots.episode]),
+            starts=self._to(slots.starts),
         )
 
     def _images(self, wanted: Tensor) -> Tensor:
-        millimetres = self._depth[wanted].float()
-        valid = (millimetres > 0).float()
-        depth = torch.where(valid > 0, millimetres * (MILLIMETRE / RANGE_M), 1.0)
-        image = torch.stack((depth, valid), 2)
+        image = model_image(self._depth[wanted])
         blank = torch.zeros_like(image[:, :1])
         blank[:, :, 0] = 1.0
         return torch.cat((blank, image), 1)
 
     def _to(self, array: np.ndarray) -> Tensor:
-        return torch.from_numpy(array).to(self.device)
+        """A copy on the device; a GPU is not waited for."""
+        tensor = torch.from_numpy(np.array(array, order="C"))
+        if self.device.type != "cuda":
+            return tensor.to(self.device)
+        return tensor.pin_memory().to(self.device, non_blocking=True)
 
 
-@dataclass(eq=False)
-class _Slot:
-    """One robot on its way through an episode."""
+class _Slots:
+    """Robots on their way through episodes, in rows.
 
-    episode: int
-    delivery: Delivery
-    position: int
-    starts: bool = True
-    """Whether it has just entered the episode."""
+    Args:
+        batch: Number of robots.
+        longest: Ticks of the longest episode.
+    """
+
+    def __init__(self, batch: int, longest: int) -> None:
+        self.episode = np.zeros(batch, np.int64)
+        self.position = np.zeros(batch, np.int64)
+        self.starts = np.zeros(batch, np.bool_)
+        """Whether a robot has just entered its episode."""
+        self.frame = np.zeros((batch, longest), np.int64)
+        """Images as they are delivered, see `heightmap.delivery.Delivery`, as the two that follow."""
+        self.age_s = np.zeros((batch, longest), np.float32)
+        self.new = np.zeros((batch, longest), np.float32)
 
 
 def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
@@ -193,18 +189,17 @@ def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[E
     return model.ticks(in_use, window.age, window.new, window.proprioception, hidden)
 
 
-def without_stereo(noise: ImageNoise) -> ImageNoise:
-    """What is left of a noise for images that have the errors of stereo matching already."""
-    return replace(noise, disparity=0.0, edge_loss=0.0)
-
-
-def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> Tensor:
+def with_noise(
+    image: Tensor, noise: ImageNoise, generator: torch.Generator, true_depth: Tensor | None = None
+) -> Tensor:
     """Adds what a stereo camera does to depth: error growing with depth, holes at edges and elsewhere.
 
     Args:
         image: Depth in [0, 1] and validity, shape (batch, images, 2, 48, 16).
         noise: Bounds; each robot of the batch gets its own share of them.
         generator: On the device of `image`.
+        true_depth: Whether the images of a robot are without any error, bool, shape (batch,), as all are where it is
+            not given; others have the errors of stereo matching already and do not get them again.
     """
 
     def uniform(*shape: int) -> Tensor:
@@ -215,26 +210,33 @@ def with_noise(image: Tensor, noise: ImageNoise, generator: torch.Generator) -> 
 
     batch, images, _, height, width = image.shape
     one = (batch, 1, 1, 1)
+    stereo = 1.0 if true_depth is None else true_depth.float().reshape(one)  # whether its errors are still to come
     depth, valid = image[:, :, 0], image[:, :, 1]
     metres = depth * RANGE_M
     noisy = metres * (1.0 + noise.scale * normal(*one))
     if noise.disparity > 0.0:
         white = normal(batch, images, height, width)
         smooth = 3.0 * functional.avg_pool2d(normal(batch, images, height, width), 3, 1, 1)  # still unit variance
-        noisy = noisy + noise.disparity * uniform(*one) * metres.square() * (0.6 * white + 0.8 * smooth)
+        noisy = noisy + noise.disparity * stereo * uniform(*one) * metres.square() * (0.6 * white + 0.8 * smooth)
     lost = uniform(batch, images, height, width) < noise.pixel_loss * uniform(*one).square()
     if noise.edge_loss > 0.0:
-        lost |= _edges(metres) & (uniform(batch, images, height, width) < noise.edge_loss * uniform(*one))
-    rows, columns = (torch.arange(n, device=image.device) for n in (height, width))
-    top, left = uniform(batch, images, 1) * height, uniform(batch, images, 1) * width
-    in_rows = (rows >= top) & (rows < top + _PATCH[0] * uniform(batch, images, 1))
-    in_columns = (columns >= left) & (columns < left + _PATCH[1] * uniform(batch, images, 1))
-    patch = in_rows[..., None] & in_columns[..., None, :]
-    patch &= uniform(batch, images, 1, 1) < noise.patch_loss
-    valid = valid * ~(lost | patch)
+        share = noise.edge_loss * stereo * uniform(*one)
+        lost |= _edges(metres) & (uniform(batch, images, height, width) < share)
+    lost |= _patches(batch, images, noise.patch_loss, uniform)
+    valid = valid * ~lost
     # "Nothing within range" stays what it is.
     noisy = torch.where(depth >= 1.0, 1.0, (noisy / RANGE_M).clamp(0.0, 1.0))
     return torch.stack((torch.where(valid > 0, noisy, 1.0), valid), 2)
+
+
+def _patches(batch: int, images: int, share: float, uniform: Callable[..., Tensor]) -> Tensor:
+    """Rectangles that are lost in a share of images, bool, shape (batch, images, 48, 16)."""
+    height, width = IMAGE_SHAPE[1:]
+    top, left = uniform(batch, images, 1) * height, uniform(batch, images, 1) * width
+    rows, columns = (torch.arange(n, device=top.device) for n in (height, width))
+    in_rows = (rows >= top) & (rows < top + _PATCH[0] * uniform(batch, images, 1))
+    in_columns = (columns >= left) & (columns < left + _PATCH[1] * uniform(batch, images, 1))
+    return in_rows[..., None] & in_columns[..., None, :] & (uniform(batch, images, 1, 1) < share)
 
 
 def _edges(metres: Tensor) -> Tensor:

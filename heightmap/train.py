@@ -1,9 +1,13 @@
-"""Trains the heightmap network: truncated back-propagation through windows with carried memory."""
+"""Trains the heightmap network: truncated back-propagation through windows with carried memory.
 
+`python -m heightmap.train --data FOLDER --out CHECKPOINT` does it where `saltus` is not installed.
+"""
+
+import argparse
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -13,7 +17,7 @@ import torch
 from torch import Tensor
 
 from heightmap.calibration import calibrate
-from heightmap.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
+from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
 from heightmap.delivery import TRAINING
 from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
 from heightmap.quantiles import INTERVAL90
@@ -25,6 +29,7 @@ _SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the dep
 _USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
 FIRST_RATE = 1e-3  # original
 FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
+_TELL_S = 5.0
 HELD_OUT = 10  # every tenth episode is for validation
 
 
@@ -126,7 +131,7 @@ def _updates(
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
     windows = store.windows(config.batch, config.window, TRAINING, config.noise, rng)
-    hidden = torch.zeros(config.batch, config.model.hidden, device=store.device)
+    hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
             group["lr"] = config.learning_rate * _schedule(update / config.updates)
@@ -214,3 +219,59 @@ def _save(
     table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
     torch.save(table, temporary)
     temporary.replace(checkpoint)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Parses the command line and trains, with a line every few seconds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the dataset")
+    parser.add_argument("--out", type=Path, required=True, help="checkpoint to write, and to go on from")
+    parser.add_argument("--start", type=Path, help="checkpoint whose network to begin with, at a lower rate")
+    parser.add_argument("--updates", type=int, default=TrainConfig.updates)
+    parser.add_argument("--batch", type=int, default=TrainConfig.batch, help="windows in an update; 1024 fill a GPU")
+    parser.add_argument("--rate", type=float, help="learning rate")
+    parser.add_argument("--no-noise", action="store_true", help="learn from the images as they are in the data")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    given = parser.parse_args(arguments)
+    config = TrainConfig(
+        updates=given.updates,
+        batch=given.batch,
+        learning_rate=given.rate or (FURTHER_RATE if given.start else FIRST_RATE),
+        noise=NO_NOISE if given.no_noise else TRAINING_NOISE,
+        seed=given.seed,
+        device=given.device,
+    )
+    began = time.monotonic()
+    train(given.data, given.out, config, _Teller(began), start=given.start)
+    _say(f"{given.out} after {time.monotonic() - began:.0f} s")
+
+
+class _Teller:
+    """Prints how far a training is.
+
+    Args:
+        began: When the program did, by the monotonic clock [s].
+    """
+
+    def __init__(self, began: float) -> None:
+        self._began = began
+        self._first: Progress | None = None
+        self._told_s = 0.0
+
+    def __call__(self, now: Progress) -> None:
+        if self._first is None:
+            _say(f"data are loaded after {time.monotonic() - self._began - now.seconds:.0f} s")
+            self._first = now
+        elif now.seconds - self._told_s >= _TELL_S or now.update == now.updates:
+            speed = (now.update - self._first.update) / (now.seconds - self._first.seconds)
+            _say(f"{now.update} of {now.updates}: loss {now.loss:.3f}, {1e3 * now.mae_m:.1f} mm, {speed:.1f} updates/s")
+            self._told_s = now.seconds
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

@@ -14,7 +14,7 @@ from heightmap.network import HeightmapNetwork
 from heightmap.release import release
 from heightmap.rollouts import collect
 from heightmap.shards import Episode, read_dataset
-from heightmap.train import Progress, TrainConfig, load_checkpoint, train
+from heightmap.train import Progress, TrainConfig, load_checkpoint, main, train
 from heightmap.validate import run_episode
 from saltus.grid import HEIGHTMAP_X
 
@@ -82,6 +82,13 @@ def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path
             torch.testing.assert_close(weights, before[name])
 
 
+def test_training_runs_as_a_program(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "f.pt")
+    main(["--data", str(data), "--out", out, "--updates", "1", "--batch", "2", "--no-noise", "--device", "cpu"])
+    assert load_checkpoint(tmp_path / "f.pt")[1]["config"]["noise"]["disparity"] == 0.0
+    assert "data are loaded" in capsys.readouterr().out
+
+
 def found(store: EpisodeStore, heights: np.ndarray) -> tuple[Episode, int]:
     """The episode that holds a run of heights, and the tick at which the run begins."""
     for episode in store.episodes:
@@ -129,6 +136,15 @@ def test_noise_keeps_images_what_they_are(store: EpisodeStore) -> None:
     assert 0.005 < lost < 0.15
     change = (depth - window.image[:, :, 0])[(valid > 0) & (window.image[:, :, 0] < 0.5)] * 3.0
     assert 0.001 < change.std() < 0.03
+
+
+def test_images_with_errors_of_stereo_do_not_get_them_again(store: EpisodeStore) -> None:
+    window = next(store.windows(4, 50, TRAINING, ImageNoise(), np.random.default_rng(0)))
+    noise = ImageNoise(disparity=0.01, edge_loss=0.5)
+    true_depth = torch.tensor([True, False, True, False])
+    noisy = with_noise(window.image, noise, torch.Generator().manual_seed(0), true_depth)
+    torch.testing.assert_close(noisy[~true_depth], window.image[~true_depth], atol=1e-6, rtol=0.0)
+    assert all((noisy[i] - window.image[i]).abs().mean() > 1e-3 for i in np.flatnonzero(true_depth))
 
 
 def test_no_noise_is_no_change(store: EpisodeStore) -> None:
