@@ -19,6 +19,7 @@ from heightmap.closed_loop import MIN_TICKS, ClosedLoop
 from heightmap.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
 from heightmap.shards import Episode, write_shard
 from heightmap.workers import in_order
+from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
 from saltus.resources import resource
 
@@ -105,6 +106,13 @@ def test_who_has_no_ray_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ConfigError, match=r"saltus\[ray\]"):
         next(in_order_on_ray(LOOP.episodes, None, KEYS, LOCAL))
+
+
+def test_the_command_line_asks_for_the_cluster_that_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["heightmap", "dagger", "--ray", "nowhere", "--out", str(tmp_path / "run")]) == 2
+    assert "no Ray cluster at nowhere" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_an_address_where_nobody_listens_is_named_at_once() -> None:
