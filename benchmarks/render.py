@@ -34,7 +34,7 @@ from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.messages import DepthFrame, Floats
 from saltus.terrain.curriculum import make_terrain
 
-TERRAIN = make_terrain(TerrainConfig(terrain="stairs"))
+TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
 WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
 GROWTH_FRAMES = 20_000
