@@ -7,6 +7,7 @@ writing, rendering, noise and the predictor in the loop included.
 import argparse
 import hashlib
 import json
+import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -19,6 +20,7 @@ from heightmap.shards import ShardRecord, open_shard
 from heightmap.train import load_checkpoint
 from policy.learner import read_checkpoint
 from saltus.config import Camera
+from saltus.errors import SaltusError
 
 POLICY = Path("models/checkpoints/policy.pt")
 
@@ -40,13 +42,11 @@ class BatchDone:
 
 def collect(
     outputs: dict[Camera, Path],
+    loop: DeviceLoop,
     *,
     policy: Path,
     predictor: Path | None,
-    robots: int,
-    ticks: int,
     batches: int,
-    hardest: float,
     seed: int,
     device: str,
     done: Callable[[BatchDone], None],
@@ -54,13 +54,11 @@ def collect(
     """Adds one shard to each dataset; all show the same motion.
 
     Args:
-        outputs: Dataset for the images of each camera; the predictor in the loop sees those of the first.
+        outputs: Dataset for the images of each of the loop's cameras.
+        loop: How robots are let run.
         policy: Checkpoint of the policy that leads.
         predictor: Checkpoint of the predictor in the loop; without it the policy sees true heights, a little off.
-        robots: In a batch.
-        ticks: Of each robot.
         batches: How many.
-        hardest: Courses go up to this difficulty, from 0 to 1.
         seed: Of everything that is drawn.
         device: "cuda" or "cpu".
         done: Is told after each batch.
@@ -68,9 +66,9 @@ def collect(
     Raises:
         SaltusError: there is no such device, or a checkpoint cannot be read.
     """
-    loop = DeviceLoop(robots=robots, ticks=ticks, hardest=hardest, cameras=tuple(outputs))
+    device = checked_device(device)
     model = None if predictor is None else load_checkpoint(predictor)[0]
-    rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=checked_device(device), seed=seed)
+    rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=device, seed=seed)
     table: dict[str, Any] = {"source": "device rollouts", "batches": batches, **asdict(loop)}
     table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
     began, moving_s, labelled = time.perf_counter(), 0.0, 0
@@ -127,9 +125,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"{batch.ticks / batch.seconds:.0f} /s with writing, {100 * batch.crowded:.2f} % of robots crowded"
         )
 
+    loop = DeviceLoop(robots=given.robots, ticks=given.ticks, hardest=given.hardest, cameras=tuple(outputs))
     records = collect(
-        outputs, policy=given.policy, predictor=given.predictor, robots=given.robots, ticks=given.ticks,
-        batches=given.batches, hardest=given.hardest, seed=given.seed, device=given.device, done=tell,
+        outputs, loop, policy=given.policy, predictor=given.predictor, batches=given.batches, seed=given.seed,
+        device=given.device, done=tell,
     )  # fmt: skip
     for camera, record in records.items():
         _say(f"{outputs[camera] / record.file}: {record.episodes} episodes, {record.ticks} steps, camera {camera}")
@@ -143,4 +142,7 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SaltusError as error:
+        sys.exit(str(error))

@@ -14,15 +14,20 @@ from saltus import go1
 from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
+from saltus.cli.policy_train import TRAINING
 from saltus.cli.serve import serve
+from saltus.config import Camera
 from saltus.errors import SaltusError
 
 if TYPE_CHECKING:
+    from heightmap.shards import ShardRecord
     from heightmap.train import Progress
 
 CHECKPOINT = Path("models/checkpoints/heightmap.pt")
 TRIALS = 1_000_000
 """Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
+ROBOTS = 4096
+"""At most at once on a GPU: 2.5 GB of its memory for what 6 s of them leave."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,17 +116,53 @@ class Collect:
 
     out: Path = Path("runs/dataset")
     """Folder of the dataset; it is made, or a shard is added to it."""
-    source: Literal["planner", "kinematic"] = "planner"
-    """planner: runs of the scripted planner in MuJoCo. kinematic: a made-up motion, for a first training."""
+    source: Literal["planner", "kinematic", "policy"] = "planner"
+    """planner: runs of the scripted planner in MuJoCo. kinematic: a made-up motion, for a first training. policy: runs
+    of the learned policy on a GPU, thousands of robots at once."""
     episodes: int = 200
-    """How many episodes."""
+    """How many episodes. With --source policy how many robots, for 6 s each: falls make more episodes of them."""
     seed: int = 0
     """Seed of terrains, trials and motions."""
     profile: str = "go1"
-    """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file."""
+    """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file. With --source
+    policy that of the policy's training."""
+    predictor: Path | None = None
+    """With --source policy: checkpoint of the predictor in the loop; true heights where it is not given."""
+    camera: Camera = "d435i"
+    """With --source policy. d435i: images with the errors of a stereo camera. ideal: true depth."""
+    device: Literal["cuda", "cpu"] = "cuda"
+    """With --source policy: where all of it runs."""
 
     def run(self) -> int:
         """Writes the shard, whole or not at all."""
+        record = self._on_device() if self.source == "policy" else self._on_processor()
+        print(
+            f"{self.out / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}"
+        )
+        return 0
+
+    def _on_device(self) -> "ShardRecord":
+        try:
+            from heightmap.device_rollouts import DeviceLoop
+            from heightmap.gpu_rollouts import POLICY, BatchDone, collect
+        except ImportError as error:
+            raise SaltusError(f"--source policy needs {error.name}: {TRAINING}") from error
+        batches = -(-self.episodes // ROBOTS)
+        with tqdm(total=batches, unit="batch", desc="collect") as bar:
+
+            def show(batch: BatchDone) -> None:
+                bar.update()
+                bar.set_postfix(steps=batch.ticks, steps_per_s=f"{batch.ticks / batch.seconds:.0f}")
+
+            robots = -(-self.episodes // batches)
+            loop = DeviceLoop(robots=robots, cameras=(self.camera,))
+            records = collect(
+                {self.camera: self.out}, loop, policy=POLICY, predictor=self.predictor, batches=batches,
+                seed=self.seed, device=self.device, done=show,
+            )  # fmt: skip
+        return records[self.camera]
+
+    def _on_processor(self) -> "ShardRecord":
         from heightmap.kinematic import KinematicBounding
         from heightmap.planned import PlannedBounding
         from heightmap.rollouts import MotionSource, collect
@@ -132,11 +173,7 @@ class Collect:
         source: MotionSource = planned if self.source == "planner" else KinematicBounding()
         config = {"source": self.source, "episodes": self.episodes, "profile": self.profile}
         view = profile.view_chain
-        record = collect(self.out, source, count=self.episodes, seed=self.seed, config=config, view=view)
-        print(
-            f"{self.out / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}"
-        )
-        return 0
+        return collect(self.out, source, count=self.episodes, seed=self.seed, config=config, view=view)
 
 
 @dataclass(frozen=True, kw_only=True)

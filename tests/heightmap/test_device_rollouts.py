@@ -10,7 +10,7 @@ import torch
 
 from heightmap.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
 from heightmap.device_heights import DeviceHeights, LateImages
-from heightmap.device_rollouts import DeviceLoop, checked_device
+from heightmap.device_rollouts import DeviceLoop
 from heightmap.features import PROPRIOCEPTION
 from heightmap.gpu_rollouts import main
 from heightmap.inventory import validate
@@ -19,7 +19,8 @@ from heightmap.network import HeightmapNetwork
 from heightmap.runs import MIN_TICKS
 from heightmap.shards import Episode, read_dataset, read_manifest
 from heightmap.validate import run_episode
-from saltus.errors import ConfigError, SaltusError
+from saltus.cli.main import main as saltus
+from saltus.errors import ConfigError
 from saltus.terrain.batch import KINDS
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
@@ -159,7 +160,11 @@ def test_loops_that_lead_nowhere_are_refused(changes: dict[str, float], told: st
         DeviceLoop(**changes)
 
 
-def test_a_missing_gpu_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_gpu_is_said_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(SaltusError, match="no GPU found"):
-        checked_device("cuda")
+    assert saltus(["heightmap", "collect", "--source", "policy", "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "no GPU found" in said.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
