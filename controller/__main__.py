@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 from controller.course import Course, CourseState
 from controller.lockstep import Lockstep
@@ -24,6 +25,8 @@ TICK_NS = round(1e9 * go1.PHYSICS_DT)
 STEP_NS = TICK_NS * go1.POLICY_STEPS
 PRIORITY = -15
 """Before everything of ordinary priority, behind what the system keeps for itself."""
+AUTOGROUP = Path("/proc/self/autogroup")
+"""Where a session's priority is set (sched(7))."""
 CATCH_UP_TICKS = 10
 """20 ms: the robot is simulated, and its time should not fall behind the wall clock when the machine stalls."""
 STEPS_AT_REST = 30
@@ -161,6 +164,10 @@ def _come_first() -> None:
     """Asks the scheduler to prefer this process; without the right to (CAP_SYS_NICE) it takes its turn."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+    # Linux shares processors among sessions first, and the supervisor starts every process in a session of its own
+    if os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):  # no right to, or a kernel without groups of sessions
+            AUTOGROUP.write_text(str(PRIORITY))
 
 
 if __name__ == "__main__":
