@@ -30,6 +30,7 @@ from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 
+MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
 # The policy reacts to what it reaches: slower and other rhythms than its own, but not so that it falls.
 _SPEED, _RHYTHM = (0.7, 1.1), (0.93, 1.07)
 # Stairs and stones twice, as in `heightmap.closed_loop`; one level: who falls gets no easier course.
@@ -49,7 +50,8 @@ class DeviceLoop:
     ticks: int = 600
     """Of every robot; one that falls or arrives starts again, which begins another episode."""
     hardest: float = 1.0
-    """Courses go up to this difficulty, evenly: at 1 stairs, stones, steps and gaps are as in the policy's training."""
+    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to `MOST_DIFFICULT`,
+    as falls are part of what must be seen."""
     cameras: tuple[Camera, ...] = ("d435i",)
     """Whose images are kept; the predictor in the loop sees those of the first."""
 
@@ -58,8 +60,8 @@ class DeviceLoop:
             raise ConfigError(f"robots = {self.robots}: it must be at least 1")
         if self.ticks < MIN_TICKS:
             raise ConfigError(f"ticks = {self.ticks}: it must be at least {MIN_TICKS}")
-        if not 0.0 <= self.hardest <= 1.0:
-            raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to 1")
+        if not 0.0 <= self.hardest <= MOST_DIFFICULT:
+            raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to {MOST_DIFFICULT}")
 
 
 class DeviceRollouts:

@@ -50,6 +50,7 @@ def collect(
     seed: int,
     device: str,
     done: Callable[[BatchDone], None],
+    code: str | None = None,
 ) -> dict[Camera, ShardRecord]:
     """Adds one shard to each dataset; all show the same motion.
 
@@ -62,6 +63,7 @@ def collect(
         seed: Of everything that is drawn.
         device: "cuda" or "cpu".
         done: Is told after each batch.
+        code: Which code collects, where this machine cannot tell.
 
     Raises:
         SaltusError: there is no such device, or a checkpoint cannot be read.
@@ -74,7 +76,7 @@ def collect(
     began, moving_s, labelled = time.perf_counter(), 0.0, 0
     with ExitStack() as stack:
         shards = {
-            camera: stack.enter_context(open_shard(folder, seed=seed, config={**table, "camera": camera}))
+            camera: stack.enter_context(open_shard(folder, seed=seed, config={**table, "camera": camera}, code=code))
             for camera, folder in outputs.items()
         }
         for batch in range(batches):
@@ -109,9 +111,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policy", type=Path, default=POLICY, help="checkpoint")
     parser.add_argument("--predictor", type=Path, help="checkpoint; true heights where it is not given")
     parser.add_argument("--camera", choices=("d435i", "ideal"), default="d435i", help="images in --out")
-    parser.add_argument("--hardest", type=float, default=1.0, help="courses go up to this difficulty, at most 1")
+    parser.add_argument("--hardest", type=float, default=1.0, help="courses go up to this difficulty, at most 1.2")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", choices=("cuda", "cpu"), default="cuda")
+    parser.add_argument("--commit", help="which code this is, where the machine has no repository")
     given = parser.parse_args(arguments)
     outputs: dict[Camera, Path] = {given.camera: given.out}
     if given.also_ideal is not None:
@@ -128,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     loop = DeviceLoop(robots=given.robots, ticks=given.ticks, hardest=given.hardest, cameras=tuple(outputs))
     records = collect(
         outputs, loop, policy=given.policy, predictor=given.predictor, batches=given.batches, seed=given.seed,
-        device=given.device, done=tell,
+        device=given.device, done=tell, code=given.commit,
     )  # fmt: skip
     for camera, record in records.items():
         _say(f"{outputs[camera] / record.file}: {record.episodes} episodes, {record.ticks} steps, camera {camera}")

@@ -113,13 +113,14 @@ class ShardWriter:
 
 
 @contextmanager
-def open_shard(directory: Path, *, seed: int, config: dict[str, Any]) -> Iterator[ShardWriter]:
+def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None) -> Iterator[ShardWriter]:
     """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
 
     Args:
         directory: The dataset; made where it is missing.
         seed: From which the episodes are drawn.
         config: How they are made; plain JSON values.
+        code: Which code makes them, where this machine cannot tell.
     """
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
@@ -129,7 +130,7 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any]) -> Iterato
         yield writer
         counts = writer.close()
     sha256 = file_sha256(directory / name)
-    writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=commit(), config=config, **counts)
+    writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts)
     write_manifest(directory, [*records, writer.record])
 
 
