@@ -4,15 +4,17 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import zenoh
+from samples import message_of
 
 from saltus import codec
 from saltus.bus import RING, Bus, Sample, ZenohBus
 from saltus.codec import Envelope
 from saltus.errors import MessageError, StackError
 from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import Done
+from saltus.messages import DepthFrame, Done
 from saltus.resources import resource
 from saltus.stack import open_router
 
@@ -101,6 +103,25 @@ def test_topics_and_suffixes_are_keys_of_their_own(pair: tuple[Bus, Bus]) -> Non
     latest = b.latest("done", "render")
     first(lambda: publisher.put(done(1)), lambda: latest.wait(0.1))
     assert other.take() is None
+
+
+def test_what_was_sent_before_is_there_first_on_whichever_key(pair: tuple[Bus, Bus]) -> None:
+    """A state asks for the heightmap of the image that was sent just before it."""
+    a, b = pair
+    frames, states = a.publisher("camera/depth"), a.publisher("done", "render")
+    frame = replace(message_of(DepthFrame), depth=np.ones((240, 424), np.uint16))
+    frames_in, states_in = b.latest("camera/depth"), b.latest("done", "render")
+    first(lambda: frames.put(frame), lambda: frames_in.wait(0.1))
+    first(lambda: states.put(done(0)), lambda: states_in.wait(0.1))
+    for step in range(1, 1001):
+        frames.put(replace(frame, frame_id=step))
+        states.put(done(step))
+        state = states_in.wait(TIMEOUT_S)
+        assert state is not None
+        assert state.message.step == step
+        newest = frames_in.take()
+        assert newest is not None
+        assert newest.message.frame_id == step
 
 
 def test_unknown_topics_name_the_nearest(pair: tuple[Bus, Bus]) -> None:
