@@ -148,7 +148,9 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d
     effects = (CameraPitch(offset=0.1), DepthScale(scale=1.1), RangeClip(max=1.2), CameraLatency(latency=0.03))
     path = tmp_path / "profile.toml"
     path.write_text(profile_to_toml(Profile(camera=effects)))
-    config = RunConfig(terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path))
+    config = RunConfig(
+        terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path)
+    )
     process = build(ProcessContext("render", config, tmp_path, MemoryBus("go1/0", MemoryHub())))
     frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
     moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path)).view_chain, MODEL_CAMERA))
