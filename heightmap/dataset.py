@@ -37,6 +37,7 @@ NO_NOISE = ImageNoise()
 TRAINING_NOISE = ImageNoise(scale=0.015, disparity=0.006, edge_loss=0.5, pixel_loss=0.05, patch_loss=0.1)
 _EDGE_M = 0.06  # a step in depth between neighbours that counts as an edge
 _PATCH = (16, 8)
+_AT_ONCE = 16  # episodes: images of some MB, which stay in the cache of a processor
 
 
 class Window(NamedTuple):
@@ -83,11 +84,9 @@ class EpisodeStore:
         self._lengths = np.array([len(e.height) for e in episodes])
         self._first_frame = np.cumsum([0, *(len(e.depth) for e in episodes)])
         self._first_tick = np.cumsum([0, *self._lengths])
-        depth = np.concatenate([e.depth for e in episodes])
-        limit = int(RANGE_M / MILLIMETRE)
-        self._depth = torch.from_numpy(np.minimum(depth, limit).astype(np.int16)).to(device)
-        self._proprioception = self._ticks([e.proprioception for e in episodes])
-        self._height = self._ticks([e.height for e in episodes])
+        self._depth = self._together([e.depth for e in episodes], torch.int16)
+        self._proprioception = self._together([e.proprioception for e in episodes], torch.float32)
+        self._height = self._together([e.height for e in episodes], torch.float32)
 
     def normalisation(self) -> Normalisation:
         """Statistics of all ticks. A sensor that hardly varies is not blown up."""
@@ -122,8 +121,17 @@ class EpisodeStore:
         slots.episode[row], slots.position[row], slots.starts[row] = chosen, begin, True
         slots.frame[row, :ticks], slots.age_s[row, :ticks], slots.new[row, :ticks] = drawn
 
-    def _ticks(self, rows: list[np.ndarray]) -> Tensor:
-        return torch.from_numpy(np.concatenate(rows).astype(np.float32)).to(self.device)
+    def _together(self, arrays: Sequence[np.ndarray], kind: torch.dtype) -> Tensor:
+        """All rows on the device, images up to the range; some at a time, as large copies on the host take long."""
+        rows = torch.empty(sum(map(len, arrays)), *arrays[0].shape[1:], dtype=kind, device=self.device)
+        filled = 0
+        for first in range(0, len(arrays), _AT_ONCE):
+            part = np.concatenate(arrays[first : first + _AT_ONCE])
+            if kind == torch.int16:
+                part = np.minimum(part, int(RANGE_M / MILLIMETRE), out=part).view(np.int16)
+            rows[filled : filled + len(part)] = torch.from_numpy(part)
+            filled += len(part)
+        return rows
 
     def _cut(self, slots: "_Slots", length: int) -> Window:
         ticks = self._lengths[slots.episode]
