@@ -118,6 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     outputs: dict[Camera, Path] = {given.camera: given.out}
     if given.also_ideal is not None:
+        if given.camera == "ideal":
+            parser.error("--also-ideal is for another camera than --camera ideal")
         outputs["ideal"] = given.also_ideal
     told: list[BatchDone] = []
 
