@@ -51,8 +51,8 @@ class ClosedLoop:
     ticks: int = 600
     """Of every robot; one that falls or arrives starts again, which begins another episode."""
     hardest: float = 0.8
-    """Courses go up to this difficulty, that of the paper's. The scripted planner falls there, the learned one with poor
-    heights: falls are part of what must be seen."""
+    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
+    poor heights: falls are part of what must be seen."""
     learned: float = 0.5
     """Share of robots that are led by the learned policy; the others by the scripted planner."""
     variation: float = 0.15

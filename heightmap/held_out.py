@@ -1,8 +1,8 @@
 """Runs that no training saw, with policy and predictor in the loop: what the predictor is worth.
 
-Half of the courses have sizes that both planners master, half are drawn as in training, up to the hardest of the
-paper, on which the planner made by hand falls. Cameras differ in how bad they are. Steps count from the first that is not standing to the end of
-the run, whichever it is.
+Half of the courses have sizes that both planners master, half are drawn as in training, up to the paper's, on which
+the planner made by hand falls. Cameras differ in how bad they are. Steps count from the first that is not standing to
+the end of the run, whichever it is.
 """
 
 import dataclasses
