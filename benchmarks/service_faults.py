@@ -26,7 +26,7 @@ from saltus.recording import read_recording
 from saltus.resources import resource
 from saltus.stack import Stack
 
-STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=40)  # nine seconds: a pause of 3 s, and time after it
+STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
 TICK_S = 0.01
 FIRST_S, MOMENTS, APART_S = 2.5, 6, 0.17  # the robot has been running for a second; a third of a cycle apart
 LOSSES = (0.01, 0.05, 0.2, 0.5)
