@@ -30,7 +30,9 @@ def main() -> None:
         results = []
         for trial in range(options.trials):
             after_s = float(rng.uniform(0.5, 2.5))  # more than a cycle of the gait: every phase
-            config = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", seed=options.seed + trial)
+            config = RunConfig(
+                terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", seed=options.seed + trial
+            )
             with tempfile.TemporaryDirectory() as directory:
                 recording = kill_during_run(config, Path(directory), process, after_s)
                 results.append(judge(recording, process, after_s))

@@ -1,8 +1,8 @@
 """Takes the planner from robots at full speed, at every phase of the gait, and counts those that come to a stand.
 
-    saltus bench landing --arguments=--terrain --arguments=stairs
+    saltus bench landing --arguments=--terrain --arguments=stairs --arguments=--planner --arguments=scripted
 
-Without processes and clocks: the control loop, the plant and the scripted planner on true heights with each trial's
+Without processes and clocks: the control loop, the plant and a planner on true heights with each trial's
 shift. "stop": heightmaps end, and the planner says STOP. "silence": plans end. Prints a line for each, and last one
 JSON object.
 """
@@ -16,8 +16,8 @@ import numpy as np
 
 from controller.loop import FIRST_STAND_S, ControlLoop
 from controller.robot.mujoco import MujocoRobot
+from policy.planner import Planner, make_planner
 from policy.process import PlannerProcess
-from policy.scripted import ScriptedPlanner
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.profile import GO1
@@ -29,6 +29,7 @@ from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 
 TICK_NS = round(1e9 * go1.PHYSICS_DT)
+CYCLE_S = 0.3  # of the gait, about: 3 to 3.5 bounds a second
 AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 
 
@@ -46,11 +47,11 @@ class Landing:
     """From the fault to the end."""
 
 
-def land(terrain: Terrain, trial: Trial, fault_s: float, silent: bool) -> Landing:
+def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
     robot = MujocoRobot(terrain, trial, trial.applied_to(GO1))
     robot.reset()
-    loop, planner = ControlLoop(), PlannerProcess(ScriptedPlanner())
+    loop, process = ControlLoop(), PlannerProcess(planner)
     plan: MotionPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
     fault_tick = round(fault_s / go1.PHYSICS_DT)
@@ -62,7 +63,7 @@ def land(terrain: Terrain, trial: Trial, fault_s: float, silent: bool) -> Landin
             robot.take_trunk_contact()
         if tick % go1.POLICY_STEPS == 0 and not (silent and tick >= fault_tick):
             seen = _heightmap(robot, trial, now_ns, step) if tick < fault_tick else None
-            plan = planner.step(loop.state(now_ns, step), seen, now_ns)
+            plan = process.step(loop.state(now_ns, step), seen, now_ns)
         robot.write(loop.act(plan, 1e-9 * (now_ns - plan.time_ns) if plan else float("inf")))
         if loop.mode == ControllerMode.STOPPED and stopped_s == float("inf"):
             stopped_s = (tick - fault_tick) * go1.PHYSICS_DT
@@ -99,17 +100,22 @@ def main() -> None:
     """Runs the trials."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--terrain", choices=["flat", "stairs"], default="flat")
+    parser.add_argument("--planner", choices=["learned", "scripted"], default="learned")
+    parser.add_argument("--rise-m", type=float, default=0.06, help="of the stairs")
     parser.add_argument("--run-s", type=float, default=1.8, help="time from the first jump to the first fault")
     parser.add_argument("--phases", type=int, default=20, help="of the gait at which the fault comes")
     parser.add_argument("--seeds", type=int, default=2, help="trials at each phase")
     parser.add_argument("--first-seed", type=int, default=0)
     options = parser.parse_args()
-    terrain = make_terrain(TerrainConfig(terrain=options.terrain))
-    cycle_s = 1.0 / float(np.asarray(ScriptedPlanner().parameters.stepping_frequency_hz))
+    rise_m = options.rise_m if options.terrain == "stairs" else None
+    terrain = make_terrain(TerrainConfig(terrain=options.terrain, rise_m=rise_m))
+    planner = make_planner(options.planner)
     table = {}
     for fault in ("stop", "silence"):
         landings = [
-            land(terrain, Trial.draw(seed), FIRST_STAND_S + options.run_s + phase * cycle_s, fault == "silence")
+            land(
+                terrain, Trial.draw(seed), planner, FIRST_STAND_S + options.run_s + phase * CYCLE_S, fault == "silence"
+            )
             for seed in range(options.first_seed, options.first_seed + options.seeds)
             for phase in np.arange(options.phases) / options.phases
         ]
@@ -122,7 +128,7 @@ def main() -> None:
             "distance_m_median": float(np.median([landing.distance_m for landing in landings])),
         }
         print(fault, table[fault], file=sys.stderr, flush=True)
-    print(json.dumps({"landing": {"terrain": options.terrain, **table}}))
+    print(json.dumps({"landing": {"terrain": options.terrain, "planner": options.planner, **table}}))
 
 
 if __name__ == "__main__":
