@@ -55,6 +55,11 @@ class Child:
         return self.alive_s is not None
 
     @property
+    def has_spare(self) -> bool:
+        """Whether a process waits to take over, or loads to do so."""
+        return self._waits is not None
+
+    @property
     def loading(self) -> bool:
         """Whether there is a process that will wait for its cue and has not come so far."""
         return self._waits is not None and self._waits.loading()

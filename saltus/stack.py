@@ -40,6 +40,7 @@ PROGRAMS = (
 
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.0  # two periods of the proof of life
+SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
 STOP_TIMEOUT_S = 3.0
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
@@ -201,6 +202,8 @@ class Stack:
         elif child.alive_s is not None and now_s - child.alive_s > HUNG_S and self.config.pace == "realtime":
             child.kill()
             self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
+        elif child.ready and not child.has_spare and now_s - child.started_s > SPARE_AFTER_S:
+            self._load_spare(child)
 
     def _ended(self, child: Child, code: int) -> None:
         self._drain()  # its last words
@@ -216,7 +219,6 @@ class Stack:
             raise StackError(f"{child.name} died ({how}){child.log_tail()}")
         child.restarts += 1
         child.begin(self._arguments)
-        self._load_spare(child)
 
     def _drain(self) -> None:
         for raw in self._stream.drain():

@@ -63,7 +63,8 @@ def pids_of_run(directory: Path) -> set[int]:
 
 def strike_consumer_then_robot(stack: Stack) -> None:
     for restarts, number in enumerate((signal.SIGKILL, signal.SIGSTOP), start=1):
-        poll_until(stack, lambda: not stack._children["consumer"].loading, 10.0)
+        child = stack._children["consumer"]
+        poll_until(stack, lambda c=child: c.has_spare and not c.loading, 10.0)  # type: ignore[misc]
         old, before = stack.pid("consumer"), pids_of_run(stack.run_dir)
         os.kill(old, number)
         poll_until(stack, lambda n=restarts: stack.restarts["consumer"] == n, 5.0)  # type: ignore[misc]
