@@ -41,6 +41,8 @@ PROGRAMS = (
 READY_TIMEOUT_S = 30.0
 HUNG_S = 1.0  # two periods of the proof of life
 SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
+RESTART_AFTER_S = 0.15
+"""Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
 STOP_TIMEOUT_S = 3.0
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
@@ -77,6 +79,7 @@ class Stack:
         """Why the recording ended early."""
         self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
         self._clock = RunClock(self.config.epoch_ns, lockstep=self.config.pace == "lockstep")
+        self._begin_at_s: dict[str, float] = {}  # of those that have died
         self._events_sent = self._events_seen = 0
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
@@ -195,7 +198,10 @@ class Stack:
             return
         now_s = time.monotonic()
         code = child.exit_code()
-        if code is not None:
+        begin_at_s = self._begin_at_s.get(child.name)
+        if begin_at_s is not None:
+            self._begin_again(child, begin_at_s)
+        elif code is not None:
             self._ended(child, code)
         elif child.running() and not child.ready and now_s - child.started_s > READY_TIMEOUT_S:
             raise StackError(f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}")
@@ -218,7 +224,14 @@ class Stack:
         if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
             raise StackError(f"{child.name} died ({how}){child.log_tail()}")
         child.restarts += 1
-        child.begin(self._arguments)
+        self._begin_again(child, time.monotonic() + (0.0 if child.has_spare else RESTART_AFTER_S))
+
+    def _begin_again(self, child: Child, at_s: float) -> None:
+        if time.monotonic() < at_s:
+            self._begin_at_s[child.name] = at_s
+        else:
+            self._begin_at_s.pop(child.name, None)
+            child.begin(self._arguments)
 
     def _drain(self) -> None:
         for raw in self._stream.drain():
