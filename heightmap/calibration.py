@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from heightmap.dataset import EpisodeStore, ImageNoise, run_window
-from heightmap.delivery import TRAINING
+from heightmap.delivery import DeliveryModel
 from heightmap.model import HeightmapModel
 from heightmap.quantiles import INTERVAL90
 from saltus.grid import HEIGHTMAP_X
@@ -15,7 +15,9 @@ BATCH, LENGTH, WINDOWS = 32, 100, 30
 """Robots, ticks, and windows of these to go by: 96,000 ticks, of which neighbours are alike."""
 
 
-def calibrate(model: HeightmapModel, store: EpisodeStore, noise: ImageNoise, seed: int) -> float:
+def calibrate(
+    model: HeightmapModel, store: EpisodeStore, delivery: DeliveryModel, noise: ImageNoise, seed: int
+) -> float:
     """Scales all stated standard deviations so that 90 % of the errors lie within 1.645 of them.
 
     A network states what it met in training, and errs by a little more elsewhere. The factor goes into the last layer.
@@ -23,13 +25,14 @@ def calibrate(model: HeightmapModel, store: EpisodeStore, noise: ImageNoise, see
     Args:
         model: Is changed in place.
         store: Episodes that it was not fitted to, on the model's device.
-        noise: As in training.
+        delivery: As in training, as is the next.
+        noise: On the images.
         seed: Of windows and noise.
 
     Returns:
         The factor.
     """
-    windows = store.windows(BATCH, LENGTH, TRAINING, noise, np.random.default_rng(seed))
+    windows = store.windows(BATCH, LENGTH, delivery, noise, np.random.default_rng(seed))
     hidden = torch.zeros(BATCH, model.config.hidden, device=store.device)
     ratios = []
     with torch.no_grad():

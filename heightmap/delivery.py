@@ -1,7 +1,7 @@
 """Which image a robot has in hand at each tick, once latency, jitter and loss have had their way."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,13 @@ class DeliveryModel:
 
 # Original: 30 to 60 ms between exposure and use. The service forgets after a gap of more than 5 images.
 TRAINING = DeliveryModel(latency_s=(0.030, 0.060), jitter_s=0.008, loss=0.08, burst=0.3)
+DeliveryName = Literal["training", "nominal", "at-once"]
+DELIVERIES: dict[DeliveryName, DeliveryModel] = {
+    "training": TRAINING,
+    "nominal": DeliveryModel(),
+    "at-once": DeliveryModel(latency_s=(0.0, 0.0)),
+}
+"""What a network can be trained with; all but the first are for comparison: no robot has such a camera."""
 
 
 class Delivery(NamedTuple):

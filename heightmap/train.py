@@ -18,7 +18,7 @@ from torch import Tensor
 
 from heightmap.calibration import calibrate
 from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
-from heightmap.delivery import TRAINING
+from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel
 from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
 from heightmap.quantiles import INTERVAL90
 from heightmap.shards import DatasetError, ShardRecord, dataset_hash, read_dataset, read_manifest
@@ -46,6 +46,8 @@ class TrainConfig:
     gradient_norm: float = 1.0
     noise: ImageNoise = TRAINING_NOISE
     """On the images, as far as they do not have it already."""
+    delivery: DeliveryModel = TRAINING
+    """How late images come, and which are lost."""
     seed: int = 0
     device: Literal["auto", "cpu", "cuda"] = "auto"
     save_every_s: float = 60.0
@@ -109,7 +111,7 @@ def train(
         if now - saved > config.save_every_s or last:
             saved = now
             if last:
-                calibrate(model, held_out, config.noise, config.seed)
+                calibrate(model, held_out, config.delivery, config.noise, config.seed)
             _save(checkpoint, origin, update, model, optimiser)
     return model.cpu().eval()
 
@@ -130,7 +132,7 @@ def _updates(
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
-    windows = store.windows(config.batch, config.window, TRAINING, config.noise, rng)
+    windows = store.windows(config.batch, config.window, config.delivery, config.noise, rng)
     hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
@@ -231,6 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--batch", type=int, default=TrainConfig.batch, help="windows in an update; 1024 fill a GPU")
     parser.add_argument("--rate", type=float, help="learning rate")
     parser.add_argument("--no-noise", action="store_true", help="learn from the images as they are in the data")
+    parser.add_argument("--delivery", choices=tuple(DELIVERIES), default="training", help="of images: late, at once")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     given = parser.parse_args(arguments)
@@ -239,6 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         batch=given.batch,
         learning_rate=given.rate or (FURTHER_RATE if given.start else FIRST_RATE),
         noise=NO_NOISE if given.no_noise else TRAINING_NOISE,
+        delivery=DELIVERIES[given.delivery],
         seed=given.seed,
         device=given.device,
     )

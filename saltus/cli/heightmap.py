@@ -10,6 +10,7 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
+from heightmap.delivery import DeliveryName
 from saltus import go1
 from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
@@ -196,10 +197,14 @@ class Train:
     """Where to train."""
     noise: bool = True
     """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
+    delivery: DeliveryName = "training"
+    """Of the images. training: 30 to 60 ms late with jitter, losses and pauses. nominal: 50 ms late, none lost.
+    at-once: neither late nor lost."""
 
     def run(self) -> int:
         """Trains, with a progress bar."""
         from heightmap.dataset import NO_NOISE, TRAINING_NOISE
+        from heightmap.delivery import DELIVERIES
         from heightmap.train import FIRST_RATE, FURTHER_RATE, TrainConfig, train
 
         logging.basicConfig(level=logging.INFO)
@@ -208,6 +213,7 @@ class Train:
             batch=self.batch,
             learning_rate=FURTHER_RATE if self.start else FIRST_RATE,
             noise=TRAINING_NOISE if self.noise else NO_NOISE,
+            delivery=DELIVERIES[self.delivery],
             seed=self.seed,
             device=self.device,
         )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from heightmap.delivery import TRAINING, DeliveryModel, deliver
+from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel, DeliveryName, deliver
 
 TICKS = 400
 TAKEN = np.arange(0, TICKS, 2, dtype=np.int32)
@@ -23,3 +23,16 @@ def test_with_faults_time_never_runs_backwards_and_nothing_comes_early(seed: int
     np.testing.assert_array_equal(new[1:], np.diff(frame) > 0)
     assert age_s[seen].min() >= TRAINING.latency_s[0] - 1e-9
     np.testing.assert_allclose(age_s[seen], (np.arange(TICKS) - TAKEN[frame])[seen] * 0.01, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", DELIVERIES)
+def test_images_are_as_late_as_the_name_says_until_the_next_one(name: DeliveryName) -> None:
+    model = DELIVERIES[name]
+    for seed in range(20):
+        frame, age_s, new = deliver(TAKEN, TICKS, model, np.random.default_rng(seed))
+        arrived = age_s[new]
+        assert arrived.min() >= model.latency_s[0] - 1e-9
+        assert arrived.max() <= model.latency_s[1] + model.jitter_s + 0.01 + 1e-9  # it is used at a whole tick
+        if model.loss == model.burst == 0.0:
+            held = round(model.latency_s[1] / 0.01)
+            np.testing.assert_array_equal(frame[held:], np.arange(TICKS - held) // 2)

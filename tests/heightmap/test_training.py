@@ -1,4 +1,5 @@
 import copy
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -6,8 +7,8 @@ import pytest
 import torch
 
 from heightmap.calibration import calibrate
-from heightmap.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
-from heightmap.delivery import TRAINING, DeliveryModel
+from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
+from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel
 from heightmap.kinematic import KinematicBounding
 from heightmap.model import HeightmapModel, ModelConfig
 from heightmap.network import HeightmapNetwork
@@ -84,8 +85,11 @@ def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path
 
 def test_training_runs_as_a_program(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "f.pt")
-    main(["--data", str(data), "--out", out, "--updates", "1", "--batch", "2", "--no-noise", "--device", "cpu"])
-    assert load_checkpoint(tmp_path / "f.pt")[1]["config"]["noise"]["disparity"] == 0.0
+    images = ["--no-noise", "--delivery", "at-once"]
+    main(["--data", str(data), "--out", out, "--updates", "1", "--batch", "2", "--device", "cpu", *images])
+    config = load_checkpoint(tmp_path / "f.pt")[1]["config"]
+    assert config["noise"] == asdict(NO_NOISE)
+    assert config["delivery"] == asdict(DELIVERIES["at-once"])
     assert "data are loaded" in capsys.readouterr().out
 
 
@@ -160,6 +164,6 @@ def test_intervals_are_scaled_until_they_hold_nine_of_ten_errors(
     scaled = copy.deepcopy(model)
     with torch.no_grad():
         scaled.head[-1].get_parameter("bias")[len(HEIGHTMAP_X) :] += np.log(stated)
-    factor = calibrate(copy.deepcopy(model), store, ImageNoise(), 0)
-    assert calibrate(scaled, store, ImageNoise(), 0) == pytest.approx(factor / stated, rel=0.01)
-    assert calibrate(scaled, store, ImageNoise(), 0) == pytest.approx(1.0, rel=0.01)
+    factor = calibrate(copy.deepcopy(model), store, TRAINING, ImageNoise(), 0)
+    assert calibrate(scaled, store, TRAINING, ImageNoise(), 0) == pytest.approx(factor / stated, rel=0.01)
+    assert calibrate(scaled, store, TRAINING, ImageNoise(), 0) == pytest.approx(1.0, rel=0.01)
