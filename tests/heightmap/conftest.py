@@ -1,9 +1,11 @@
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import torch
 from heightmap_inputs import WARMUP
 
+from heightmap import calibration
 from heightmap.export import Origin, export
 from heightmap.features import PROPRIOCEPTION
 from heightmap.model import HeightmapModel, ModelConfig, Normalisation
@@ -23,3 +25,11 @@ def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) 
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
     export(model, path, Origin(warmup_frames=WARMUP, dataset="none", seed=0))
     return path
+
+
+@pytest.fixture(scope="module")
+def short_calibration() -> Iterator[None]:
+    """A tenth of the windows: the factor is exact for those that there are, and these episodes fill no more."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "WINDOWS", 3)
+        yield

@@ -25,6 +25,7 @@ from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 
+pytestmark = pytest.mark.usefixtures("short_calibration")
 LOOP = ClosedLoop(robots=6, courses=2, ticks=STAND_STEPS + 12, hardest=0.3)  # just beyond the stand: beliefs matter
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 

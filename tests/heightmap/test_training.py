@@ -19,6 +19,7 @@ from heightmap.train import Progress, TrainConfig, load_checkpoint, main, train
 from heightmap.validate import run_episode
 from saltus.grid import HEIGHTMAP_X
 
+pytestmark = pytest.mark.usefixtures("short_calibration")
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
 CONFIG = TrainConfig(updates=30, batch=8, window=50, device="cpu", model=SMALL)
 
