@@ -1,5 +1,7 @@
 """What the network feels: the proprioception vector, built in one place for training and service alike."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from saltus import kinematics
@@ -42,38 +44,64 @@ def proprioception(
     Returns:
         float32, shape (..., len(PROPRIOCEPTION)).
     """
-    xp = namespace(joint_position)
     rotation = kinematics.rotation_matrix(quaternion_base_in_world)
-    roll, pitch, yaw = kinematics.roll_pitch_yaw(rotation)
-    yaw_from_world = kinematics.yaw_rotation(yaw).mT
-    base_to_yaw = yaw_from_world @ rotation
-    feet = kinematics.foot_position(joint_position) @ base_to_yaw.mT  # (..., 4, 3)
-    trusted = xp.astype(leg_trusted, joint_position.dtype)
-    masked = feet[..., ::2] * trusted[..., None]  # x and z
-    parts = (
-        roll[..., None],
-        pitch[..., None],
-        masked.reshape((*masked.shape[:-2], 8)),
-        trusted,
-        _rotate(yaw_from_world, velocity_base_in_world),
-        _rotate(base_to_yaw, angular_velocity_base),
-        base_height[..., None],
+    feet = kinematics.foot_position(joint_position)
+    trusted = namespace(feet).astype(leg_trusted, feet.dtype)
+    entries = _entries(
+        [_components(rotation[..., row, :]) for row in range(3)],
+        [_components(feet[..., leg, :]) for leg in range(4)],
+        _components(trusted),
+        _components(velocity_base_in_world),
+        _components(angular_velocity_base),
     )
-    return xp.astype(xp.concat(parts, axis=-1), xp.float32)
+    xp = namespace(joint_position)
+    return xp.astype(xp.stack([*entries, base_height], axis=-1), xp.float32)
 
 
 def proprioception_of(state: RobotState) -> Floats:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
-    vector: Floats = proprioception(
-        quaternion_base_in_world=np.asarray(state.quaternion_base_in_world, np.float64),
-        angular_velocity_base=np.asarray(state.angular_velocity_base, np.float64),
-        joint_position=np.asarray(state.joint_position, np.float64),
-        velocity_base_in_world=np.asarray(state.velocity_base_in_world, np.float64),
-        base_height=np.asarray(state.base_height, np.float64),
-        leg_trusted=np.asarray(state.leg_trusted, np.bool_),
+    rotation = kinematics.rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
+    entries = _entries(
+        rotation.tolist(),
+        kinematics.foot_positions_of_one(state.joint_position.tolist()),
+        state.leg_trusted.tolist(),
+        state.velocity_base_in_world.tolist(),
+        state.angular_velocity_base.tolist(),
     )
-    return vector
+    return np.array([*entries, state.base_height], np.float32)
 
 
-def _rotate(rotation: Array, vector: Array) -> Array:
-    return (rotation @ vector[..., None])[..., 0]
+def _entries(
+    rotation: Sequence[Sequence[Array]],
+    feet: Sequence[Sequence[Array]],
+    trusted: Sequence[Array],
+    velocity_in_world: Sequence[Array],
+    angular_velocity_base: Sequence[Array],
+) -> list[Array]:
+    """The law, in components that are arrays of many robots or floats of one: all entries but the last."""
+    forward, left, up = rotation
+    roll, pitch, yaw = kinematics.angles_of_axes((forward[0], left[0]), (up[0], up[1], up[2]))
+    xp = namespace(yaw)
+    cosine, sine = xp.cos(yaw), xp.sin(yaw)
+    # Rows of the rotation from base to yaw frame; the third is `up`
+    ahead = [cosine * x + sine * y for x, y in zip(forward, left, strict=True)]
+    aside = [cosine * y - sine * x for x, y in zip(forward, left, strict=True)]
+    velocity_x, velocity_y, velocity_z = velocity_in_world
+    return [
+        roll,
+        pitch,
+        *(stands * _dot(axis, foot) for stands, foot in zip(trusted, feet, strict=True) for axis in (ahead, up)),
+        *trusted,
+        cosine * velocity_x + sine * velocity_y,
+        cosine * velocity_y - sine * velocity_x,
+        velocity_z,
+        *(_dot(axis, angular_velocity_base) for axis in (ahead, aside, up)),
+    ]
+
+
+def _dot(a: Sequence[Array], b: Sequence[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _components(vector: Array) -> list[Array]:
+    return [vector[..., i] for i in range(vector.shape[-1])]

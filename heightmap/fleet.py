@@ -139,10 +139,10 @@ class FleetService:
 def _run(network: HeightmapNetwork, asked: list[tuple[Inputs, HeightmapService]]) -> list[Tick]:
     """One call of the network for all."""
     height, std, hidden = network.ticks(
-        np.stack([inputs.image for inputs, _ in asked]),
+        np.array([inputs.image for inputs, _ in asked]),
         np.array([inputs.age_s for inputs, _ in asked]),
         np.array([inputs.new for inputs, _ in asked]),
-        np.stack([inputs.features for inputs, _ in asked]),
-        np.stack([service.hidden for _, service in asked]),
+        np.array([inputs.features for inputs, _ in asked]),
+        np.array([service.hidden for _, service in asked]),
     )
     return [Tick(*rows) for rows in zip(height, std, hidden, strict=True)]

@@ -1,11 +1,12 @@
 """The exported network behind ONNX Runtime: checked when loaded, called once per tick."""
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heightmap.features import PROPRIOCEPTION
 from saltus import depth, go1
@@ -17,6 +18,7 @@ from saltus.model_file import ModelFile
 FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
 OUTPUTS = ("height", "std", "hidden_out")
+KEPT_CALLS = 32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
 _TOLERANCE = 1e-6  # of a number that went through text
 
 
@@ -53,7 +55,7 @@ class Tick(NamedTuple):
 
 
 class HeightmapNetwork:
-    """A model file in ONNX Runtime, on one thread that sleeps between calls.
+    """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
 
     Raises:
         ModelError: the file is unreadable, or one of its metadata or shapes does not fit this program; the message
@@ -67,24 +69,59 @@ class HeightmapNetwork:
         _check_metadata(file)
         self.hidden_size = _checked_shapes(path, self._session)
         self.warmup_frames = int(file.field("warmup_frames"))
+        self._calls: dict[int, _Call] = {}
 
     def tick(self, image: Floats, age_s: float, new: bool, features: Floats, hidden: Floats) -> Tick:
         """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
-        age, fresh = np.array([age_s]), np.array([new])
-        height, std, hidden_out = self.ticks(image[None], age, fresh, features[None], hidden[None])
+        height, std, hidden_out = self._call(1).run((image, age_s, new, features, hidden))
         return Tick(height[0], std[0], hidden_out[0])
 
     def ticks(self, image: Floats, age_s: Floats, new: NDArray[np.bool_], features: Floats, hidden: Floats) -> Tick:
         """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
-        one = np.float32
-        feed = {
-            "image": np.ascontiguousarray(image, one),
-            "age": np.ascontiguousarray(age_s, one),
-            "new": np.ascontiguousarray(new, one),
-            "proprioception": np.ascontiguousarray(features, one),
-            "hidden": np.ascontiguousarray(hidden, one),
-        }
-        return Tick(*self._session.run(OUTPUTS, feed))
+        return Tick(*self._call(len(image)).run((image, age_s, new, features, hidden)))
+
+    def _call(self, robots: int) -> "_Call":
+        if robots not in self._calls:
+            if len(self._calls) >= KEPT_CALLS:
+                self._calls.clear()
+            self._calls[robots] = _Call(self._session, robots, self.hidden_size)
+        return self._calls[robots]
+
+
+class _Call:
+    """Calls of the network for so many robots, in memory that is bound to it once: half the cost of arguments."""
+
+    def __init__(self, session: Any, robots: int, hidden_size: int) -> None:
+        shapes = _shapes(hidden_size)
+        self._session, self._binding = session, session.io_binding()
+        self._inputs = [np.zeros((robots, *shapes[name]), np.float32) for name in INPUTS]
+        self._outputs = [np.zeros((robots, *shapes[name]), np.float32) for name in OUTPUTS]
+        for name, array in zip(INPUTS, self._inputs, strict=True):
+            self._binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        for name, array in zip(OUTPUTS, self._outputs, strict=True):
+            self._binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+
+    def run(self, values: Iterable[ArrayLike]) -> list[Floats]:
+        """Takes what `INPUTS` names and returns what `OUTPUTS` names, in arrays of their own."""
+        for array, value in zip(self._inputs, values, strict=True):
+            array[...] = value
+        self._session.run_with_iobinding(self._binding)
+        return [array.copy() for array in self._outputs]
+
+
+def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
+    """Of all inputs and outputs, without the dimension of robots."""
+    points = [len(HEIGHTMAP_X)]
+    return {
+        "image": [2, depth.MODEL_CAMERA.height, depth.MODEL_CAMERA.width],
+        "age": [],
+        "new": [],
+        "proprioception": [len(PROPRIOCEPTION)],
+        "hidden": [hidden_size],
+        "height": points,
+        "std": points,
+        "hidden_out": [hidden_size],
+    }
 
 
 def _check_metadata(file: ModelFile) -> None:
@@ -128,17 +165,7 @@ def _checked_shapes(path: Path, session: Any) -> int:
     """Size of the hidden state; every input and output must have the shape that the service feeds and reads."""
     shapes = {value.name: list(value.shape[1:]) for value in (*session.get_inputs(), *session.get_outputs())}
     hidden = shapes.get("hidden", [None])[0]
-    points, features = len(HEIGHTMAP_X), len(PROPRIOCEPTION)
-    wanted = {
-        "image": [2, depth.MODEL_CAMERA.height, depth.MODEL_CAMERA.width],
-        "age": [],
-        "new": [],
-        "proprioception": [features],
-        "hidden": [hidden],
-        "height": [points],
-        "std": [points],
-        "hidden_out": [hidden],
-    }
+    wanted = _shapes(hidden)
     for name in (*INPUTS, *OUTPUTS):
         if shapes.get(name) != wanted[name]:
             raise ModelError(f"model {path} does not fit: '{name}' has shape {shapes.get(name)}, not {wanted[name]}")

@@ -160,8 +160,9 @@ class HeightmapService:
         newest = self._newest
         if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
             return False
-        image = _network_image(model_image(frame))
-        self._newest = _View(image, 1.0 - float(image[1].mean()), frame.time_ns, frame.frame_id, now_ns)
+        image = model_image(frame)
+        invalid_fraction = 1.0 - np.count_nonzero(image.valid) / image.valid.size
+        self._newest = _View(_network_image(image), invalid_fraction, frame.time_ns, frame.frame_id, now_ns)
         blind = self._newest.invalid_fraction > INVALID_INVALID_PIXELS
         if not blind:
             gap_s = 0.0 if self._view is None else (frame.time_ns - self._view.time_ns) * 1e-9
@@ -221,18 +222,17 @@ class HeightmapService:
 
 
 def _plausible(tick: Tick) -> bool:
-    # A comparison with NaN is false, so these also ask for finite numbers.
-    # No comparison with what is not a number is true.
-    heights = np.abs(tick.height).max() <= MAX_HEIGHT_M and tick.std.min() > 0.0 and tick.std.max() < MAX_HEIGHT_M
-    return bool(heights and np.abs(tick.hidden).max() <= MAX_HIDDEN)
+    # No comparison with NaN is true, so that these also ask for finite numbers. Counting is cheaper than `max`, `all`.
+    std = (tick.std > 0.0) & (tick.std < MAX_HEIGHT_M)
+    good = (np.abs(tick.height) <= MAX_HEIGHT_M, std, np.abs(tick.hidden) <= MAX_HIDDEN)
+    return all(np.count_nonzero(values) == values.size for values in good)
 
 
 def _network_image(image: ModelImage) -> Floats:
-    """Depth and validity, shape (2, 48, 16): a value that is not finite or out of range counts as invalid."""
-    valid = image.valid & (image.depth >= 0.0) & (image.depth <= 1.0)
-    layers = np.ones((2, *valid.shape), np.float32)
-    np.copyto(layers[0], image.depth, where=valid)
-    layers[1] = valid
+    """Depth and validity, shape (2, 48, 16)."""
+    layers = np.empty((2, *image.depth.shape), np.float32)
+    layers[0] = image.depth
+    layers[1] = image.valid
     return layers
 
 

@@ -1,6 +1,7 @@
-"""What lets one law run on numpy (deployed) and on torch (training): the namespace and the constants of its input."""
+"""What lets one law run on numpy or floats (deployed) and on torch (training): namespace and constants of its input."""
 
-from types import ModuleType
+import math
+from types import SimpleNamespace
 from typing import Any, TypeAlias
 
 import array_api_compat
@@ -8,10 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = Any
-"""A numpy array or a torch tensor: the array API standard has no static type yet."""
+"""A numpy array or a torch tensor: the array API standard has no static type yet. Where a law says so, also a float."""
+
+FLOATS = SimpleNamespace(
+    sin=math.sin,
+    cos=math.cos,
+    asin=math.asin,
+    atan2=math.atan2,
+    clip=lambda value, low, high: min(max(value, low), high),
+)
+"""What laws ask of the standard, for Python's own floats: a call on a small array costs ten times its arithmetic."""
 
 # numpy 2 is the standard's namespace itself; the compatibility layer's wrappers would cost a quarter of a control tick.
-_NAMESPACES: dict[type, ModuleType] = {np.ndarray: np, np.float64: np}
+_NAMESPACES: dict[type, Any] = {np.ndarray: np, np.float64: np, float: FLOATS}
 
 
 def namespace(array: Array) -> Any:

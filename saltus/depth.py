@@ -7,6 +7,7 @@ pooled by area: each pixel of the model averages the valid part of what it cover
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,22 +60,21 @@ class ModelImage:
 def model_image(frame: DepthFrame) -> ModelImage:
     """Crops and pools a frame to the model's camera; parts that it does not cover are invalid.
 
-    A frame with the model's own intrinsics keeps its pixels.
+    A frame with the model's own intrinsics keeps its pixels. Depth that is not a positive number counts as invalid.
     """
     height, width = frame.depth.shape
     rows = _pooling(MODEL_CAMERA.height, MODEL_CAMERA.fy, MODEL_CAMERA.cy, height, frame.fy, frame.cy)
     columns = _pooling(MODEL_CAMERA.width, MODEL_CAMERA.fx, MODEL_CAMERA.cx, width, frame.fx, frame.cx)
     raw = frame.depth[rows.needed, columns.needed]
-    layers = np.empty((raw.shape[0], 2, raw.shape[1]), np.float32)
-    near = layers[:, 0]
-    np.multiply(raw, np.float32(frame.depth_unit_m / RANGE_M), out=near)
-    np.minimum(near, np.float32(1.0), out=near)
-    near[raw == NOTHING] = 1.0  # whatever the unit
-    np.greater(raw, 0, out=layers[:, 1], casting="unsafe")
-    depth, share = _pooled(layers, rows, columns)
+    layers = _layers(rows.covering(raw), frame.depth_unit_m)  # (2, some, 48, width)
+    tall = rows.total(layers, axis=1)  # (2, 48, width)
+    across = columns.covering(tall.reshape(2 * MODEL_CAMERA.height, raw.shape[1]).T)  # (some, 16, 2 * 48)
+    depth, share = columns.total(across, axis=0).reshape(-1, *tall.shape[:2]).transpose(1, 2, 0)  # (2, 48, 16)
     seen = share >= VALID_SHARE
-    share[~seen] = 1.0
-    return _marked(depth / share, seen)
+    seen &= depth <= share  # which is not true of what is not a number
+    mean = np.ones(seen.shape, np.float32)  # what cannot be seen must not look like an obstacle at the lens
+    np.divide(depth, share, out=mean, where=seen)
+    return ModelImage(depth=mean, valid=seen)
 
 
 def model_images(depth_m: Floats) -> ModelImage:
@@ -85,7 +85,10 @@ def model_images(depth_m: Floats) -> ModelImage:
             (..., 48, 16).
     """
     depth = np.asarray(depth_m, dtype=np.float32)
-    return _marked(np.minimum(depth * np.float32(1.0 / RANGE_M), np.float32(1.0)), depth > 0.0)
+    valid = depth > 0.0
+    # Far, never near: what cannot be seen must not look like an obstacle at the lens
+    near = np.where(valid, np.minimum(depth * np.float32(1.0 / RANGE_M), np.float32(1.0)), np.float32(1.0))
+    return ModelImage(depth=near, valid=valid)
 
 
 def depth_in_millimetres(depth_m: Floats) -> NDArray[np.uint16]:
@@ -94,33 +97,47 @@ def depth_in_millimetres(depth_m: Floats) -> NDArray[np.uint16]:
     return millimetres.astype(np.uint16)
 
 
-def _marked(depth: NDArray[np.float32], valid: NDArray[np.bool_]) -> ModelImage:
-    """Invalid pixels look far, never near: what cannot be seen must not look like an obstacle at the lens."""
-    return ModelImage(depth=np.where(valid, depth, np.float32(1.0)), valid=valid)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pooling:
     """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers."""
 
     needed: slice
     """Of the source."""
-    place: NDArray[np.int64]
-    """For each model pixel those that may cover it, counted within `needed`, shape (count, some)."""
+    place: NDArray[np.int64] | None
+    """For each model pixel those that may cover it, counted within `needed`, shape (some, count); None where the model
+    pixels are those of the source."""
     weight: NDArray[np.float32]
-    """Of each, shape (count, some); they add up to the covered share of a model pixel: 1 inside the source image."""
+    """Of each, shape (some, count, 1), or without dimensions where all are the same; they add up to the covered share
+    of a model pixel: 1 inside the source image."""
+
+    def covering(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Of values along the first axis of the source those that cover model pixels: (some, count, ...)."""
+        return values[None] if self.place is None else np.take(values, self.place, axis=0)
+
+    def total(self, covering: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+        """Weighted sums of what `covering` returned, in its memory; `axis` is the one called "some".
+
+        Not as products with matrices: for these BLAS may wake and await threads.
+        """
+        if self.place is None:
+            return covering.reshape(*covering.shape[:axis], *covering.shape[axis + 1 :])
+        covering *= self.weight
+        sums: NDArray[np.float32] = np.add.reduce(covering, axis=axis)
+        return sums
 
 
-def _pooled(layers: NDArray[np.float32], rows: _Pooling, columns: _Pooling) -> NDArray[np.float32]:
-    """Weighted sums for all model pixels of layers of shape (height, n, width); shape (n, 48, 16).
-
-    Not as products with matrices: for these BLAS may wake and await threads.
-    """
-    height, count, width = layers.shape
-    flat = layers.reshape(height, count * width)
-    tall = np.einsum("nk,nkw->nw", rows.weight, flat[rows.place]).reshape(len(rows.place), count, width)
-    result: NDArray[np.float32] = np.einsum("nk,mcnk->cmn", columns.weight, tall[:, :, columns.place])
-    return result
+def _layers(raw: NDArray[np.uint16], unit_m: float) -> NDArray[np.float32]:
+    """Depth over 3 m in [0, 1], and 1 where there is one and 0 where not; shape (2, ...)."""
+    scale = np.float32(unit_m / RANGE_M)
+    layers = np.empty((2, *raw.shape), np.float32)
+    near = layers[0]
+    near[...] = raw
+    near *= scale
+    near.clip(0.0, 1.0, out=near)
+    if scale * NOTHING < 1.0:
+        near[raw == NOTHING] = 1.0
+    layers[1] = raw > 0
+    return layers
 
 
 @lru_cache(maxsize=64)
@@ -132,11 +149,15 @@ def _pooling(
     first = min(max(math.floor(edges[0]), 0), source_count)
     last = max(min(math.ceil(edges[-1]), source_count), first)
     begin, end = np.floor(edges[:-1]), np.ceil(edges[1:])
-    pixel = begin[:, None] + np.arange(int(np.max(end - begin)) if last > first else 0)
-    overlap = np.minimum(edges[1:, None], pixel + 1.0) - np.maximum(edges[:-1, None], pixel)
+    pixel = begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]  # (some, count)
+    overlap = np.minimum(edges[1:], pixel + 1.0) - np.maximum(edges[:-1], pixel)
     inside = (pixel >= first) & (pixel < last)
+    place = np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64)
+    weight = (np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32)
+    own = np.array_equal(place, [np.arange(count)]) and bool((weight == 1.0).all())
+    same = weight.size > 0 and bool((weight == weight[0, 0]).all())
     return _Pooling(
         needed=slice(first, last),
-        place=np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64),
-        weight=(np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32),
+        place=None if own else place,
+        weight=weight[0, 0, ...] if same else weight[..., None],
     )

@@ -1,9 +1,12 @@
-"""Rotations and leg kinematics, for numpy and torch and any leading batch dimensions.
+"""Rotations and leg kinematics, for numpy and torch and any leading batch dimensions, in part for one robot's floats.
 
 Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation (..., 3, 3).
 The leg: abduction about x at the hip anchor, a lateral offset to the leg's side, then thigh and calf about y; all
 angles are zero with the leg straight down, positive angles swing the foot backwards. Source: unitree_ros.
 """
+
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -38,6 +41,8 @@ _QUATERNION_TO_MATRIX = Constant(_QUATERNION_PRODUCTS.reshape(16, 9))
 
 _ANCHOR = Constant(go1.HIP_ANCHOR)
 _ABDUCTION = Constant(go1.SIDE * go1.ABDUCTION_LENGTH)
+_ANCHORS: list[list[float]] = go1.HIP_ANCHOR.tolist()
+_OFFSETS: list[float] = (go1.SIDE * go1.ABDUCTION_LENGTH).tolist()
 _CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])  # abduction, thigh, thigh + calf
 _L2 = go1.THIGH_LENGTH
 _L3 = go1.CALF_LENGTH
@@ -54,11 +59,20 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
     """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); each of shape (...)."""
-    xp = namespace(rotation)
-    pitch = xp.asin(xp.clip(-rotation[..., 2, 0], -1.0, 1.0))
-    roll = xp.atan2(rotation[..., 2, 1], rotation[..., 2, 2])
-    yaw = xp.atan2(rotation[..., 1, 0], rotation[..., 0, 0])
-    return roll, pitch, yaw
+    up = (rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2])
+    return angles_of_axes((rotation[..., 0, 0], rotation[..., 1, 0]), up)
+
+
+def angles_of_axes(forward: tuple[Array, Array], up: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """The same from those components of R that they depend on, which may be arrays or floats.
+
+    Args:
+        forward: x and y in the world of the base's x axis.
+        up: x, y, z in the base of the world's z axis.
+    """
+    xp = namespace(up[0])
+    pitch = xp.asin(xp.clip(-up[0], -1.0, 1.0))
+    return xp.atan2(up[1], up[2]), pitch, xp.atan2(forward[1], forward[0])
 
 
 def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Array:
@@ -115,6 +129,18 @@ def foot_position(joint_position: Array) -> Array:
     return namespace(joint_position).stack([x, y, z], -1) + _ANCHOR.like(joint_position)
 
 
+def foot_positions_of_one(joint_position: Sequence[float]) -> list[tuple[float, float, float]]:
+    """`foot_position` of one robot in floats: the four feet as (x, y, z), without the cost of small arrays."""
+    feet = []
+    for leg, (anchor_x, anchor_y, anchor_z) in enumerate(_ANCHORS):
+        abduction, thigh, calf = joint_position[3 * leg : 3 * leg + 3]
+        shin = thigh + calf
+        sines = math.sin(abduction), math.sin(thigh), math.sin(shin)
+        x, y, z, *_ = _foot(sines, (math.cos(abduction), math.cos(thigh), math.cos(shin)), _OFFSETS[leg])
+        feet.append((x + anchor_x, y + anchor_y, z + anchor_z))
+    return feet
+
+
 def _leg(joint_position: Array) -> tuple[Array, ...]:
     """What positions and Jacobians share.
 
@@ -124,14 +150,25 @@ def _leg(joint_position: Array) -> tuple[Array, ...]:
     xp = namespace(joint_position)
     angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3)) @ _CHAIN_ANGLES.like(joint_position).mT
     sine, cosine = xp.sin(angles), xp.cos(angles)
-    s1, c1 = sine[..., 0], cosine[..., 0]
-    calf_x, calf_z = -_L3 * sine[..., 2], -_L3 * cosine[..., 2]
-    x = calf_x - _L2 * sine[..., 1]
-    drop = calf_z - _L2 * cosine[..., 1]  # along the leg's own plane, before abduction
-    offset = _ABDUCTION.like(joint_position)
-    y = offset * c1 - drop * s1
-    z = offset * s1 + drop * c1
-    return sine, cosine, x, y, z, drop, calf_x, calf_z
+    sines = sine[..., 0], sine[..., 1], sine[..., 2]
+    cosines = cosine[..., 0], cosine[..., 1], cosine[..., 2]
+    return sine, cosine, *_foot(sines, cosines, _ABDUCTION.like(joint_position))
+
+
+def _foot(sines: Sequence[Array], cosines: Sequence[Array], offset: Array) -> tuple[Array, ...]:
+    """The law of a leg, for arrays and floats: x, y, z, drop and the calf's share as in `_leg`.
+
+    Args:
+        sines: Of abduction, thigh, thigh + calf.
+        cosines: The same.
+        offset: Abduction link to the left [m].
+    """
+    s1, s2, s3 = sines
+    c1, c2, c3 = cosines
+    calf_x, calf_z = -_L3 * s3, -_L3 * c3
+    x = calf_x - _L2 * s2
+    drop = calf_z - _L2 * c2  # along the leg's own plane, before abduction
+    return x, offset * c1 - drop * s1, offset * s1 + drop * c1, drop, calf_x, calf_z
 
 
 def foot_jacobian(joint_position: Array) -> Array:

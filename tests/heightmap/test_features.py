@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -103,6 +105,19 @@ def test_tensors_give_the_same_vector() -> None:
 
 
 def test_a_message_gives_the_same_vector() -> None:
-    state = states(1)[0]
-    np.testing.assert_array_equal(proprioception_of(state)[-1], np.float32(state.base_height))
-    assert proprioception_of(state)[INDEX["RL_trusted"]] == 1.0
+    """Floats of one robot and arrays of many: the law is the same, and so are the numbers."""
+    rng = np.random.default_rng(2)
+    quaternion = kinematics.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.2, 1.2, (3, 50)))
+    quaternion[::2] *= rng.uniform(0.996, 1.004, (25, 1))  # as far from one as a message may be
+    for row in quaternion:
+        values = {
+            "quaternion_base_in_world": row,
+            "angular_velocity_base": rng.normal(size=3),
+            "joint_position": rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER),
+            "velocity_base_in_world": rng.normal(size=3),
+            "leg_trusted": rng.uniform(size=4) < 0.5,
+        }
+        height = rng.uniform(0.1, 0.5)
+        state = replace(states(1)[0], base_height=height, **values)
+        expected = proprioception(base_height=np.asarray(height), **values)
+        np.testing.assert_array_equal(proprioception_of(state), expected)

@@ -110,3 +110,17 @@ def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None
     first, second = network.tick(*arguments), network.tick(*arguments)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
     assert all(np.array_equal(a, b) for a, b in zip(arguments, before, strict=True))
+
+
+def test_answers_stay_what_they_were(model_path: Path) -> None:
+    """Whatever is asked next, for however many robots: nobody else's memory is handed out."""
+    network = HeightmapNetwork(model_path)
+    rng = np.random.default_rng(0)
+    answers = []
+    for robots in (1, 2, 1, 3, 2):
+        arguments = (rng.uniform(size=(robots, 2, 48, 16)), np.full(robots, 0.05), np.ones(robots, np.bool_))
+        answer = network.ticks(*arguments, rng.normal(size=(robots, 21)), rng.uniform(size=(robots, 256)))
+        answers.append((answer, copy.deepcopy(answer)))
+    for answer, as_it_was in answers:
+        for array, kept in zip(answer, as_it_was, strict=True):
+            np.testing.assert_array_equal(array, kept)

@@ -94,6 +94,12 @@ def test_torch_equals_numpy_for_any_batch(batch):
     np.testing.assert_allclose(back, kinematics.inverse_kinematics(feet), atol=1e-12)
 
 
+def test_floats_of_one_robot_give_the_same_feet():
+    for joints in ANYWHERE:
+        feet = kinematics.foot_positions_of_one(joints.tolist())
+        np.testing.assert_allclose(feet, kinematics.foot_position(joints), rtol=0.0, atol=1e-15)
+
+
 def test_single_precision_stays_single():
     position, jacobian = kinematics.foot_kinematics(torch.zeros((2, 12), dtype=torch.float32))
     assert position.dtype == jacobian.dtype == torch.float32
