@@ -23,6 +23,9 @@ from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 
 BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared, few enough to show progress
 
+MAX_PLAN_DELAY_S = 0.1
+"""After which the leg controller takes the planner for lost."""
+
 HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exact_heights}
 """Sources of heights by name: true ones with each trial's shift, and without."""
 
@@ -36,12 +39,16 @@ class Evaluation:
     first_seed: int = 0
     profile: str = "go1"
     time_limit_s: float = TIME_LIMIT_S
+    plan_delay_s: float = 0.0
+    """From a state to its plan being obeyed: what a computer takes that is not waited for."""
 
     def __post_init__(self) -> None:
         if self.trials < 1:
             raise ConfigError(f"trials = {self.trials}: it must be at least 1")
         if self.first_seed < 0:
             raise ConfigError(f"first_seed = {self.first_seed}: seeds are not negative")
+        if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
+            raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
         load_profile(self.profile)
 
@@ -134,6 +141,7 @@ def run_batch(
         profile=load_profile(evaluation.profile),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
+        plan_delay_s=evaluation.plan_delay_s,
     )
     traces = traces_of(list(rollout.run()))
     ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)

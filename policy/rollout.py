@@ -1,9 +1,12 @@
 """The closed loop in one process, for many robots at once: plant, estimator, planner, leg controller.
 
 The order within a step is that of the deployed stack in lockstep: the plan that is computed on the state of step k is
-applied from step k on, for exactly five physics steps. Each robot has its own trial and its own terrain.
+applied from step k on, for exactly five physics steps, or, as in real time, that much later. Each robot has its own
+trial and its own terrain.
 """
 
+import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -66,6 +69,7 @@ class Rollout:
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
+        plan_delay_s: From a state to its plan being obeyed, in whole physics steps.
         threads: Of the physics.
     """
 
@@ -79,12 +83,17 @@ class Rollout:
         heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
         stand_steps: int = STAND_STEPS,
+        plan_delay_s: float = 0.0,
         threads: int = 1,
     ) -> None:
         self.trials = tuple(trials)
         self.count = len(self.trials)
         self.planner = planner
         self._stand_steps = stand_steps
+        delay = round(plan_delay_s / go1.PHYSICS_DT)
+        # How many plans ago the one was made that is obeyed at each physics step of a policy step.
+        self._plans_ago = [max(0, math.ceil((delay - tick) / go1.POLICY_STEPS)) for tick in range(go1.POLICY_STEPS)]
+        self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
         self._plant = BatchPlant(
             terrains,
             self.count,
@@ -128,14 +137,14 @@ class Rollout:
 
         # 2. plan
         action = self.planner.step(observe_states(states), heights)
-        plan = _as_plan(action, self._heading)
+        self._plans.appendleft(_as_plan(action, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 
         # 3. track it
         mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
         touched = np.zeros(self.count, dtype=np.bool_)
-        for _ in range(go1.POLICY_STEPS):
-            touched |= self._substep(plan, mode)
+        for ago in self._plans_ago:
+            touched |= self._substep(self._plans[min(ago, len(self._plans) - 1)], mode)
         self._index += 1
 
         # 4. judge; whoever is done starts again

@@ -39,6 +39,8 @@ class Eval:
     service makes of late depth images."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, or a TOML file."""
+    plan_delay_s: float = 0.0
+    """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
     processes: int | None = None
     """How many run at once; one for each core where it is not given."""
     report: bool = True
@@ -56,8 +58,12 @@ class Eval:
         planner = partial(make_planner, self.planner, self.model)
         planner()  # what is wrong with a model is said at once
         evaluation = Evaluation(
-            course=self.course, trials=self.trials, first_seed=self.first_seed, profile=self.profile
-        )  # fmt: skip
+            course=self.course,
+            trials=self.trials,
+            first_seed=self.first_seed,
+            profile=self.profile,
+            plan_delay_s=self.plan_delay_s,
+        )
         with tqdm(total=self.trials, unit="trial", file=sys.stderr) as bar:
             batches = []
             for batch in evaluate(evaluation, self._heights(), planner, self.processes):
@@ -168,6 +174,7 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "planner": command.planner,
         "heightmap": command.heightmap,
         "profile": command.profile,
+        "plan_delay_s": command.plan_delay_s,
         "trials": len(result.trials),
         "first_seed": command.first_seed,
         "success_rate": result.successes / len(result.trials),

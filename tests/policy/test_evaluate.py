@@ -1,6 +1,7 @@
 """Evaluation and search: what they report, with short trials."""
 
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +29,8 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
         assert asdict(together.outcomes[1])[name] == pytest.approx(value, abs=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [{"trials": 0}, {"first_seed": -1}])
-def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, int]) -> None:
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"first_seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}])
+def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         Evaluation(course=FLAT, **wrong)
 

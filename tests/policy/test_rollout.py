@@ -1,14 +1,18 @@
 """The closed loop with real physics: the robot bounds, and a batch is made of single robots."""
 
+from collections import deque
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from policy.action import Action
+from policy.observation import Observation
 from policy.rollout import Rollout, exact_heights
 from policy.scripted import ScriptedPlanner
 from saltus.config import TerrainConfig
 from saltus.grid import HEIGHTMAP_X
+from saltus.messages import Floats
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -57,6 +61,38 @@ def test_whoever_is_done_starts_again_and_no_longer_counts() -> None:
     assert fresh[0] == 0
     assert all(step.running.all() for step in steps[: fresh[1]])
     assert not any(step.running.any() for step in steps[fresh[1] :])
+
+
+class LatePlanner:
+    """Answers with what another planner said some steps ago."""
+
+    def __init__(self, steps: int) -> None:
+        self._planner = ScriptedPlanner()
+        self._said: deque[Action] = deque(maxlen=steps + 1)
+
+    def step(self, observation: Observation, heights: Floats) -> Action:
+        self._said.append(self._planner.step(observation, heights))
+        return self._said[0]
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3])
+def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: int) -> None:
+    trials = [Trial.draw(seed) for seed in (5, 6)]
+    late = Rollout([FLAT] * 2, trials, LatePlanner(steps), stand_steps=5)
+    delayed = Rollout([FLAT] * 2, trials, ScriptedPlanner(), stand_steps=5, plan_delay_s=0.010 * steps)
+    for _ in range(30):
+        expected, got = late.step(), delayed.step()
+        np.testing.assert_array_equal(got.states.joint_position, expected.states.joint_position)
+
+
+def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None:
+    ends = []
+    for delay_s in (0.0, 0.002, 0.004, 0.006, 0.008, 0.010):
+        rollout = Rollout([FLAT], [Trial()], ScriptedPlanner(), stand_steps=0, plan_delay_s=delay_s)
+        for _ in range(3):
+            rollout.step()
+        ends.append(rollout.step().states.joint_velocity)
+    assert len({end.tobytes() for end in ends}) == len(ends)
 
 
 @pytest.mark.parametrize(("shift_x", "shift_z"), [(0.0, 0.0), (0.08, -0.05), (-0.03, 0.02)])
