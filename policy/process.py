@@ -7,7 +7,7 @@ import numpy as np
 from policy.action import Action
 from policy.observation import observe_message
 from policy.planner import Planner
-from saltus.messages import Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 from saltus.topics import TOPICS
 
 STAND_NS = 500_000_000
@@ -30,7 +30,8 @@ class PlannerProcess:
     """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
-    STOP when the heightmaps end, are invalid, or come from a memory that has started over; it is final.
+    When the heightmaps end, are invalid, or come from a memory that has started over: STOP, which is final; but STAND
+    while the robot has not moved yet, as on a computer that is still busy with starting.
 
     Args:
         planner: Decides how to bound while the robot goes.
@@ -64,7 +65,7 @@ class PlannerProcess:
         if self._status == PlanStatus.STAND:
             self._consider_going(state)
         elif self._status == PlanStatus.GO:
-            self._consider_stopping(now_ns)
+            self._consider_stopping(state, now_ns)
         self._plan = self._planned(state)
         return self._plan
 
@@ -79,18 +80,22 @@ class PlannerProcess:
         else:
             self._status, self._reason = PlanStatus.GO, ""
 
-    def _consider_stopping(self, now_ns: int) -> None:
+    def _consider_stopping(self, state: RobotState, now_ns: int) -> None:
         heightmap = self._heightmap
         if heightmap is None:
             return
         silent_ns, age_ns = now_ns - self._arrival_ns, now_ns - heightmap.time_ns
         if max(silent_ns, age_ns) >= LOST_NS:
-            self._stop("heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms")
+            self._stop(state, "heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms")
         elif heightmap.status not in _TRUSTED:
-            self._stop("heightmap_invalid", f"the heightmap of step {heightmap.step} is {heightmap.status.name}")
+            self._stop(state, "heightmap_invalid", f"the heightmap of step {heightmap.step} is {heightmap.status.name}")
 
-    def _stop(self, code: str, detail: str) -> None:
-        self._status, self._reason = PlanStatus.STOP, detail
+    def _stop(self, state: RobotState, code: str, detail: str) -> None:
+        self._reason = detail
+        if state.mode == ControllerMode.STAND:
+            self._status = PlanStatus.STAND
+            return
+        self._status = PlanStatus.STOP
         self.notices.append(Notice(code=code, detail=detail))
 
     def _planned(self, state: RobotState) -> MotionPlan:

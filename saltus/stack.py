@@ -39,7 +39,8 @@ PROGRAMS = (
 )
 
 READY_TIMEOUT_S = 30.0
-HUNG_S = 1.0  # two periods of the proof of life
+HUNG_S = 1.6
+"""Three periods of the proof of life: a message may be lost on a busy machine, and to end what lives ends a run."""
 SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
 RESTART_AFTER_S = 0.15
 """Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
@@ -79,6 +80,8 @@ class Stack:
         """Why the recording ended early."""
         self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
         self._clock = RunClock(self.config.epoch_ns, lockstep=self.config.pace == "lockstep")
+        self._heard_until_s = 0.0
+        """What had arrived by this monotonic time has been read."""
         self._begin_at_s: dict[str, float] = {}  # of those that have died
         self._events_sent = self._events_seen = 0
         self._resources = contextlib.ExitStack()
@@ -205,7 +208,12 @@ class Stack:
             self._ended(child, code)
         elif child.running() and not child.ready and now_s - child.started_s > READY_TIMEOUT_S:
             raise StackError(f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}")
-        elif child.alive_s is not None and now_s - child.alive_s > HUNG_S and self.config.pace == "realtime":
+        elif (
+            child.alive_s is not None
+            # Not until now: what comes while the rest is recorded has not been read
+            and self._heard_until_s - child.alive_s > HUNG_S
+            and self.config.pace == "realtime"
+        ):
             child.kill()
             self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
         elif child.ready and not child.has_spare and now_s - child.started_s > SPARE_AFTER_S:
@@ -234,6 +242,7 @@ class Stack:
             child.begin(self._arguments)
 
     def _drain(self) -> None:
+        self._heard_until_s = time.monotonic()
         for raw in self._stream.drain():
             self._events_seen += raw.key == f"event/{SUPERVISOR}"
             self._note_status(raw)

@@ -33,8 +33,8 @@ STATE = RobotState(
 )
 
 
-def state(step: int) -> RobotState:
-    return replace(STATE, step=step, time_ns=step * STEP_NS)
+def state(step: int, mode: ControllerMode = ControllerMode.RUN) -> RobotState:
+    return replace(STATE, step=step, time_ns=step * STEP_NS, mode=mode)
 
 
 def heightmap(step: int, status: HeightmapStatus = HeightmapStatus.OK) -> Heightmap:
@@ -51,12 +51,17 @@ def heightmap(step: int, status: HeightmapStatus = HeightmapStatus.OK) -> Height
     )
 
 
-def run(statuses: list[HeightmapStatus | None], process: PlannerProcess, first: int = 0) -> list[MotionPlan]:
+def run(
+    statuses: list[HeightmapStatus | None],
+    process: PlannerProcess,
+    first: int = 0,
+    mode: ControllerMode = ControllerMode.RUN,
+) -> list[MotionPlan]:
     """One step for each entry; None where no heightmap arrives."""
     plans = []
     for step, status in enumerate(statuses, first):
         seen = None if status is None else heightmap(step, status)
-        plans.append(process.step(state(step), seen, step * STEP_NS))
+        plans.append(process.step(state(step, mode), seen, step * STEP_NS))
     return plans
 
 
@@ -98,6 +103,22 @@ def test_every_history_of_four_heightmaps() -> None:
         assert [plan.status for plan in plans] == expected, history
         assert [notice.code for notice in process.notices] == (["heightmap_invalid"] if bad else [])
         assert all(bool(plan.reason) == (plan.status != PlanStatus.GO) for plan in plans)
+
+
+def test_every_history_of_four_heightmaps_while_the_robot_stands() -> None:
+    """Nothing that was wrong before the robot has moved keeps it from going when all is well."""
+    kinds = (None, *HeightmapStatus)
+    fatal = (HeightmapStatus.WARMING, HeightmapStatus.INVALID)
+    for history in product(kinds, repeat=4):
+        process, first = going()
+        plans = run(list(history), process, first, ControllerMode.STAND)
+        going_on = True
+        for status, plan in zip(history, plans, strict=True):
+            going_on = (going_on and status not in fatal) or status == HeightmapStatus.OK
+            assert plan.status == (PlanStatus.GO if going_on else PlanStatus.STAND), history
+            assert bool(plan.reason) != going_on
+        assert not process.notices
+        assert run([HeightmapStatus.OK], process, first + 4, ControllerMode.STAND)[0].status == PlanStatus.GO
 
 
 def test_says_within_110_ms_that_heightmaps_have_ended() -> None:

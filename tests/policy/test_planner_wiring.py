@@ -114,7 +114,7 @@ def test_real_time_plans_without_a_heightmap_and_says_when_they_end(tmp_path: Pa
             now_ns = stage.now_ns()
             if now_ns - start_ns < 700_000_000:
                 stage.heightmaps.put(replace(HEIGHTMAP, step=step, time_ns=now_ns))
-            stage.states.put(replace(STATE, step=step, time_ns=now_ns))
+            stage.states.put(replace(STATE, step=step, time_ns=now_ns, mode=ControllerMode.RUN))
             plan = stage.plans.wait(timeout_s=5.0)
             assert plan is not None
             if plan.message.status == PlanStatus.STOP:
