@@ -1,0 +1,170 @@
+"""What each part of the camera's realism is worth in the training of the heightmap network.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.realism --out runs/realism [--networks A D] [--updates 4000] [--runs 60]
+
+Networks are trained from nothing on the same motion, seed and number of updates, and differ in their images:
+
+    A  stereo errors, 30 to 60 ms late with jitter, losses and pauses, noise: as shipped
+    B  true depth, as late as those of A
+    C  true depth, 50 ms late, none lost
+    D  true depth, neither late nor lost
+    E  stereo errors and noise, neither late nor lost
+
+All then lead robots that have the realistic camera, in the held-out runs of `saltus heightmap eval`, and those with an
+ideal camera, whose images are as late. Beside that, episodes that no network was fitted to are shown to each network
+with the images that A, C and D were trained on, so that all get the same ones.
+
+The folder keeps data, checkpoints and results, and a run that was stopped goes on. Data that are there already, in
+`stereo` and `clean`, are taken. Prints one JSON object: errors in millimetres, shares in percent.
+"""
+
+import argparse
+import json
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heightmap.closed_loop import ClosedLoop
+from heightmap.dataset import NO_NOISE, TRAINING_NOISE
+from heightmap.delivery import DELIVERIES, DeliveryName
+from heightmap.export import Origin, export
+from heightmap.held_out import HeldOutRuns
+from heightmap.network import HeightmapNetwork
+from heightmap.scores import scores
+from heightmap.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
+from heightmap.train import TrainConfig, load_checkpoint, split, train
+from heightmap.validate import MIN_WARMUP, accuracy
+from saltus.config import Camera
+from saltus.messages import Floats
+from saltus.resources import resource
+
+DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
+ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
+LEARNED = 0.75  # share of robots that the learned policy leads, as for the shipped network
+SHOWN = 40  # held-out episodes
+STEREO, CLEAN = "stereo", "clean"
+_SAME = 1e-6  # metres, radians: what another order of the same sums may differ by
+_CAMERAS: dict[str, Camera] = {STEREO: "d435i", CLEAN: "ideal"}
+_PERCENT = ("coverage90", "edges_found")
+_LENGTHS = ("mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_error_m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Images:
+    """What a network is trained on."""
+
+    data: str
+    """`STEREO` or `CLEAN`."""
+    delivery: DeliveryName
+
+
+NETWORKS = {
+    "A": Images(data=STEREO, delivery="training"),
+    "B": Images(data=CLEAN, delivery="training"),
+    "C": Images(data=CLEAN, delivery="nominal"),
+    "D": Images(data=CLEAN, delivery="at-once"),
+    "E": Images(data=STEREO, delivery="at-once"),
+}
+SHOWN_AS = ("A", "C", "D")
+"""Networks whose images the held-out episodes are shown with."""
+
+
+def main() -> None:
+    """Collects, trains, measures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder of data, networks and results")
+    parser.add_argument("--networks", nargs="+", choices=tuple(NETWORKS), default=tuple(NETWORKS))
+    parser.add_argument("--updates", type=int, default=4000, help="of 16 windows")
+    parser.add_argument("--runs", type=int, default=60, help="held-out ones")
+    given = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    for name in _CAMERAS:
+        collect(given.out / name, name)
+    episodes = {name: read_dataset(given.out / name) for name in _CAMERAS}
+    check_twins(episodes[STEREO], episodes[CLEAN])
+    held_out = {name: split(found)[1][:SHOWN] for name, found in episodes.items()}
+    del episodes  # the training reads them again
+    table = {}
+    for name in given.networks:
+        model = trained(given.out, name, given.updates)
+        logging.info("%s is trained", name)
+        table[name] = {**asdict(NETWORKS[name]), **measured(model, given.runs), "shown": shown(model, held_out)}
+        (given.out / f"{name}.json").write_text(json.dumps(table[name], indent=1) + "\n")
+    print(json.dumps({"updates": given.updates, "runs": given.runs, "networks": table}))
+
+
+def collect(data: Path, name: str) -> None:
+    """Adds the rounds that are missing; those of both cameras show the same motion."""
+    loop = ClosedLoop(learned=LEARNED, camera=_CAMERAS[name])
+    model = resource("models/heightmap.onnx")
+    for index in range(len(read_manifest(data)), ROUNDS):
+        logging.info("collecting round %d, %s", index, name)
+        config = {"source": "dagger", "round": index, "heights": HeightmapNetwork(model).model_id, **asdict(loop)}
+        made = (e for batch in range(BATCHES) for e in loop.episodes(model, (DATA_SEED, index, batch)))
+        write_shard(data, made, seed=DATA_SEED, config=config)
+
+
+def check_twins(left: list[Episode], right: list[Episode]) -> None:
+    """Refuses two datasets that do not show the same motion.
+
+    Raises:
+        DatasetError: their episodes differ in what robots felt or in their heights.
+    """
+    if len(left) != len(right):
+        raise DatasetError(f"{STEREO} has {len(left)} episodes, {CLEAN} has {len(right)}: they must be of one motion")
+    for i, (a, b) in enumerate(zip(left, right, strict=True)):
+        if not (_same(a.proprioception, b.proprioception) and _same(a.height, b.height)):
+            raise DatasetError(f"episode {i} of {STEREO} and of {CLEAN} differ: they must be of one motion")
+
+
+def _same(left: Floats, right: Floats) -> bool:
+    return left.shape == right.shape and np.allclose(left, right, rtol=0.0, atol=_SAME)
+
+
+def trained(out: Path, name: str, updates: int) -> Path:
+    """The ONNX file of one network, trained unless it is there."""
+    images, checkpoint = NETWORKS[name], out / name / "heightmap.pt"
+    noise = TRAINING_NOISE if images.data == STEREO else NO_NOISE
+    delivery = DELIVERIES[images.delivery]
+    config = TrainConfig(updates=updates, batch=16, noise=noise, delivery=delivery, seed=SEED, device="cpu")
+    train(out / images.data, checkpoint, config)
+    model, training = load_checkpoint(checkpoint)
+    path = checkpoint.with_suffix(".onnx")
+    # Its warm-up is the service's business: nothing reads it here, so it is not measured.
+    export(model, path, Origin(warmup_frames=MIN_WARMUP, dataset=training["dataset"], seed=SEED))
+    return path
+
+
+def measured(model: Path, runs: int) -> dict[str, Any]:
+    """What a network is worth where it leads, with the realistic camera and with an ideal one that is as late."""
+    table: dict[str, Any] = {}
+    for camera in _CAMERAS.values():
+        config = HeldOutRuns(runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
+        found = scores([run for batch in config.batches for run in config.measure(model, batch)])
+        table[camera] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}
+        table[camera] |= {key: round(1e2 * found[key], 1) for key in _PERCENT}
+        table[camera]["nll"] = round(found["nll"], 2)
+        table[camera]["terrains"] = {kind: round(1e3 * row["mae_m"], 2) for kind, row in found["by_terrain"].items()}
+        table[camera]["steps"] = found["points"] // 30
+    return table
+
+
+def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str, float]]:
+    """Errors on episodes that it was not fitted to, with the images that others were trained on."""
+    table = {}
+    for name in SHOWN_AS:
+        images = NETWORKS[name]
+        found = accuracy(model, held_out[images.data], DELIVERIES[images.delivery])
+        table[f"as {name}"] = {
+            "mae_m": round(1e3 * found.mae_m, 2),
+            "ahead_m": round(1e3 * found.ahead_m, 2),
+            "coverage90": round(1e2 * found.coverage90, 1),
+        }
+    return table
+
+
+if __name__ == "__main__":
+    main()
