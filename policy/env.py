@@ -5,6 +5,7 @@ in the tensors of `Memory`, which every stage changes in place, so that on a GPU
 and nothing waits for the processor.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import torch
@@ -34,6 +35,7 @@ from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses
 
 _GRAVITY = 9.81
+_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _STAND_POSE = Constant(go1.STAND_POSE)
 
 
@@ -96,7 +98,9 @@ class JumpEnv:
         self._estimator = Estimator()
         self._drives = Drives(config.randomisation.feedforward_delay_s[1], load_profile(config.profile))
         kinds = kinds_of_robots(config.curriculum, self.count)
-        self.memory = blank_memory(kinds, self._drives.length, self.device)
+        plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / _POLICY_DT)
+        self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
+        self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
@@ -167,7 +171,10 @@ class JumpEnv:
         plan = bounds.clipped(wanted)
         beyond = bounds.normalised(wanted) - bounds.normalised(plan)
         excess = (0.25 * beyond * beyond).sum(-1)  # outputs span 2, ranges 1
-        store(self.memory, plan=plan, excess=excess)
+        memory, latest = self.memory, plan[:, None]
+        begins = (memory.time_s == memory.first_time_s)[:, None, None]  # before its first plan a robot had none
+        plans = torch.where(begins, latest, torch.cat([latest, memory.plans[:, :-1]], 1))
+        store(memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick))
         self.memory.terms.zero_()
         self.memory.touched.zero_()
 
@@ -175,7 +182,7 @@ class JumpEnv:
     def _control(self) -> None:
         memory = self.memory
         qpos, qvel = self._qpos.float(), self._qvel.float()
-        action = action_from_values(memory.plan)
+        action = action_from_values(self._obeyed())
         plan = plan_from_values(
             stepping_frequency=action.stepping_frequency_hz,
             velocity_x=action.velocity_x,
@@ -208,7 +215,15 @@ class JumpEnv:
             progress=torch.where(stands, 0.0, seen.gait.progress),
             trusted=seen.gait.trusted | stands,
             tracking_cost=seen.tracking_cost,
+            tick=memory.tick + 1.0,
         )
+
+    def _obeyed(self) -> Tensor:
+        """The newest plan that has arrived by now, shape (n, 10)."""
+        memory = self.memory
+        late = torch.ceil((memory.plan_delay_s / go1.PHYSICS_DT - memory.tick) / go1.POLICY_STEPS)
+        ago = late.clamp(0.0, len(self._plans_ago) - 1.0)
+        return torch.where((self._plans_ago == ago[:, None])[..., None], memory.plans, 0.0).sum(1)
 
     def _or_stand(self, command: JointCommand) -> JointCommand:
         """The command; that of the standing pose for robots that stand."""

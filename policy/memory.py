@@ -27,6 +27,8 @@ class Memory:
     tracking_cost: Tensor
     # the present action
     plan: Tensor  # (10,), values within bounds
+    plans: Tensor  # (length, 10): the same, and those before it
+    tick: Tensor  # physics steps since the plan
     excess: Tensor
     # the episode
     time_s: Tensor
@@ -47,6 +49,7 @@ class Memory:
     motor_strength: Tensor
     com_shift: Tensor  # (3,)
     delay_s: Tensor
+    plan_delay_s: Tensor
     height_shift: Tensor  # (2,): ahead, up
     pitch_torque: Tensor
     low: Tensor  # (COLUMNS,), as the three that follow: see `saltus.terrain.batch.Courses`
@@ -72,8 +75,15 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
-def blank_memory(kinds: Iterable[int], line_length: int, device: torch.device) -> Memory:
-    """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them."""
+def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device) -> Memory:
+    """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
+
+    Args:
+        kinds: One for each robot.
+        torques: How many commands of feed-forward torque are remembered.
+        plans: How many plans are remembered.
+        device: Of all tensors.
+    """
     kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
     count = len(kind)
     tensors = {}
@@ -82,7 +92,8 @@ def blank_memory(kinds: Iterable[int], line_length: int, device: torch.device) -
             tensors[f.name] = torch.zeros(count, *_FLAGS[f.name], dtype=torch.bool, device=device)
         else:
             tensors[f.name] = torch.zeros(count, *_ROWS.get(f.name, ()), device=device)
-    tensors["torque_line"] = torch.zeros(count, line_length, 12, device=device)
+    tensors["torque_line"] = torch.zeros(count, torques, 12, device=device)
+    tensors["plans"] = torch.zeros(count, plans, len(ACTIONS), device=device)
     tensors["kind"] = kind
     return Memory(**tensors)
 

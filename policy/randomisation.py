@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
 
-BODY_DRAWS = 8
+BODY_DRAWS = 9
 """Uniform random numbers that `draw_bodies` takes."""
 
 
@@ -17,6 +17,9 @@ class RandomisationConfig:
     motor_strength: tuple[float, float] = (0.9, 1.1)  # definition of a trial
     com_shift_m: tuple[float, float, float] = (0.046, 0.03, 0.03)  # +-; original, where it is switched off
     feedforward_delay_s: tuple[float, float] = (0.008, 0.012)  # 10 ms measured by the original; +- one tick
+    plan_delay_s: tuple[float, float] = (0.0, 0.012)
+    """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`), twice that on busy
+    ones."""
     height_shift_m: tuple[float, float] = (0.08, 0.05)  # +-; paper: along the yaw, and vertical
     height_noise_m: float = 0.01  # +-, each height and step: a predictor's errors vary within an episode
     pitch_torque_nm: float = 4.0  # +-; original: on the trunk, redrawn every 0.5 s
@@ -42,6 +45,8 @@ class Bodies:
     """[m], shape (n, 3)."""
     delay_s: Array
     """Of feed-forward torque, shape (n,)."""
+    plan_delay_s: Array
+    """Shape (n,)."""
 
 
 def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
@@ -54,6 +59,7 @@ def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
         motor_strength=between(config.motor_strength, draws[:, 2]),
         com_shift=xp.stack(com, -1),
         delay_s=between(config.feedforward_delay_s, draws[:, 6]),
+        plan_delay_s=between(config.plan_delay_s, draws[:, 8]),
     )
 
 

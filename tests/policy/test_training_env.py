@@ -83,6 +83,29 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
     assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
 
 
+@pytest.mark.parametrize("steps", [1, 2])
+def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
+    outputs = [bound(make_env()) + 0.1 * torch.randn(N, 10, generator=torch.manual_seed(k)) for k in range(12)]
+    runs = []
+    for delay_s, late in ((0.010 * steps, 0), (0.0, steps)):
+        env = make_env(config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s))))
+        for k in range(12):
+            assert not env.step(outputs[max(0, k - late)]).done.any()
+        runs.append(np.array(env._engine.qpos))
+    np.testing.assert_array_equal(*runs)
+
+
+def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
+    tracks = []
+    for ticks in range(6):
+        delay_s = 0.002 * ticks
+        env = make_env(config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s))))
+        for k in range(8):
+            env.step(bound(env) * (-1.0) ** k)
+        tracks.append(np.array(env._engine.qpos).tobytes())
+    assert len(set(tracks)) == len(tracks)
+
+
 def test_robots_that_fall_start_again_on_their_course():
     env = make_env()
     torch.as_tensor(env._engine.qpos)[: N // 2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=torch.float64)
