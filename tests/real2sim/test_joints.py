@@ -90,6 +90,12 @@ def noisy(log: RunLog, correlation: float = 0.0, seed: int = 0) -> RunLog:
     return replace(log, joints=replace(log.joints, **signals))
 
 
+@cache
+def problem_of(*effects: Effect[Any], kp: float = KP) -> JointProblem:
+    """Of the robot's log with white noise."""
+    return JointProblem(noisy(motion(*effects, kp=kp)))
+
+
 def unknowns(problem: JointProblem, values: dict[str, tuple[float, ...]]) -> Floats:
     """Unknowns with the same values of some effects at every joint, shape (blocks, unknowns)."""
     found = [value for c in problem.candidates for value in values.get(c.effect, (0.0,) * len(c.unknowns))]
@@ -134,7 +140,7 @@ def name_of(case: Hidden) -> str:
 def test_the_replay_is_the_plant() -> None:
     """Without noise what is left is far below what a drive measures: 0.1 mrad."""
     log = motion()
-    problem = JointProblem(noisy(log))
+    problem = problem_of()
     simulated = problem._simulate(problem._candidates.drives(unknowns(problem, {})[None], DT))
     clean = JointProblem(log)
     apart = clean._measured[:, 0] - simulated.q.reshape(-1, 4, 3)[problem._sample]
@@ -168,7 +174,7 @@ def test_residuals_of_the_right_model_are_white(correlation: float) -> None:
 
 @pytest.mark.parametrize("case", [*CASES, COARSE], ids=name_of)
 def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
-    problem = JointProblem(noisy(motion(case.effect)))
+    problem = problem_of(case.effect)
     truth = {case.effect.name: case.unknowns}
     claimed, right = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, truth)]))
     # repeats differ where the battery empties, and noise is then taken for a little more than it is
@@ -179,7 +185,7 @@ def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
 @pytest.mark.parametrize("case", CASES, ids=name_of)
 def test_fits_find_the_truth(case: Hidden) -> None:
     """Gauss-Newton on the effect's own unknowns, one value for all joints of a kind."""
-    problem = JointProblem(noisy(motion(case.effect)))
+    problem = problem_of(case.effect)
     candidates = [c for c in problem.candidates if c.effect == case.effect.name]
     free = np.array([i for i, u in enumerate(candidates[0].unknowns) if not u.is_shape])
     step = np.array([0.25 * candidates[0].unknowns[i].scale for i in free])
@@ -195,7 +201,7 @@ def test_fits_find_the_truth(case: Hidden) -> None:
 
 
 def test_the_step_of_an_encoder_is_read_from_its_angles() -> None:
-    coarse, fine = (JointProblem(noisy(motion(*effects))) for effects in ((COARSE.effect,), ()))
+    coarse, fine = problem_of(COARSE.effect), problem_of()
     starts = [c.starts for c in coarse.candidates if c.effect == "encoder_quantisation"]
     assert all(step == pytest.approx(0.006, rel=1e-3) for place in starts for _, step in place)
     assert "grid_calf" in coarse.signals
@@ -209,7 +215,7 @@ def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
     assert untestable["feedforward_delay"] == "the log has no tau_ff"
     assert "Nm" in untestable["torque_saturation"]
     assert "rad/s" in untestable["torque_speed_limit"]
-    assert not JointProblem(noisy(motion())).untestable
+    assert not problem_of().untestable
 
 
 def test_absent_signals_and_rows_are_left_out() -> None:
@@ -232,7 +238,7 @@ def test_a_base_that_moves_is_refused() -> None:
 
 def test_physical_parameters_of_a_saturation() -> None:
     """With a sharp corner, loss and corner mean the knee and the plateau that the effect has."""
-    problem = JointProblem(noisy(motion()))
+    problem = problem_of()
     candidate = next(c for c in problem.candidates if c.effect == "torque_saturation" and c.where == "calf")
     found = problem.physical(candidate, np.array([0.4, 12.0, 0.05]))
     plateau = found["plateau"].value
