@@ -47,27 +47,40 @@ def seeing() -> RunLog:
     return run(SEEING, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
 
 
-def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(held: RunLog, tmp_path: Path) -> None:
-    log, out, again = (tmp_path / name for name in ("log", "out", "again"))
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What `find` made of a log."""
+
+    log: Path
+    out: Path
+    stages: list[float]
+    verdict: Verdict
+
+
+@pytest.fixture(scope="module")
+def found(held: RunLog, tmp_path_factory: pytest.TempPathFactory) -> Found:
+    log, out, stages = tmp_path_factory.mktemp("log") / "run", tmp_path_factory.mktemp("out"), []
     write_run_log(held, log)
-    out.mkdir()
-    again.mkdir()
-    stages: list[float] = []
-    first = find([log], out, progress=lambda _stage, share: stages.append(share)).verdict
+    judgement = find([log], out, progress=lambda _stage, share: stages.append(share))
+    return Found(log, out, stages, judgement.verdict)
+
+
+def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(found: Found, tmp_path: Path) -> None:
+    first = found.verdict
     assert first.verdict == "named"
     (effect,) = first.effects
     assert effect.name == "viscous_friction"
     assert effect.where == ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
     assert effect.params["coefficient"].value == pytest.approx(0.2, rel=0.05)
     assert "viscous_friction" in sentence(first)
-    assert stages == sorted(stages)
-    assert stages[-1] == 1.0
-    assert Verdict.from_json((out / "verdict.json").read_text()) == first
-    assert set(json.loads((out / "baselines.json").read_text())) == {"threshold", "lowest_training_error"}
-    profile = load_patch(out / "patch.toml").applied_to(IDEAL)
-    second = find([log], again, profile=profile).verdict
+    assert found.stages == sorted(found.stages)
+    assert found.stages[-1] == 1.0
+    assert Verdict.from_json((found.out / "verdict.json").read_text()) == first
+    assert set(json.loads((found.out / "baselines.json").read_text())) == {"threshold", "lowest_training_error"}
+    profile = load_patch(found.out / "patch.toml").applied_to(IDEAL)
+    second = find([found.log], tmp_path, profile=profile).verdict
     assert second.verdict == "no_gap"
-    assert load_patch(again / "patch.toml").applied_to(IDEAL) == IDEAL
+    assert load_patch(tmp_path / "patch.toml").applied_to(IDEAL) == IDEAL
     assert "agrees" in sentence(second)
 
 
@@ -96,11 +109,11 @@ def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
     assert np.mean(with_limit**2) > 1.2 * np.mean(inner.residuals(0.0 * unknowns) ** 2)
 
 
-def test_an_effect_that_no_sensor_shows_is_untestable_and_says_why(held: RunLog) -> None:
-    verdict = judge((examine(held),), ()).verdict
-    assert verdict.untestable["camera_latency"] == "no depth images"
-    assert verdict.untestable["payload_mass"] == "the base is held"
-    assert "viscous_friction" not in verdict.untestable
+def test_an_effect_that_no_sensor_shows_is_untestable_and_says_why(found: Found) -> None:
+    untestable = found.verdict.untestable
+    assert untestable["camera_latency"] == "no depth images"
+    assert untestable["payload_mass"] == "the base is held"
+    assert "viscous_friction" not in untestable
 
 
 def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog, monkeypatch: pytest.MonkeyPatch) -> None:
