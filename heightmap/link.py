@@ -26,6 +26,7 @@ class RobotLink:
         self._frames = context.bus.latest("camera/depth")
         self._heightmaps = context.bus.publisher("heightmap/heightmap")
         self._done = context.bus.publisher("done", context.name)
+        self._lockstep = context.config.pace == "lockstep"
         self._robot: bytes | None = None
         self._asked: Sample | None = None
         self._frame: Sample | None = None
@@ -48,17 +49,19 @@ class RobotLink:
         In lockstep a state asks only when the frame that is due with it has come, or not at all if a newer one comes
         first. In real time a state that is too old to be used asks nothing.
         """
+        if not self._lockstep:
+            self._take_frame()  # decoded before anybody waits for what is made of it
         self._asked = self._states.take() or self._asked
         if self._asked is None:
             return None
         state: RobotState = self._asked.message
         boot = self._asked.envelope.boot_id
         if boot != self._robot:  # another robot, or one that has started anew
-            self._robot, self._frame, self._frame_id = boot, None, -1
-        newest = self._frames.take()
-        if newest is not None:
-            self._frame, self._frame_id = newest, newest.message.frame_id
-        if self.context.config.pace == "lockstep":
+            self._robot = boot
+            if self._lockstep:  # an image of the last run is not the one that is due
+                self._frame, self._frame_id = None, -1
+        self._take_frame()
+        if self._lockstep:
             if self._frame_id < state.depth_due:
                 return None
             self.context.clock.set(state.time_ns)
@@ -74,6 +77,11 @@ class RobotLink:
             camera_boot=None if frame is None else frame.envelope.boot_id,
             now_ns=now_ns,
         )
+
+    def _take_frame(self) -> None:
+        newest = self._frames.take()
+        if newest is not None:
+            self._frame, self._frame_id = newest, newest.message.frame_id
 
     def answer(self, heightmap: Heightmap) -> None:
         """Publishes; says once when the status changes."""

@@ -5,10 +5,14 @@ bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and t
 """
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from saltus import schemas
@@ -39,6 +43,13 @@ _IMAGE: Any = STORE.types["sensor_msgs/msg/Image"]
 _CAMERA_INFO: Any = STORE.types["sensor_msgs/msg/CameraInfo"]
 _REGION: Any = STORE.types["sensor_msgs/msg/RegionOfInterest"]
 _ENVELOPE = struct.Struct("<qqB16s")
+_SCALARS: dict[str, Callable[[Any], Any]] = {
+    "string": lambda value: str(value)[: schemas.TEXT_MAX],
+    "float64": float,
+    "int64": int,
+    "uint8": int,
+    "bool": int,
+}
 
 
 @dataclass(frozen=True)
@@ -162,7 +173,10 @@ class _TableCodec:
     def __init__(self, kind: type[Message]) -> None:
         self.kind: Any = kind
         self.wire_type: Any = STORE.types[TYPE_NAME[kind]]
+        self.frame = schemas.FRAME[kind]
         self.fields = FIELDS[kind]
+        self.values_of = attrgetter(*(f.name for f in self.fields))
+        self.writers = [_writer(f) for f in self.fields]
         self.arrays = [f for f in self.fields if f.wire == "float64" and f.shape is not None]
         self.fixed = all(f.shape is not None and -1 not in f.shape for f in self.arrays)
         sizes = [f.shape[0] if f.shape is not None and self.fixed else 1 for f in self.arrays]
@@ -170,14 +184,13 @@ class _TableCodec:
         self.high = np.repeat([f.high for f in self.arrays], sizes)
 
     def encode(self, message: Any) -> Any:
-        frame = schemas.FRAME[self.kind]
-        values = [_to_wire(field, getattr(message, field.name)) for field in self.fields]
-        return self.wire_type(header(message.time_ns, frame), *values)
+        values = [write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)]
+        return self.wire_type(header(message.time_ns, self.frame), *values)
 
     def decode(self, wire: Any) -> Any:
         values: dict[str, Any] = {"time_ns": _time_of(wire.header.stamp)}
-        for field in self.fields:
-            values[field.name] = _from_wire(field, getattr(wire, field.name))
+        for field, value in zip(self.fields, self.values_of(wire), strict=True):
+            values[field.name] = _from_wire(field, value)
         self._check_arrays(values)
         return self.kind(**values)
 
@@ -186,36 +199,41 @@ class _TableCodec:
         arrays = [values[f.name] for f in self.arrays]
         if not arrays:
             return
+        low, high = self.low, self.high
         if self.fixed:
             flat = np.concatenate(arrays)
-            good = bool(((flat >= self.low) & (flat <= self.high)).all())
         else:
             _check_rows(arrays)
-            stacked = np.stack([array.ravel() for array in arrays])
-            good = bool(((stacked >= self.low[:, None]) & (stacked <= self.high[:, None])).all())
-        if not good:
+            flat, low, high = np.stack([array.ravel() for array in arrays]), low[:, None], high[:, None]
+        inside = flat >= low
+        inside &= flat <= high
+        if np.count_nonzero(inside) < inside.size:
             for field, array in zip(self.arrays, arrays, strict=True):
                 _check_values(field, array)
         quaternion = values.get("quaternion_base_in_world")
         if quaternion is not None:
-            _bounded("|quaternion_base_in_world|^2", float(quaternion @ quaternion), 1 - NORM_TOLERANCE, 1.02)
+            _bounded("|quaternion_base_in_world|^2", float(quaternion.dot(quaternion)), 1 - NORM_TOLERANCE, 1.02)
 
 
-def _to_wire(field: Field, value: Any) -> Any:
+def _writer(field: Field) -> Callable[[Any], Any]:
+    """Turns a value of a message into what is serialised."""
     if field.shape is None:
-        if field.wire == "string":
-            return str(value)[: schemas.TEXT_MAX]
-        return float(value) if field.wire == "float64" else int(value)
-    array = np.ascontiguousarray(value, dtype=np.bool_ if field.wire == "bool" else np.float64)
-    expected = tuple(n if n >= 0 else array.shape[0] for n in field.shape) if array.ndim == len(field.shape) else None
-    if array.shape != expected:
-        raise MessageError("shape", f"{field.name} has shape {array.shape} instead of {field.shape}")
-    return array.reshape(-1)
+        return _SCALARS[field.wire]
+    shape, dtype = field.shape, np.bool_ if field.wire == "bool" else np.float64
+    rows = -1 in shape
+
+    def write(value: Any) -> Any:
+        array: NDArray[Any] = np.ascontiguousarray(value, dtype)
+        if array.shape != shape and not (rows and array.ndim == len(shape) and array.shape[1:] == shape[1:]):
+            raise MessageError("shape", f"{field.name} has shape {array.shape} instead of {shape}")
+        return array.reshape(-1) if rows else array
+
+    return write
 
 
 def _from_wire(field: Field, value: Any) -> Any:
     if field.shape is not None:
-        if field.wire == "bool" and value.view(np.uint8).max() > 1:
+        if field.wire == "bool" and max(value.tobytes()) > 1:
             raise MessageError("range", f"{field.name} is neither true nor false")
         if -1 not in field.shape:
             return value
@@ -254,14 +272,19 @@ def _encode_depth(message: DepthFrame) -> Any:
     head = header(message.time_ns, schemas.FRAME[DepthFrame])
     pixels = np.ascontiguousarray(message.depth).view(np.uint8).reshape(-1)
     image = _IMAGE(head, height, width, ENCODING, 0, 2 * width, pixels)
-    k = np.array([message.fx, 0, message.cx, 0, message.fy, message.cy, 0, 0, 1], dtype=np.float64)
-    # ROS counts pixel centres at integers, this project at halves
-    k[[2, 5]] -= 0.5
-    p = np.array([k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
-    region = _REGION(0, 0, 0, 0, False)
-    info = _CAMERA_INFO(head, height, width, "plumb_bob", np.zeros(5), k, np.eye(3).reshape(-1), p, 0, 0, region)
+    lens = _calibration(*(float(value) for value in (message.fx, message.fy, message.cx, message.cy)))
+    info = _CAMERA_INFO(head, height, width, "plumb_bob", *lens, 0, 0, _REGION(0, 0, 0, 0, False))
     wire_type: Any = STORE.types[schemas.DEPTH_TYPE]
     return wire_type(head, image, info, float(message.depth_unit_m), int(message.frame_id))
+
+
+@lru_cache(maxsize=16)
+def _calibration(fx: float, fy: float, cx: float, cy: float) -> tuple[Any, ...]:
+    """Distortion, intrinsics, rotation and projection of a `sensor_msgs/msg/CameraInfo`."""
+    u, v = cx - 0.5, cy - 0.5  # ROS counts pixel centres at integers, this project at halves
+    intrinsics = np.array([fx, 0, u, 0, fy, v, 0, 0, 1], np.float64)
+    projection = np.array([fx, 0, u, 0, 0, fy, v, 0, 0, 0, 1, 0], np.float64)
+    return np.zeros(5), intrinsics, np.eye(3).reshape(-1), projection
 
 
 def _decode_depth(wire: Any) -> DepthFrame:
