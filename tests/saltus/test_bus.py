@@ -226,15 +226,48 @@ def test_a_slow_consumer_gets_the_newest_not_a_backlog() -> None:
     assert wire.steps() == []
 
 
-@pytest.mark.parametrize("name", ["router", "client", "robot"])
+@pytest.mark.parametrize("name", ["router", "peer", "client", "robot"])
 def test_configurations_are_closed(name: str) -> None:
     """Zenoh refuses unknown keys when it loads a file."""
     settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{name}.json5")))
     assert settings.get_json("scouting/multicast/enabled") == "false"
-    assert settings.get_json("scouting/gossip/enabled") == "false"
+    assert settings.get_json("scouting/gossip/enabled") == ("true" if name in ("router", "peer") else "false")
+    if name == "peer":
+        assert settings.get_json("listen/endpoints") == '["tcp/127.0.0.1:0"]'
     assert settings.get_json("transport/shared_memory/enabled") == "false"
     assert settings.get_json("transport/link/tx/lease") == "500"
     assert settings.get_json("adminspace/enabled") == "false"
+
+
+def test_peers_and_clients_hear_everything_once(endpoint: str) -> None:
+    """Two processes on the router's machine and one that comes as if from another: whatever way a message takes."""
+    elsewhere = endpoint.replace("127.0.0.1", "localhost")
+    with ZenohBus(endpoint, "mesh") as here, ZenohBus(endpoint, "mesh") as there, ZenohBus(elsewhere, "mesh") as far:
+        publishers = [bus.publisher("done", str(i)) for i, bus in enumerate((here, there, far))]
+        streams = [bus.stream() for bus in (here, there, far)]
+        heard: list[list[tuple[str, int]]] = [[] for _ in streams]
+
+        def send(step: int) -> None:
+            for publisher in publishers:
+                publisher.put(done(step))
+
+        def heard_after(step: int) -> bool:
+            send(step)
+            return all_heard(step)
+
+        def all_heard(step: int) -> bool:
+            for stream, samples in zip(streams, heard, strict=True):
+                samples.extend((raw.key, codec.decode(Done, raw.payload).step) for raw in stream.drain())
+            return all((f"done/{i}", step) in samples for samples in heard for i in range(3))
+
+        until(lambda: heard_after(0))  # until all links are there
+        for step in range(1, 51):
+            send(step)
+            time.sleep(0.001)  # of a burst longer than the queue some would be dropped
+        until(lambda: all_heard(50))
+    for samples in heard:
+        for i in range(3):
+            assert [step for key, step in samples if key == f"done/{i}" and step > 0] == [*range(1, 51)]
 
 
 def test_a_bus_without_router_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
