@@ -38,7 +38,7 @@ from saltus.codec import decode, encode
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE
 from saltus.messages import ControllerMode, DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
-from saltus.process import RUN_FILE
+from saltus.process import PEER_FLAG, RUN_FILE
 from saltus.stack import open_router
 from saltus.ticker import Ticker
 
@@ -99,7 +99,7 @@ def send(endpoint: str, topic: str, count: int) -> None:
     """The sending process."""
     message = sample_messages()[topic]
     ticker = Ticker(RATE_HZ)
-    with ZenohBus(endpoint, PREFIX) as bus:
+    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
         publisher = bus.publisher(topic)
         for _ in range(count):
             ticker.wait()
@@ -110,7 +110,7 @@ def latencies_ms(endpoint: str, topic: str, count: int) -> list[float]:
     """Receives what another process sends."""
     sender = SPAWN.Process(target=send, args=(endpoint, topic, count))
     times: list[float] = []
-    with ZenohBus(endpoint, PREFIX) as bus:
+    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
         latest = bus.latest(topic)
         sender.start()
         while sender.is_alive():
@@ -150,7 +150,7 @@ class Robot:
     """A robot's place on the bus: sends images and states, receives heightmaps."""
 
     def __init__(self, endpoint: str, prefix: str, count: int) -> None:
-        self.bus = ZenohBus(endpoint, prefix)
+        self.bus = ZenohBus(endpoint, prefix, peer=True)
         self.latency_ms: Floats = np.full(count, np.inf)
         self.newest = -1
         """The image of the newest heightmap."""
@@ -199,7 +199,7 @@ def run_slow_consumer(endpoint: str, prefix: str, epoch_ns: int, newest: Any, ov
     """Takes heightmaps at a quarter of the rate and any phase: age [ms], and how many newer ones there were already."""
     rng, ages, behind = np.random.default_rng(0), [], []
     ticker = Ticker(RATE_HZ / SLOWER)
-    with ZenohBus(endpoint, prefix) as bus:
+    with ZenohBus(endpoint, prefix, peer=True) as bus:
         heightmaps = bus.latest("heightmap/heightmap")
         while not over.is_set():
             ticker.wait()
@@ -222,11 +222,15 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     prefixes = [f"bench/{i}" for i in range(robots)]
     epoch_ns, load = time.monotonic_ns(), os.getloadavg()[0]
     endpoint, router = open_router()
-    with closing(router), tempfile.TemporaryDirectory() as directory, ZenohBus(endpoint, prefixes[0]) as bus:
+    with (
+        closing(router),
+        tempfile.TemporaryDirectory() as directory,
+        ZenohBus(endpoint, prefixes[0], peer=True) as bus,
+    ):
         config = RunConfig(robot=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
         (Path(directory) / RUN_FILE).write_text(to_toml(config))
         status = bus.latest("status", "heightmap")
-        arguments = ["--run-dir", directory, "--endpoint", endpoint, "--robots", *prefixes]
+        arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         service = subprocess.Popen([sys.executable, "-m", "heightmap", *arguments], env=environment)
         try:

@@ -9,16 +9,17 @@ from functools import partial
 
 from heightmap.process import HeightmapProcess
 from saltus.bus import ZenohBus
-from saltus.process import ProcessContext, run_process
+from saltus.process import PEER_FLAG, ProcessContext, run_process
 
 
-def body(context: ProcessContext, robots: Sequence[str], endpoint: str) -> None:
+def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:
     """Runs the process; see `saltus.process`.
 
     Args:
         context: With the bus of run.toml's robot.
         robots: Whom to serve; run.toml's robot where there are none. Each of the others has a bus of its own.
         endpoint: Zenoh router.
+        peer: How their buses are linked, see `ZenohBus`.
     """
     own = context.config.robot
     with contextlib.ExitStack() as buses:
@@ -27,7 +28,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str) -> None:
             if robot == own:
                 contexts.append(context)
                 continue
-            bus = buses.enter_context(ZenohBus(endpoint, robot))
+            bus = buses.enter_context(ZenohBus(endpoint, robot, peer=peer))
             contexts.append(ProcessContext(context.name, replace(context.config, robot=robot), context.run_dir, bus))
         process = HeightmapProcess(contexts)
         for each in contexts:
@@ -40,9 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--robots", nargs="+", default=[])
     parser.add_argument("--endpoint", default="")
+    parser.add_argument(PEER_FLAG, action="store_true")
     own, others = parser.parse_known_args(arguments)
-    run = partial(body, robots=own.robots, endpoint=own.endpoint)
-    return run_process("heightmap", run, [*others, "--endpoint", own.endpoint] if own.endpoint else others)
+    run = partial(body, robots=own.robots, endpoint=own.endpoint, peer=own.peer)
+    shared = [*(["--endpoint", own.endpoint] if own.endpoint else []), *([PEER_FLAG] if own.peer else [])]
+    return run_process("heightmap", run, [*others, *shared])
 
 
 if __name__ == "__main__":

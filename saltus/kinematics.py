@@ -57,6 +57,17 @@ def rotation_matrix(quaternion: Array) -> Array:
     return flat.reshape((*quaternion.shape[:-1], 3, 3))
 
 
+def rotation_of_one(quaternion: Sequence[float]) -> tuple[tuple[float, float, float], ...]:
+    """`rotation_matrix` of one quaternion in floats, row by row, without the cost of small arrays."""
+    w, x, y, z = quaternion
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    return (
+        (ww + xx - yy - zz, 2.0 * (x * y) - 2.0 * (w * z), 2.0 * (x * z) + 2.0 * (w * y)),
+        (2.0 * (x * y) + 2.0 * (w * z), ww - xx + yy - zz, 2.0 * (y * z) - 2.0 * (w * x)),
+        (2.0 * (x * z) - 2.0 * (w * y), 2.0 * (y * z) + 2.0 * (w * x), ww - xx - yy + zz),
+    )
+
+
 def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
     """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); each of shape (...)."""
     up = (rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2])

@@ -55,6 +55,7 @@ STATUS_PERIOD_S = 0.5
 ROUTER_LOST_S = 2.0
 EXIT_ERROR = 2
 RUN_FILE = "run.toml"
+PEER_FLAG = "--peer"
 
 
 class ProcessContext:
@@ -139,11 +140,14 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
     parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml")
     parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument(
+        PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
+    )
     parser.add_argument(cue.FLAG, action="store_true", dest="cued", help="wait for the supervisor when all is loaded")
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
-        with ZenohBus(options.endpoint, run_config.robot) as bus:
+        with ZenohBus(options.endpoint, run_config.robot, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             return _run_body(context, body)

@@ -24,7 +24,7 @@ from saltus.child import Child, Program, name_exit
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.messages import Done, Event, ProcessStatus
-from saltus.process import RUN_FILE
+from saltus.process import PEER_FLAG, RUN_FILE
 from saltus.recorder import Recorder
 from saltus.resources import resource
 from saltus.ticker import RunClock
@@ -159,7 +159,7 @@ class Stack:
     def _open(self) -> None:
         self.endpoint, router = open_router()
         self._resources.callback(router.close)
-        self._bus = ZenohBus(self.endpoint, self.config.robot)
+        self._bus = ZenohBus(self.endpoint, self.config.robot, peer=True)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
@@ -194,7 +194,7 @@ class Stack:
 
     @property
     def _arguments(self) -> list[str]:
-        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint]
+        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, PEER_FLAG]
 
     def _look_after(self, child: Child) -> None:
         if self.finished:

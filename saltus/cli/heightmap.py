@@ -16,7 +16,7 @@ from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.policy_train import TRAINING
-from saltus.cli.serve import serve
+from saltus.cli.serve import Peer, serve
 from saltus.config import Camera
 from saltus.errors import SaltusError
 
@@ -49,6 +49,8 @@ class Serve:
     """With --assume-level: how far the camera looks down."""
     robots: tuple[str, ...] = ()
     """Prefixes of the robots to serve, e.g. go1/0 go1/1; the one of run.toml where none is given."""
+    peer: Peer = False
+    """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
     robot: str = "go1/0"
     """With --recording: prefix of the keys."""
 
@@ -58,7 +60,8 @@ class Serve:
             return self._serve_recording(self.recording)
         if self.endpoint is None or self.run_dir is None:
             raise SaltusError("heightmap serve needs --endpoint and --run-dir, or --recording")
-        return serve("heightmap", self.run_dir, self.endpoint, *(("--robots", *self.robots) if self.robots else ()))
+        robots = ("--robots", *self.robots) if self.robots else ()
+        return serve("heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace."""

@@ -4,12 +4,19 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+import tyro
+
+Peer = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
-def serve(module: str, run_dir: Path, endpoint: str, *more: str) -> int:
+def serve(module: str, run_dir: Path, endpoint: str, *more: str, peer: bool) -> int:
     """Runs `python -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
-    command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *more]
+    from saltus.process import PEER_FLAG
+
+    links = [PEER_FLAG] if peer else []
+    command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
     return subprocess.run(command, check=False).returncode
 
 
@@ -24,7 +31,9 @@ class ServeProcess:
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Path
     """Folder with the run's run.toml."""
+    peer: Peer = False
+    """Link to the other processes directly; the router must be on this machine, not behind a tunnel."""
 
     def run(self) -> int:
         """Runs until the run is over or it is told to stop."""
-        return serve(self.module, self.run_dir, self.endpoint)
+        return serve(self.module, self.run_dir, self.endpoint, peer=self.peer)
