@@ -60,9 +60,8 @@ def proprioception(
 
 def proprioception_of(state: RobotState) -> Floats:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
-    rotation = kinematics.rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
     entries = _entries(
-        rotation.tolist(),
+        kinematics.rotation_of_one(state.quaternion_base_in_world.tolist()),
         kinematics.foot_positions_of_one(state.joint_position.tolist()),
         state.leg_trusted.tolist(),
         state.velocity_base_in_world.tolist(),
@@ -84,8 +83,8 @@ def _entries(
     xp = namespace(yaw)
     cosine, sine = xp.cos(yaw), xp.sin(yaw)
     # Rows of the rotation from base to yaw frame; the third is `up`
-    ahead = [cosine * x + sine * y for x, y in zip(forward, left, strict=True)]
-    aside = [cosine * y - sine * x for x, y in zip(forward, left, strict=True)]
+    ahead = [cosine * forward[i] + sine * left[i] for i in (0, 1, 2)]
+    aside = [cosine * left[i] - sine * forward[i] for i in (0, 1, 2)]
     velocity_x, velocity_y, velocity_z = velocity_in_world
     return [
         roll,

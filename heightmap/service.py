@@ -62,6 +62,7 @@ class HeightmapService:
 
     def __init__(self, model: Path | HeightmapNetwork) -> None:
         self._network = model if isinstance(model, HeightmapNetwork) else HeightmapNetwork(model)
+        self._low, self._high = _bounds(self._network.hidden_size)
         self.reset()
 
     @property
@@ -134,7 +135,7 @@ class HeightmapService:
 
     def finish(self, state: RobotState, inputs: Inputs, tick: Tick, now_ns: int) -> Heightmap:
         """Second part of `step`: judges what the network made of `inputs` and `hidden`, and answers."""
-        if _plausible(tick):
+        if self._plausible(tick):
             self._hidden = tick.hidden
             self._bad_outputs = 0
             status = self._input_status(state, now_ns)
@@ -145,6 +146,13 @@ class HeightmapService:
             heightmap = self._hold(state, now_ns)
         self._last = heightmap
         return heightmap
+
+    def _plausible(self, tick: Tick) -> bool:
+        """No comparison with NaN is true, so that this also asks for finite numbers."""
+        values = np.concatenate(tick)
+        inside = values >= self._low
+        inside &= values <= self._high
+        return np.count_nonzero(inside) == inside.size
 
     def _forget(self) -> None:
         self._hidden = np.zeros(self._network.hidden_size, np.float32)
@@ -221,11 +229,11 @@ class HeightmapService:
         )
 
 
-def _plausible(tick: Tick) -> bool:
-    # No comparison with NaN is true, so that these also ask for finite numbers. Counting is cheaper than `max`, `all`.
-    std = (tick.std > 0.0) & (tick.std < MAX_HEIGHT_M)
-    good = (np.abs(tick.height) <= MAX_HEIGHT_M, std, np.abs(tick.hidden) <= MAX_HIDDEN)
-    return all(np.count_nonzero(values) == values.size for values in good)
+def _bounds(hidden_size: int) -> tuple[Floats, Floats]:
+    """Within what the outputs of a tick are plausible, one after the other."""
+    sizes = (len(HEIGHTMAP_X), len(HEIGHTMAP_X), hidden_size)
+    low = np.repeat(np.array((-MAX_HEIGHT_M, np.finfo(np.float32).tiny, -MAX_HIDDEN), np.float32), sizes)
+    return low, np.repeat(np.array((MAX_HEIGHT_M, MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
 
 
 def _network_image(image: ModelImage) -> Floats:

@@ -94,10 +94,13 @@ def test_torch_equals_numpy_for_any_batch(batch):
     np.testing.assert_allclose(back, kinematics.inverse_kinematics(feet), atol=1e-12)
 
 
-def test_floats_of_one_robot_give_the_same_feet():
-    for joints in ANYWHERE:
+def test_floats_of_one_robot_give_the_same_feet_and_rotation():
+    for joints, angles in zip(ANYWHERE, ANGLES, strict=True):
         feet = kinematics.foot_positions_of_one(joints.tolist())
         np.testing.assert_allclose(feet, kinematics.foot_position(joints), rtol=0.0, atol=1e-15)
+        quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
+        rotation = kinematics.rotation_of_one(quaternion.tolist())
+        np.testing.assert_allclose(rotation, kinematics.rotation_matrix(quaternion), rtol=0.0, atol=1e-15)
 
 
 def test_single_precision_stays_single():
