@@ -14,9 +14,9 @@ All then lead robots that have the realistic camera, in the held-out runs of `sa
 ideal camera, whose images are as late. Beside that, episodes that no network was fitted to are shown to each network
 with the images that A, C and D were trained on, so that all get the same ones.
 
-The age of the image is an input, and a network that only met one age may err at others for no better reason. Those whose
-images were always as late are therefore measured a second time, "age held": with an age that tells them nothing new.
-On the images that they know this changes nothing.
+The age of the image is an input, and a network that only met one age may err at others for no better reason. Those
+whose images were always as late are therefore measured a second time, "age held": with an age that tells them nothing
+new. On the images that they know this changes nothing. Cameras do not sit where they should in any of the data.
 
 The folder keeps data, checkpoints and results, and a run that was stopped goes on. Data that are there already, in
 `stereo` and `clean`, are taken. Prints one JSON object: errors in millimetres, shares in percent.
