@@ -23,6 +23,8 @@ imports: $(VENV)/.development
 
 # Two workers for two cores, in the order of folders: the quick files of tests/saltus come last, so that neither waits
 # long for the other's last one. Then, alone, the tests that run the real processes in real time.
+# Tests start processes by the dozen: the project is compiled once, whatever the environment says.
+unit: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/processes
 	$(BIN)/pytest tests/processes
