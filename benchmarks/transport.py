@@ -3,13 +3,13 @@
     saltus bench transport --json [--arguments=--count --arguments=6000] [--arguments=--robots --arguments=8]
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
-`wait`, so it holds encoding, two hops of TCP, the receiver's polling and decoding.
+`wait`, so it holds encoding, one hop of TCP, the receiver's polling and decoding.
 
-Frame to heightmap: a robot's process and the heightmap service, both on a router; beside them a consumer that takes
-heightmaps at a quarter of the rate. Sending goes by absolute deadlines, whatever becomes of the answers. An image
-counts from before it is published to after the heightmap made of it was taken; one whose heightmap never came, or came
-after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes. Prints one
-JSON object last.
+Frame to heightmap: a robot's process and the heightmap service, linked directly as in a stack; beside them a consumer
+that takes heightmaps at a quarter of the rate. Sending goes by absolute deadlines, whatever becomes of the answers. An
+image counts from before it is published to after the heightmap made of it was taken; one whose heightmap never came, or
+came after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes. Prints
+one JSON object last.
 """
 
 import argparse
