@@ -1,8 +1,13 @@
-"""Each worker of a parallel run has a core of its own."""
+"""What all tests rely on: a core for each worker of a parallel run, and processes that can be interrupted."""
 
 import os
+import signal
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Torch and BLAS would start as many threads as there are cores in every worker, which would wait for each other:
     # training takes several times as long. Both read it when they are imported, as do the processes that tests start.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell starts so what runs in its background; processes that a test starts and interrupts would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
