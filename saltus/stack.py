@@ -159,7 +159,7 @@ class Stack:
     def _open(self) -> None:
         self.endpoint, router = open_router()
         self._resources.callback(router.close)
-        self._bus = ZenohBus(self.endpoint, self.config.robot, peer=True)
+        self._bus = ZenohBus(self.endpoint, self.config.robot, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
@@ -194,7 +194,13 @@ class Stack:
 
     @property
     def _arguments(self) -> list[str]:
-        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, PEER_FLAG]
+        links = [PEER_FLAG] if self._links_directly else []
+        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, *links]
+
+    @property
+    def _links_directly(self) -> bool:
+        """In lockstep the router passes messages on in the order of cause and effect, as the recorder dates them."""
+        return self.config.pace == "realtime"
 
     def _look_after(self, child: Child) -> None:
         if self.finished:
