@@ -23,7 +23,6 @@ from saltus.messages import (
 )
 from saltus.recording import Recording, read_recording
 from saltus.stack import Stack
-from saltus.topics import TOPICS
 
 RUN_TIMEOUT_S = 20.0
 SETTLE_S = 4.0
@@ -33,8 +32,6 @@ STANDING_HEIGHT_M = 0.18
 UPRIGHT_COSINE = 0.87  # 30 degrees
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
 """What stops coming when a process dies."""
-CONSUMER = {"render": "heightmap/heightmap", "heightmap": "policy/plan", "policy": "controller/state"}
-"""What its consumer goes on sending."""
 BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
 """What the service says without a camera, and to one that has just begun."""
 
@@ -49,9 +46,6 @@ class FaultResult:
     told_ms: float
     """From the last arrival of the dead process's product to the first message of its consumer that says so;
     infinite where none does."""
-    stall_ms: float
-    """The longest pause of the consumer's messages in that time, beyond their period: on a machine with nothing else to
-    do about 0; elsewhere that much of `told_ms` is the machine's."""
     mode: ControllerMode
     """Of the controller at the end."""
     upright: bool
@@ -89,7 +83,6 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
         process=process,
         running_s=after_s,
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
-        stall_ms=_longest_stall_ms(recording, CONSUMER[process], last_ns, told) if told is not None else 0.0,
         mode=states[-1].mode,
         upright=_upright(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
@@ -135,14 +128,6 @@ def _complaints(recording: Recording, process: str) -> Iterable[int]:
         for arrival, _, event in recording.messages("event/controller"):
             if isinstance(event, Event) and event.code in ("plan_lost", "mode_landing"):
                 yield arrival
-
-
-def _longest_stall_ms(recording: Recording, name: str, start_ns: int, end_ns: int) -> float:
-    """The longest pause of a topic between two arrivals, beyond its period."""
-    arrivals = np.array([arrival for arrival, _, _ in recording.messages(name) if start_ns <= arrival <= end_ns])
-    pauses_ms = 1e-6 * np.diff(arrivals)
-    period_ms = 1e3 / TOPICS[name].rate_hz
-    return float(np.max(pauses_ms, initial=period_ms)) - period_ms
 
 
 def _upright(recording: Recording) -> bool:

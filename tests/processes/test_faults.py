@@ -22,7 +22,7 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, tmp_path
     after_s = {"render": 0.7, "heightmap": 0.9, "policy": 1.1}[process]
     recording = kill_during_run(CONFIG, tmp_path, process, after_s)
     result = judge(recording, process, after_s)
-    assert result.told_ms - result.stall_ms <= 110.0  # what the machine kept the consumer waiting is not counted
+    assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
     assert result.mode == ControllerMode.STOPPED
     assert result.upright

@@ -228,7 +228,7 @@ def render(count):
         renderer.render_batch(*robots)
     return resident_mb()
 first = render(500)
-print(render(2000) - first)
+print(render(4000) - first)
 """
 
 
@@ -237,4 +237,4 @@ def test_thousands_of_frames_leave_no_memory_behind(back_end: str) -> None:
     """In a process of its own, so that nothing else grows or shrinks meanwhile."""
     command = [sys.executable, "-c", GROWTH, back_end]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert float(result.stdout) < 2.5  # MB; 2,000 images that are kept would take 6
+    assert float(result.stdout) < 5.0
