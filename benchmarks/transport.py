@@ -32,7 +32,7 @@ import psutil
 from heightmap.replay import AssumeLevel
 from render.stereo.model_view import sampled_model_camera
 from saltus import go1
-from saltus.bus import ZenohBus, pause_s
+from saltus.bus import Bell, ZenohBus
 from saltus.cli.output import print_json
 from saltus.codec import decode, encode
 from saltus.config import RunConfig, to_toml
@@ -149,8 +149,8 @@ class Scenes:
 class Robot:
     """A robot's place on the bus: sends images and states, receives heightmaps."""
 
-    def __init__(self, endpoint: str, prefix: str, count: int) -> None:
-        self.bus = ZenohBus(endpoint, prefix, peer=True)
+    def __init__(self, endpoint: str, prefix: str, count: int, bell: Bell) -> None:
+        self.bus = ZenohBus(endpoint, prefix, peer=True, bell=bell)
         self.latency_ms: Floats = np.full(count, np.inf)
         self.newest = -1
         """The image of the newest heightmap."""
@@ -174,22 +174,23 @@ class Robot:
 
 def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
-    scenes, robots = Scenes(), [Robot(endpoint, prefix, count) for prefix in prefixes]
+    scenes, bell = Scenes(), Bell()
+    robots = [Robot(endpoint, prefix, count, bell) for prefix in prefixes]
     ticker = Ticker(RATE_HZ)
     for number in range(count):
         ticker.wait()
-        start_s = time.monotonic()
+        patience_end_s = time.monotonic() + PATIENCE / RATE_HZ
         message = scenes.at(number, time.monotonic_ns() - epoch_ns)
         for robot in robots:
             robot.send(*message)
-        sent_s = time.monotonic()
-        while (now_s := time.monotonic()) - start_s < PATIENCE / RATE_HZ:
+        while (left_s := patience_end_s - time.monotonic()) > 0.0:
+            heard = bell.rings
             for robot in robots:
                 robot.receive()
             newest.value = robots[0].newest
             if all(robot.newest == number for robot in robots):
                 break
-            time.sleep(pause_s(now_s - sent_s))
+            bell.wait(heard, left_s)
     result.send((np.concatenate([robot.latency_ms[SETTLE:] for robot in robots]), ticker.overruns))
     for robot in robots:
         robot.bus.close()

@@ -94,6 +94,11 @@ class FleetService:
         self.given_up = 0
         """How often a robot has kept its model because another one did not become as good."""
 
+    @property
+    def network(self) -> HeightmapNetwork:
+        """The newest model."""
+        return self._network
+
     def use(self, network: HeightmapNetwork) -> None:
         """Gives another model to all robots.
 

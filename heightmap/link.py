@@ -6,10 +6,6 @@ from saltus.messages import Done, Heightmap, HeightmapStatus, RobotState
 from saltus.process import ProcessContext
 from saltus.ticker import freshness
 
-DUE_NS = 1_500_000
-"""Jitter of a state's arrival on a machine that is not overloaded: for so long around the expected moment it is awaited
-with short pauses."""
-
 
 class RobotLink:
     """Takes a robot's states and frames, and publishes its heightmaps.
@@ -38,10 +34,11 @@ class RobotLink:
         """Prefix of the robot's keys."""
         return self.context.bus.prefix
 
-    def is_due(self, monotonic_ns: int) -> bool:
-        """Whether the next state should arrive about now, to go by the last one and the rate of the states."""
+    @property
+    def due_ns(self) -> int | None:
+        """When the next state should arrive, to go by the last one and the rate of states (monotonic clock)."""
         last_ns = self._states.last_arrival_ns
-        return last_ns is not None and abs(monotonic_ns - last_ns - 1e9 / self._states.topic.rate_hz) < DUE_NS
+        return None if last_ns is None else last_ns + round(1e9 / self._states.topic.rate_hz)
 
     def take(self) -> Arrival | None:
         """Returns what the robot asks now, if it does; never waits.

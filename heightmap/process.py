@@ -4,15 +4,17 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from heightmap.fleet import FleetService
+from heightmap.fleet import Arrival, FleetService
 from heightmap.link import RobotLink
 from heightmap.model_inbox import FILE, ModelInbox
 from heightmap.network import HeightmapNetwork
-from saltus.bus import SLEEP_MIN_S, pause_s
+from heightmap.rehearsal import Rehearsal
 from saltus.errors import ModelError
 from saltus.process import STATUS_PERIOD_S, ProcessContext
 from saltus.resources import resource
 
+WAIT_S = 0.1
+"""At most, for messages: proof of life, a new model and the wish to stop want to be looked after without any."""
 REFUSED = "model/refused"
 """What models that were refused are counted under, beside refused messages."""
 
@@ -24,38 +26,49 @@ class HeightmapProcess:
     a lockstep run must repeat.
 
     Args:
-        contexts: One for each robot; the first one's configuration and folder are those of all.
+        contexts: One for each robot; the first one's configuration and folder are those of all. Their buses share one
+            bell.
     """
 
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:
         first = contexts[0]
         chosen = first.config.heightmap_model
         network = HeightmapNetwork(Path(chosen) if chosen else resource("models/heightmap.onnx"))
+        self._bell = first.bus.bell
         self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
         self._fleet = FleetService(network, self._links)
         self._lockstep = first.config.pace == "lockstep"
+        self.rehearsal = Rehearsal(first)
+        self._asked: Arrival | None = None  # what the next rehearsal repeats
         self._inbox = ModelInbox(first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Answers until it is told to stop. Without robot states it only shows that it is alive."""
-        since_s = time.monotonic()
         while not (stopped() or any(link.context.stopped for link in self._links.values())):
             for link in self._links.values():
                 link.context.beat(ticks=link.ticks)
             if not self._lockstep:
                 self._look_for_model()
-            if self._answer():
-                since_s = time.monotonic()
-            else:
-                time.sleep(self._pause_s(time.monotonic() - since_s))
+            heard = self._bell.rings
+            if not self._answer():
+                self._wait(heard)
         self._inbox.close()
 
-    def _pause_s(self, waited_s: float) -> float:
-        """The shortest pause where some robot's state is due, so that it is not noticed late."""
-        now_ns = time.monotonic_ns()
-        return SLEEP_MIN_S if any(link.is_due(now_ns) for link in self._links.values()) else pause_s(waited_s)
+    def _wait(self, heard: int) -> None:
+        """Waits for messages; in real time it rehearses, once after each answer, before the next state is due."""
+        asked = None if self._lockstep else self._asked
+        now_ns, lead_ns = time.monotonic_ns(), self.rehearsal.lead_ns
+        ahead_s = [1e-9 * (link.due_ns - lead_ns - now_ns) for link in self._links.values() if link.due_ns is not None]
+        rehearse_in_s = min((each for each in ahead_s if each > 0.0), default=None)
+        if asked is None or rehearse_in_s is None:
+            self._bell.wait(heard, WAIT_S)
+            return
+        self._bell.wait(heard, rehearse_in_s)
+        if self._bell.rings == heard:
+            self._asked = None
+            self.rehearsal.play(self._fleet.network, asked)
 
     def _answer(self) -> bool:
         """Answers whoever asks; returns whether anybody did."""
@@ -63,7 +76,7 @@ class HeightmapProcess:
         for name, link in self._links.items():
             arrival = link.take()
             if arrival is not None:
-                arrivals[name] = arrival
+                arrivals[name] = self._asked = arrival
         # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
         # on who else asks at the same moment.
         batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]

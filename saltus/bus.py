@@ -5,6 +5,8 @@ size, envelope, payload, capture time, order. Whether a message is fresh enough 
 (`saltus.ticker.freshness`), since only the consumer knows the time at which it is used.
 """
 
+import ctypes
+import os
 import secrets
 import threading
 import time
@@ -22,12 +24,13 @@ from saltus.messages import Message
 from saltus.resources import resource
 from saltus.topics import TOPICS, Topic
 
-SLEEP_MIN_S = 1e-6  # at least: the kernel adds its timer slack, 50 us
-SLEEP_MAX_S = 0.5e-3  # 2000 wake-ups a second cost an idle process 3 % of a core
-SLEEP_SHARE = 1 / 8  # of the time waited so far: an answer is noticed at most 1/8 of its own delay late
 RETIRED_SENDERS = 16
 RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
 STREAM_CAPACITY = 20_000  # samples; 20 s of a run
+
+# For all sessions of this process: of the two receiving threads of the default, one waits for the sockets and wakes the
+# other for each message
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class Sample:
     """Of the topic's type in `saltus.topics`."""
     envelope: Envelope
     arrival_ns: int
-    """When it was taken, on the monotonic clock of this machine."""
+    """On the monotonic clock of this machine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +63,49 @@ class Publisher(Protocol):
         """Sends; never waits for a receiver."""
 
 
-class Source(Protocol):
-    """The last samples of one key, below `Latest`; older ones than `RING` are gone."""
+class Bell:
+    """Wakes whoever waits for messages. Thread-safe.
 
-    def next(self) -> RawSample | None:
-        """Returns the oldest sample that was not yet returned."""
+    Who waits notes `rings`, looks whether something has come, and if not calls `wait` with what was noted: it returns
+    at once where something has come in between.
+    """
+
+    def __init__(self) -> None:
+        self.rings = 0
+        """How often it has rung."""
+        self._condition = threading.Condition(threading.Lock())
+
+    def ring(self) -> None:
+        """Wakes everybody."""
+        with self._condition:
+            self.rings += 1
+            self._condition.notify_all()
+
+    def wait(self, heard: int, timeout_s: float) -> None:
+        """Waits until it has rung more often than `heard`, at most `timeout_s`."""
+        with self._condition:
+            self._condition.wait_for(lambda: self.rings != heard, timeout_s)
+
+
+class Slot:
+    """The last samples of one key; older ones than `RING` are gone. One thread fills it, one empties it.
+
+    Args:
+        bell: Rung for every sample.
+    """
+
+    def __init__(self, bell: Bell) -> None:
+        self.bell = bell
+        self._samples: deque[RawSample] = deque(maxlen=RING)
+
+    def push(self, sample: RawSample) -> None:
+        """Adds the newest."""
+        self._samples.append(sample)
+        self.bell.ring()
+
+    def pop(self) -> RawSample | None:
+        """Takes the oldest out."""
+        return self._samples.popleft() if self._samples else None
 
 
 class Stream:
@@ -95,11 +136,11 @@ class Stream:
 class Latest:
     """The newest message of one key, checked."""
 
-    def __init__(self, topic: Topic, source: Source, rejected: Counter[str]) -> None:
+    def __init__(self, topic: Topic, slot: Slot, rejected: Counter[str]) -> None:
         self.topic = topic
         self.last_arrival_ns: int | None = None
         """Monotonic time of the last message that was accepted; loss is timed from it."""
-        self._source = source
+        self._slot = slot
         self._rejected = rejected
         self._sender: Envelope | None = None
         self._retired: deque[bytes] = deque(maxlen=RETIRED_SENDERS)
@@ -107,18 +148,17 @@ class Latest:
     def take(self) -> Sample | None:
         """Returns the newest message that was not yet taken. Never waits, never raises."""
         newest: Sample | None = None
-        while (raw := self._source.next()) is not None:
+        while (raw := self._slot.pop()) is not None:
             newest = self._check(raw) or newest
         return newest
 
     def wait(self, timeout_s: float) -> Sample | None:
         """Waits for the next message, at most `timeout_s`."""
-        start = time.monotonic()
-        while (sample := self.take()) is None:
-            waited = time.monotonic() - start
-            if waited >= timeout_s:
-                return None
-            time.sleep(min(pause_s(waited), timeout_s - waited))
+        deadline_s, bell = time.monotonic() + timeout_s, self._slot.bell
+        heard = bell.rings
+        while (sample := self.take()) is None and (left_s := deadline_s - time.monotonic()) > 0.0:
+            bell.wait(heard, left_s)
+            heard = bell.rings
         return sample
 
     def silent_s(self) -> float:
@@ -152,11 +192,6 @@ class Latest:
             raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
 
 
-def pause_s(waited_s: float) -> float:
-    """How long to sleep before looking for a message again, after having waited for so long [s]."""
-    return min(max(SLEEP_SHARE * waited_s, SLEEP_MIN_S), SLEEP_MAX_S)
-
-
 def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
     """Checks a sample by itself.
 
@@ -173,10 +208,16 @@ def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
 
 
 class Bus(ABC):
-    """What a process sees of the others."""
+    """What a process sees of the others.
 
-    def __init__(self, prefix: str) -> None:
+    Args:
+        prefix: Of the robot's keys.
+        bell: Rung whenever a message comes in. Buses may share one, for a process that waits for any of several robots.
+    """
+
+    def __init__(self, prefix: str, bell: Bell) -> None:
         self.prefix = prefix
+        self.bell = bell
         self.boot_id = secrets.token_bytes(16)
         self.rejected: Counter[str] = Counter()
         """Messages refused so far by "topic/reason"."""
@@ -230,13 +271,14 @@ class ZenohBus(Bus):
         prefix: Of the robot's keys.
         peer: Whether this is a process of the router's own stack. Never to be guessed from the endpoint: behind a
             tunnel peers would not find each other, and what is between two peers no router carries.
+        bell: See `Bus`; one of its own where none is given.
 
     Raises:
         StackError: no router answers at the endpoint.
     """
 
-    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False) -> None:
-        super().__init__(prefix)
+    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
+        super().__init__(prefix, bell or Bell())
         role = "peer" if peer else "client"
         settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
         settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
@@ -260,10 +302,18 @@ class ZenohBus(Bus):
 
     def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
-        key = self._key(topic, suffix)
-        # A ring: the default FIFO lets a slow consumer fall seconds behind and then blocks the session
-        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(RING))
-        return Latest(TOPICS[topic], _ZenohSource(subscriber, key.removeprefix(f"{self.prefix}/")), self.rejected)
+        key, slot = self._key(topic, suffix), Slot(self.bell)
+        name = key.removeprefix(f"{self.prefix}/")
+
+        def receive(sample: Any) -> None:
+            _stay()
+            slot.push(_raw(sample, name))
+
+        # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the FIFO lets a slow
+        # consumer fall seconds behind and then blocks the session. Not indirect: with a thread for each key, a state
+        # overtakes the image that was sent before it.
+        self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+        return Latest(TOPICS[topic], slot, self.rejected)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""
@@ -306,14 +356,17 @@ class ZenohPublisher:
         self._publisher.put(payload, attachment=envelope.to_bytes())
 
 
-class _ZenohSource:
-    def __init__(self, subscriber: Any, key: str) -> None:
-        self._subscriber = subscriber
-        self._key = key
+_thread = threading.local()
 
-    def next(self) -> RawSample | None:
-        sample = self._subscriber.try_recv()
-        return None if sample is None else _raw(sample, self._key)
+
+def _stay() -> None:
+    """Makes Python keep its state of this thread, one of Zenoh's, from one call to the next.
+
+    It would map memory for a new one at each call and unmap it at its end, which takes longer than the call.
+    """
+    if not hasattr(_thread, "kept"):
+        _thread.kept = True
+        ctypes.pythonapi.PyGILState_Ensure()  # never released
 
 
 def _raw(sample: Any, key: str) -> RawSample:

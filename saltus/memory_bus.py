@@ -1,10 +1,9 @@
 """A bus inside one process, for tests and replay: the same codec, checks and counters as over Zenoh."""
 
 import time
-from collections import deque
 
 from saltus import codec
-from saltus.bus import RING, STREAM_CAPACITY, Bus, Latest, RawSample, Stream
+from saltus.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.codec import Envelope
 from saltus.messages import Message
 from saltus.topics import TOPICS
@@ -14,10 +13,12 @@ class MemoryHub:
     """What the memory buses of several processes share."""
 
     def __init__(self) -> None:
-        self._slots: dict[str, list[MemorySlot]] = {}
+        self.bell = Bell()
+        """Of all buses of the hub."""
+        self._slots: dict[str, list[Slot]] = {}
         self._streams: list[tuple[str, Stream]] = []
 
-    def attach(self, key: str, slot: "MemorySlot") -> None:
+    def attach(self, key: str, slot: Slot) -> None:
         """Subscribes a slot to one key."""
         self._slots.setdefault(key, []).append(slot)
 
@@ -29,29 +30,18 @@ class MemoryHub:
         """Delivers bytes as they are, malformed ones too."""
         now_ns = time.monotonic_ns()
         for slot in self._slots.get(key, ()):
-            slot.samples.append(RawSample(key, payload, attachment, now_ns))
+            slot.push(RawSample(key, payload, attachment, now_ns))
         for prefix, stream in self._streams:
             if key.startswith(prefix):
                 stream.push(RawSample(key.removeprefix(prefix), payload, attachment, now_ns))
-
-
-class MemorySlot:
-    """Holds the last samples of one key."""
-
-    def __init__(self) -> None:
-        self.samples: deque[RawSample] = deque(maxlen=RING)
-
-    def next(self) -> RawSample | None:
-        """Takes the oldest sample out."""
-        return self.samples.popleft() if self.samples else None
 
 
 class MemoryBus(Bus):
     """A bus over a `MemoryHub`; a hub of its own where none is given."""
 
     def __init__(self, prefix: str, hub: MemoryHub | None = None) -> None:
-        super().__init__(prefix)
         self.hub = hub or MemoryHub()
+        super().__init__(prefix, self.hub.bell)
 
     def publisher(self, topic: str, suffix: str = "") -> "MemoryPublisher":
         """See `Bus.publisher`."""
@@ -59,7 +49,7 @@ class MemoryBus(Bus):
 
     def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
-        slot = MemorySlot()
+        slot = Slot(self.bell)
         self.hub.attach(self._key(topic, suffix), slot)
         return Latest(TOPICS[topic], slot, self.rejected)
 

@@ -116,6 +116,30 @@ def test_in_real_time_old_states_are_not_answered(house: House) -> None:
     assert house.ask(replace(states(1)[0], time_ns=now_ns, step=2)).step == 2
 
 
+@pytest.mark.parametrize("house", ["realtime"], indirect=True)
+def test_rehearsals_change_no_answer_and_are_heard_by_nobody(house: House, model_path: Path) -> None:
+    """States at the rate of the robot, so that each is awaited; then a pause in which only rehearsals could be sent."""
+    heard = house.bus.stream()
+    alone, count = HeightmapService(model_path), 40
+    first_ns = time.monotonic_ns() - house.epoch_ns
+    lead_ns = house.process.rehearsal.lead_ns
+    for state in states(count):
+        time_ns = first_ns + 10_000_000 * state.step
+        time.sleep(max(0.0, 1e-9 * (time_ns + house.epoch_ns - time.monotonic_ns())))
+        frame, now = on_time(state.step), replace(state, time_ns=time_ns)
+        if frame is not None:
+            frame = replace(frame, time_ns=time_ns - 50_000_000)
+            house.frames.put(frame)
+        answer = house.ask(now)
+        expected = alone.step(now, frame, time_ns)
+        assert (answer.step, answer.frame_id) == (expected.step, expected.frame_id)
+        np.testing.assert_allclose(answer.height, expected.height, atol=1e-6)
+    assert house.process.rehearsal.lead_ns != lead_ns, "none was played"
+    time.sleep(0.05)
+    keys = [sample.key for sample in heard.drain()]
+    assert keys.count("heightmap/heightmap") == keys.count("done/heightmap") == count
+
+
 def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, tmp_path: Path) -> None:
     """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
     hub = MemoryHub()

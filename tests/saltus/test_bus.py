@@ -1,6 +1,7 @@
 """What the bus promises, in memory and over Zenoh alike."""
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -11,7 +12,7 @@ import zenoh
 from samples import message_of
 
 from saltus import codec
-from saltus.bus import RING, Bus, Sample, ZenohBus
+from saltus.bus import RING, Bell, Bus, Sample, ZenohBus
 from saltus.codec import Envelope
 from saltus.errors import MessageError, StackError
 from saltus.memory_bus import MemoryBus, MemoryHub
@@ -96,6 +97,48 @@ def test_the_newest_is_taken_and_nothing_older_after_it(pair: tuple[Bus, Bus]) -
     until(lambda: (sample := latest.take()) is not None and sample.message.step == 200)
     assert latest.take() is None
     assert stream.overflowed == 0
+
+
+def test_who_waits_is_woken_by_what_comes_on_any_key_of_the_bus(pair: tuple[Bus, Bus]) -> None:
+    sender, receiver = pair
+    states, dones = receiver.latest("controller/state"), receiver.latest("done", "render")
+    publisher = sender.publisher("done", "render")
+    first(lambda: publisher.put(done(0)), dones.take)
+    while dones.wait(0.1) is not None:
+        pass  # it may have been sent more than once
+    heard = receiver.bell.rings
+    timer = threading.Timer(0.05, publisher.put, (done(1),))
+    timer.start()
+    start_s = time.monotonic()
+    receiver.bell.wait(heard, TIMEOUT_S)
+    assert 0.04 < time.monotonic() - start_s < TIMEOUT_S
+    assert states.take() is None
+    sample = dones.take()
+    assert sample is not None
+    assert sample.message.step == 1
+    assert states.wait(0.05) is None, "another key's message is not an answer"
+
+
+def test_a_bell_that_rang_in_between_is_not_waited_for() -> None:
+    bell = Bell()
+    heard = bell.rings
+    bell.ring()
+    start_s = time.monotonic()
+    bell.wait(heard, TIMEOUT_S)
+    assert time.monotonic() - start_s < TIMEOUT_S
+    bell.wait(bell.rings, 0.02)
+    assert time.monotonic() - start_s >= 0.02
+
+
+def test_a_bell_wakes_everybody() -> None:
+    bell, woken = Bell(), []
+    waiters = [threading.Thread(target=lambda: woken.append(bell.wait(0, TIMEOUT_S))) for _ in range(4)]
+    for waiter in waiters:
+        waiter.start()
+    bell.ring()
+    for waiter in waiters:
+        waiter.join(0.5 * TIMEOUT_S)
+    assert len(woken) == len(waiters)
 
 
 def test_topics_and_suffixes_are_keys_of_their_own(pair: tuple[Bus, Bus]) -> None:
