@@ -3,7 +3,7 @@
     saltus bench transport --json [--arguments=--count --arguments=6000] [--arguments=--robots --arguments=8]
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
-`wait`, so it holds encoding, one hop of TCP, the receiver's polling and decoding.
+`wait`, so it holds encoding, one hop of TCP, the receiver's waking up and decoding.
 
 Frame to heightmap: a robot's process and the heightmap service, linked directly as in a stack; beside them a consumer
 that takes heightmaps at a quarter of the rate. Sending goes by absolute deadlines, whatever becomes of the answers. An
@@ -33,6 +33,7 @@ from heightmap.replay import AssumeLevel
 from render.stereo.model_view import sampled_model_camera
 from saltus import go1
 from saltus.bus import Bell, ZenohBus
+from saltus.child import ENVIRONMENT
 from saltus.cli.output import print_json
 from saltus.codec import decode, encode
 from saltus.config import RunConfig, to_toml
@@ -174,6 +175,7 @@ class Robot:
 
 def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
+    os.environ.update(ENVIRONMENT)
     scenes, bell = Scenes(), Bell()
     robots = [Robot(endpoint, prefix, count, bell) for prefix in prefixes]
     ticker = Ticker(RATE_HZ)
@@ -232,7 +234,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         (Path(directory) / RUN_FILE).write_text(to_toml(config))
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        environment = {**os.environ, **ENVIRONMENT}
         service = subprocess.Popen([sys.executable, "-m", "heightmap", *arguments], env=environment)
         try:
             if status.wait(READY_S) is None:

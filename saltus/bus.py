@@ -6,7 +6,6 @@ size, envelope, payload, capture time, order. Whether a message is fresh enough 
 """
 
 import ctypes
-import os
 import secrets
 import threading
 import time
@@ -27,10 +26,6 @@ from saltus.topics import TOPICS, Topic
 RETIRED_SENDERS = 16
 RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
 STREAM_CAPACITY = 20_000  # samples; 20 s of a run
-
-# For all sessions of this process: of the two receiving threads of the default, one waits for the sockets and wakes the
-# other for each message
-os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
 
 
 @dataclass(frozen=True, eq=False)

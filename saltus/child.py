@@ -15,7 +15,15 @@ from saltus import cue
 LOG_TAIL_LINES = 15
 LOAD_TIMEOUT_S = 30.0
 # Four processes on two cores: numeric libraries that start a thread per core only get in each other's way
-ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "PYTHONUNBUFFERED": "1",
+    # Of the two receiving threads of the default one waits for the sockets and wakes the other for each message. Not
+    # for the router: with one it drops large messages.
+    "ZENOH_RUNTIME": "(rx: (worker_threads: 1))",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
