@@ -10,6 +10,10 @@ that takes heightmaps at a quarter of the rate. Sending goes by absolute deadlin
 image counts from before it is published to after the heightmap made of it was taken; one whose heightmap never came, or
 came after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes. Prints
 one JSON object last.
+
+An idle processor sleeps, and waking it is a good part of what is measured. To measure without (root, bash):
+
+    exec 3<>/dev/cpu_dma_latency; printf '\\0\\0\\0\\0' >&3; saltus bench transport --json
 """
 
 import argparse
@@ -258,7 +262,16 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         "service_core_share": round(share, 3),
         "service_rss_mb": round(1e-6 * memory),
         "load": round(load, 1),
+        "cpu_dma_latency_us": allowed_latency_us(),
     }
+
+
+def allowed_latency_us() -> int | None:
+    """How long processors of this machine may take to wake [us]: the kernel's PM QoS; None where nobody may tell."""
+    try:
+        return int.from_bytes(Path("/dev/cpu_dma_latency").read_bytes()[:4], sys.byteorder, signed=True)
+    except OSError:
+        return None
 
 
 def _watched(
