@@ -1,4 +1,4 @@
-"""What the bus costs: codec times, latency of each message, and the way from an image to the heightmap made of it.
+r"""What the bus costs: codec times, latency of each message, and the way from an image to the heightmap made of it.
 
     saltus bench transport --json [--arguments=--count --arguments=6000] [--arguments=--robots --arguments=8]
 
@@ -13,7 +13,7 @@ one JSON object last.
 
 An idle processor sleeps, and waking it is a good part of what is measured. To measure without (root, bash):
 
-    exec 3<>/dev/cpu_dma_latency; printf '\\0\\0\\0\\0' >&3; saltus bench transport --json
+    exec 3<>/dev/cpu_dma_latency; printf '\0\0\0\0' >&3; saltus bench transport --json
 """
 
 import argparse
