@@ -39,7 +39,7 @@ class HeightmapProcess:
         self._fleet = FleetService(network, self._links)
         self._lockstep = first.config.pace == "lockstep"
         self.rehearsal = Rehearsal(first)
-        self._asked: Arrival | None = None  # what the next rehearsal repeats
+        self._asked: Arrival | None = None  # what the next rehearsal repeats; none in lockstep
         self._inbox = ModelInbox(first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
@@ -58,10 +58,8 @@ class HeightmapProcess:
 
     def _wait(self, heard: int) -> None:
         """Waits for messages; in real time it rehearses, once after each answer, before the next state is due."""
-        asked = None if self._lockstep else self._asked
-        now_ns, lead_ns = time.monotonic_ns(), self.rehearsal.lead_ns
-        ahead_s = [1e-9 * (link.due_ns - lead_ns - now_ns) for link in self._links.values() if link.due_ns is not None]
-        rehearse_in_s = min((each for each in ahead_s if each > 0.0), default=None)
+        asked = self._asked
+        rehearse_in_s = None if asked is None else self._rehearse_in_s()
         if asked is None or rehearse_in_s is None:
             self._bell.wait(heard, WAIT_S)
             return
@@ -70,13 +68,20 @@ class HeightmapProcess:
             self._asked = None
             self.rehearsal.play(self._fleet.network, asked)
 
+    def _rehearse_in_s(self) -> float | None:
+        """When the rehearsal for the first state that is due must begin [s from now]; None where it is too late."""
+        first_ns = time.monotonic_ns() + self.rehearsal.lead_ns
+        ahead_ns = [link.due_ns - first_ns for link in self._links.values() if link.due_ns is not None]
+        return min((1e-9 * each for each in ahead_ns if each > 0), default=None)
+
     def _answer(self) -> bool:
         """Answers whoever asks; returns whether anybody did."""
         arrivals = {}
         for name, link in self._links.items():
             arrival = link.take()
             if arrival is not None:
-                arrivals[name] = self._asked = arrival
+                arrivals[name] = arrival
+                self._asked = None if self._lockstep else arrival
         # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
         # on who else asks at the same moment.
         batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]

@@ -36,7 +36,7 @@ class Sample:
     """Of the topic's type in `saltus.topics`."""
     envelope: Envelope
     arrival_ns: int
-    """On the monotonic clock of this machine."""
+    """When it came in, taken or not, on the monotonic clock of this machine."""
 
 
 @dataclass(frozen=True, eq=False)
