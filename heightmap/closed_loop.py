@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from heightmap.leaders import RHYTHM, SPEED, VARIATION, varied
 from heightmap.mounts import random_mount
 from heightmap.network import HeightmapNetwork
-from heightmap.planned import felt, varied
+from heightmap.planned import felt
 from heightmap.predicted import PredictedHeights
 from heightmap.robot_cameras import IdealCameras
 from heightmap.rollouts import Trajectory, episode_of, labelled
@@ -55,7 +56,7 @@ class ClosedLoop:
     poor heights: falls are part of what must be seen."""
     learned: float = 0.5
     """Share of robots that are led by the learned policy; the others by the scripted planner."""
-    variation: float = 0.15
+    variation: float = VARIATION
     """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     camera: Camera = "d435i"
     """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
@@ -116,9 +117,8 @@ class MixedPlanner:
         self._scripted = ScriptedPlanner(varied(rng, variation, count))
         self._learned = make_planner("learned")
         self._is_learned = rng.uniform(size=count) < learned
-        # The policy reacts to what it reaches: slower and other rhythms than its own, but not so that it falls.
-        self._speed = rng.uniform(0.7, 1.1, count)
-        self._frequency = rng.uniform(0.93, 1.07, count)
+        self._speed = rng.uniform(*SPEED, count)
+        self._frequency = rng.uniform(*RHYTHM, count)
 
     def step(self, observation: Observation, heights: Floats) -> Action:
         """Plans the next 10 ms of all robots."""

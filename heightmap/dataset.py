@@ -57,7 +57,7 @@ class Window(NamedTuple):
     true_depth: Tensor
     """Whether the images are without any error of a camera, bool, shape (batch,)."""
     starts: Tensor
-    """Whether the robot enters an episode, without memory, with this window, shape (batch,)."""
+    """Whether the robot begins this window without memory, as it does where it enters an episode, shape (batch,)."""
 
 
 class EpisodeStore:
@@ -94,11 +94,19 @@ class EpisodeStore:
         return Normalisation(p.mean(0), p.std(0).clamp(min=0.02), h.mean(0), h.std(0).clamp(min=0.05))
 
     def windows(
-        self, batch: int, length: int, delivery: DeliveryModel, noise: ImageNoise, rng: np.random.Generator
+        self,
+        batch: int,
+        length: int,
+        delivery: DeliveryModel,
+        noise: ImageNoise,
+        rng: np.random.Generator,
+        *,
+        forgets: float = 0.0,
     ) -> Iterator[Window]:
         """Yields windows for ever: each of `batch` robots runs through random episodes, window after window.
 
-        Half of the robots enter an episode somewhere in it, so that a memory is also built up in full motion.
+        Half of the robots enter an episode somewhere in it, so that a memory is also built up in full motion. Of the
+        windows that go on with an episode, the share `forgets` begins without memory all the same.
         """
         slots = _Slots(batch, int(self._lengths.max()))
         for row in range(batch):
@@ -108,7 +116,7 @@ class EpisodeStore:
             window = self._cut(slots, length)
             yield window._replace(image=with_noise(window.image, noise, generator, window.true_depth))
             slots.position += length
-            slots.starts[:] = False
+            slots.starts[:] = rng.uniform(size=batch) < forgets
             for finished in np.flatnonzero(slots.position >= self._lengths[slots.episode]):
                 self._enter(slots, int(finished), delivery, rng)
 
@@ -180,7 +188,7 @@ class _Slots:
         self.episode = np.zeros(batch, np.int64)
         self.position = np.zeros(batch, np.int64)
         self.starts = np.zeros(batch, np.bool_)
-        """Whether a robot has just entered its episode."""
+        """Whether a robot begins without memory, having just entered its episode or lost what it knew."""
         self.frame = np.zeros((batch, longest), np.int64)
         """Images as they are delivered, see `heightmap.delivery.Delivery`, as the two that follow."""
         self.age_s = np.zeros((batch, longest), np.float32)

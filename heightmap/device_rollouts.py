@@ -1,10 +1,10 @@
-"""The learned policy leads thousands of robots on one device, on true or predicted heights, and all is written down.
+"""Planners lead thousands of robots on one device, on true or predicted heights, and all is written down.
 
 What `heightmap.closed_loop` does with processes: batches of robots that run for a fixed time on courses of all
 difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,16 @@ from heightmap.device_cameras import DeviceCameras
 from heightmap.device_heights import DeviceHeights, LateImages
 from heightmap.device_recording import DeviceRecording, Recorded
 from heightmap.features import proprioception
+from heightmap.leaders import RHYTHM, SPEED, VARIATION, varied
 from heightmap.model import HeightmapModel
 from heightmap.runs import MIN_TICKS
+from policy.bounds import values_of
 from policy.curriculum import CurriculumConfig
 from policy.env import JumpEnv
 from policy.export import DeployedPolicy
-from policy.features import LAYOUT
+from policy.features import LAYOUT, read
 from policy.rollout import STAND_STEPS
+from policy.scripted import ScriptedParameters, ScriptedPlanner
 from policy.settings import TrainConfig
 from policy.train import make_engine
 from saltus.config import Camera, from_toml
@@ -31,8 +34,6 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 
 MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
-# The policy reacts to what it reaches: slower and other rhythms than its own, but not so that it falls.
-_SPEED, _RHYTHM = (0.7, 1.1), (0.93, 1.07)
 # Stairs and stones twice, as in `heightmap.closed_loop`; one level: who falls gets no easier course.
 _COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0, gap=1.0, levels=1)
 
@@ -52,6 +53,10 @@ class DeviceLoop:
     hardest: float = 1.0
     """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to `MOST_DIFFICULT`,
     as falls are part of what must be seen."""
+    learned: float = 1.0
+    """Share of robots that are led by the learned policy; the others by the scripted planner."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     cameras: tuple[Camera, ...] = ("d435i",)
     """Whose images are kept; the predictor in the loop sees those of the first."""
 
@@ -62,6 +67,8 @@ class DeviceLoop:
             raise ConfigError(f"ticks = {self.ticks}: it must be at least {MIN_TICKS}")
         if not 0.0 <= self.hardest <= MOST_DIFFICULT:
             raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to {MOST_DIFFICULT}")
+        if not 0.0 <= self.learned <= 1.0:
+            raise ConfigError(f"learned = {self.learned}: it must be from 0 to 1")
 
 
 class DeviceRollouts:
@@ -106,7 +113,8 @@ class DeviceRollouts:
         self._cameras.replace(self._rng)
         env.set_levels(env.memory.level)
         heights = self._heights()
-        speed, rhythm = (low + (high - low) * self._uniform() for low, high in (_SPEED, _RHYTHM))
+        speed, rhythm = (low + (high - low) * self._uniform() for low, high in (SPEED, RHYTHM))
+        by_rules, rules = (self._uniform() >= self.loop.learned)[:, None], self._rules()
         stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
         transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
         for tick in range(self.loop.ticks):
@@ -119,6 +127,8 @@ class DeviceRollouts:
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
+            if self.loop.learned < 1.0:
+                plan = torch.where(by_rules, values_of(rules.step(*read(shown))), plan)
             env.standing.copy_(tick < stands_until)
             transition = env.step(env.config.bounds.normalised(plan))
             fresh = transition.done
@@ -147,6 +157,18 @@ class DeviceRollouts:
     def crowded_share(self) -> float:
         """Share of the robots whose physics left out contacts since the last call, for want of room."""
         return self._env.crowded_share()
+
+    def _rules(self) -> ScriptedPlanner:
+        """The scripted planner, for each robot with numbers of its own."""
+        numbers = varied(self._rng, self.loop.variation, self.loop.robots)
+        return ScriptedPlanner(
+            ScriptedParameters(
+                **{
+                    f.name: torch.as_tensor(getattr(numbers, f.name), dtype=torch.float32, device=self._device)
+                    for f in fields(numbers)
+                }
+            )
+        )
 
     def _heights(self) -> DeviceHeights | None:
         if self._model is None:

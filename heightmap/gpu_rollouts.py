@@ -112,6 +112,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--predictor", type=Path, help="checkpoint; true heights where it is not given")
     parser.add_argument("--camera", choices=("d435i", "ideal"), default="d435i", help="images in --out")
     parser.add_argument("--hardest", type=float, default=1.0, help="courses go up to this difficulty, at most 1.2")
+    parser.add_argument(
+        "--learned", type=float, default=1.0, help="share of robots that the policy leads; others: the scripted planner"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", choices=("cuda", "cpu"), default="cuda")
     parser.add_argument("--commit", help="which code this is, where the machine has no repository")
@@ -130,7 +133,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"{batch.ticks / batch.seconds:.0f} /s with writing, {100 * batch.crowded:.2f} % of robots crowded"
         )
 
-    loop = DeviceLoop(robots=given.robots, ticks=given.ticks, hardest=given.hardest, cameras=tuple(outputs))
+    loop = DeviceLoop(
+        robots=given.robots, ticks=given.ticks, hardest=given.hardest, learned=given.learned, cameras=tuple(outputs)
+    )
     records = collect(
         outputs, loop, policy=given.policy, predictor=given.predictor, batches=given.batches, seed=given.seed,
         device=given.device, done=tell, code=given.commit,

@@ -1,14 +1,15 @@
 """Motion to train on from a planner in the batched plant: what the robot will really do."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from heightmap.features import proprioception
+from heightmap.leaders import VARIATION, varied
 from heightmap.rollouts import Trajectory
 from policy.rollout import Rollout, RolloutStep
-from policy.scripted import ScriptedParameters, ScriptedPlanner
+from policy.scripted import ScriptedPlanner
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.effects.profile import GO1, Profile
 from saltus.terrain.curriculum import make_terrain
@@ -27,7 +28,7 @@ class PlannedBounding:
 
     hardest: float = 0.35
     """Courses go up to this difficulty; beyond it the planner only shows how to fall."""
-    variation: float = 0.15
+    variation: float = VARIATION
     """Standard deviation of each of the planner's numbers, as a share of it."""
     robots: int = 64
     """At once."""
@@ -77,14 +78,6 @@ def _course(rng: np.random.Generator, hardest: float) -> TerrainConfig:
         rise, run = rng.uniform(0.03, 0.05 + 0.25 * hardest), rng.uniform(0.2, 0.4)
         return TerrainConfig(terrain=kind, rise_m=float(rise), run_m=float(run), steps=int(rng.integers(5, 15)))
     return TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, hardest)))
-
-
-def varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:
-    """The planner's numbers, each times its own random factor for each robot; speeds also down to a half."""
-    start = ScriptedParameters()
-    factors = {f.name: 1.0 + variation * rng.normal(size=count) for f in fields(start)}
-    factors["velocity_x"] *= rng.uniform(0.5, 1.1, count)
-    return replace(start, **{name: np.asarray(getattr(start, name)) * factor for name, factor in factors.items()})
 
 
 def felt(step: RolloutStep) -> np.ndarray:

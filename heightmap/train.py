@@ -48,6 +48,8 @@ class TrainConfig:
     """On the images, as far as they do not have it already."""
     delivery: DeliveryModel = TRAINING
     """How late images come, and which are lost."""
+    forgets: float = 0.15
+    """Share of windows before which a robot loses its memory on the way, as it does after a long loss of images."""
     seed: int = 0
     device: Literal["auto", "cpu", "cuda"] = "auto"
     save_every_s: float = 60.0
@@ -132,7 +134,7 @@ def _updates(
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
-    windows = store.windows(config.batch, config.window, config.delivery, config.noise, rng)
+    windows = store.windows(config.batch, config.window, config.delivery, config.noise, rng, forgets=config.forgets)
     hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:

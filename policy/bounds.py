@@ -61,3 +61,10 @@ def action_from_values(values: Array) -> Action:
         foot_residual_front=values[..., 4:7],
         foot_residual_rear=values[..., 7:10],
     )
+
+
+def values_of(action: Action) -> Array:
+    """The values of an action in the order of `ACTIONS`, shape (..., 10): the inverse of `action_from_values`."""
+    xp = namespace(action.velocity_x)
+    scalars = (action.stepping_frequency_hz, action.velocity_x, action.velocity_z, action.pitch_rate)
+    return xp.concat([xp.stack(scalars, axis=-1), action.foot_residual_front, action.foot_residual_rear], axis=-1)

@@ -48,3 +48,15 @@ def features(observation: Observation, heights: Array) -> Array:
         "heights": heights,
     }
     return xp.concat([parts[name] for name in LAYOUT], axis=-1)
+
+
+def read(vector: Array) -> tuple[Observation, Array]:
+    """The observation and the heights that a vector was made of: the inverse of `features`."""
+    parts, first = {}, 0
+    for name, size in LAYOUT.items():
+        part = vector[..., first : first + size]
+        parts[name] = part[..., 0] if size == 1 else part
+        first += size
+    heights, foot = parts.pop("heights"), parts.pop("foot")
+    contact = parts.pop("contact") > 0.5
+    return Observation(contact=contact, foot=foot.reshape((*foot.shape[:-1], 4, 3)), **parts), heights
