@@ -8,7 +8,7 @@ from typing import Any
 from heightmap.delivery import TRAINING
 from heightmap.export import Origin, export, parity
 from heightmap.network import HeightmapNetwork
-from heightmap.shards import ShardRecord, dataset_hash, read_dataset, read_manifest
+from heightmap.shards import DatasetError, Episode, ShardRecord, dataset_hash, read_dataset, read_manifest
 from heightmap.train import load_checkpoint, split
 from heightmap.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.errors import ModelError
@@ -39,20 +39,25 @@ class Release:
     """Images 30 to 60 ms late with jitter and losses, as in training."""
 
 
-def release(checkpoint: Path, data: Path, model_path: Path) -> Release:
+def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None = None) -> Release:
     """Exports a checkpoint, measures the file on held-out episodes and writes its card beside it.
 
     Args:
         checkpoint: Of `heightmap.train`.
         data: The dataset that it was trained on.
         model_path: ONNX file to write; the card goes beside it with the suffix .md.
+        unseen: Dataset to measure on, none of whose episodes were trained on. Of `data` only the manifest is needed
+            then: its shards may have stayed on the machine that made them. Without it, what training held out.
 
     Raises:
+        DatasetError: `data` is not what the checkpoint was trained on, or shares a shard with `unseen`.
         ModelError: the file differs from the checkpoint, or is too large.
     """
     model, training = load_checkpoint(checkpoint)
     records = read_manifest(data)
-    _, held_out = split(read_dataset(data))
+    if dataset_hash(records) != training["dataset"]:
+        raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
+    held_out = split(read_dataset(data))[1] if unseen is None else _unseen(unseen, records)
     seed = int(training["config"]["seed"])
     # The warm-up is measured on the file itself, so it is written twice.
     export(model, model_path, Origin(warmup_frames=1, dataset=dataset_hash(records), seed=seed))
@@ -73,6 +78,15 @@ def release(checkpoint: Path, data: Path, model_path: Path) -> Release:
     )
     model_path.with_suffix(".md").write_text(_card(result, training, records, len(held_out)))
     return result
+
+
+def _unseen(folder: Path, trained_on: list[ShardRecord]) -> list[Episode]:
+    """All episodes of a dataset that has no shard in common with another."""
+    known = {record.sha256 for record in trained_on}
+    for record in read_manifest(folder):
+        if record.sha256 in known:
+            raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
+    return read_dataset(folder)
 
 
 def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: int) -> str:

@@ -236,6 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rate", type=float, help="learning rate")
     parser.add_argument("--no-noise", action="store_true", help="learn from the images as they are in the data")
     parser.add_argument("--delivery", choices=tuple(DELIVERIES), default="training", help="of images: late, at once")
+    parser.add_argument("--forgets", type=float, default=TrainConfig.forgets, help="share of windows without memory")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     given = parser.parse_args(arguments)
@@ -245,6 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         learning_rate=given.rate or (FURTHER_RATE if given.start else FIRST_RATE),
         noise=NO_NOISE if given.no_noise else TRAINING_NOISE,
         delivery=DELIVERIES[given.delivery],
+        forgets=given.forgets,
         seed=given.seed,
         device=given.device,
     )

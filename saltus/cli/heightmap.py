@@ -240,12 +240,15 @@ class Export:
     """What to export."""
     out: Path = Path("models/heightmap.onnx")
     """The file to write; the card goes beside it."""
+    unseen: Path | None = None
+    """Dataset to measure on, of which nothing was trained on; of --data only manifest.json is needed then. Without it:
+    the tenth of --data that training held out."""
 
     def run(self) -> int:
         """Writes both files and prints what was measured."""
         from heightmap.release import release
 
-        print(release(self.checkpoint, self.data, self.out))
+        print(release(self.checkpoint, self.data, self.out, self.unseen))
         return 0
 
 

@@ -19,6 +19,8 @@ from heightmap.network import HeightmapNetwork
 from heightmap.runs import MIN_TICKS
 from heightmap.shards import Episode, read_dataset, read_manifest
 from heightmap.validate import run_episode
+from policy.bounds import ACTIONS
+from policy.env import JumpEnv, Transition
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError
 from saltus.terrain.batch import KINDS
@@ -78,6 +80,27 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
         level = np.abs(episode.height[0] - episode.height[0, 0]) < 0.005  # ground under a robot that stands
         assert level[:10].all()
         assert episode.height[0, 0] == pytest.approx(-base_height[0], abs=0.06)
+
+
+@pytest.mark.parametrize(("share", "robots"), [(0.0, (0, 0)), (0.5, (1, ROBOTS - 1)), (1.0, (ROBOTS, ROBOTS))])
+def test_robots_are_led_by_whom_the_share_says(
+    share: float, robots: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The scripted planner keeps to one rhythm for each robot, the policy to none."""
+    outputs: list[torch.Tensor] = []
+    step = JumpEnv.step
+
+    def watched(env: JumpEnv, output: torch.Tensor) -> Transition:
+        outputs.append(output.clone())
+        return step(env, output)
+
+    monkeypatch.setattr(JumpEnv, "step", watched)
+    collected(tmp_path, "--learned", str(share), "--batches", "1")
+    rhythm = torch.stack(outputs)[..., ACTIONS.index("stepping_frequency_hz")]
+    assert rhythm.shape == (TICKS, ROBOTS)
+    varies = rhythm.std(0) > 1e-6
+    assert robots[0] <= int(varies.sum()) <= robots[1]
+    assert len(rhythm[0, ~varies].unique()) == int((~varies).sum())  # each has a rhythm of its own
 
 
 @pytest.mark.parametrize("latency_ms", [30.0, 37.0, 40.0, 52.0, 60.0])
@@ -153,7 +176,13 @@ def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> Non
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"), [({"robots": 0}, "robots"), ({"ticks": 10}, "ticks"), ({"hardest": 1.5}, "hardest")]
+    ("changes", "told"),
+    [
+        ({"robots": 0}, "robots"),
+        ({"ticks": 10}, "ticks"),
+        ({"hardest": 1.5}, "hardest"),
+        ({"learned": -0.1}, "learned"),
+    ],
 )
 def test_loops_that_lead_nowhere_are_refused(changes: dict[str, float], told: str) -> None:
     with pytest.raises(ConfigError, match=told):

@@ -1,4 +1,5 @@
 import copy
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -14,9 +15,9 @@ from heightmap.model import HeightmapModel, ModelConfig
 from heightmap.network import HeightmapNetwork
 from heightmap.release import release
 from heightmap.rollouts import collect
-from heightmap.shards import Episode, read_dataset
+from heightmap.shards import DatasetError, Episode, read_dataset, read_manifest
 from heightmap.train import Progress, TrainConfig, load_checkpoint, main, train
-from heightmap.validate import run_episode
+from heightmap.validate import SETTLED_TICKS, run_episode
 from saltus.grid import HEIGHTMAP_X
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -48,6 +49,22 @@ def test_training_lowers_the_error_and_the_release_measures_it(data: Path, tmp_p
     assert after.parity < 1e-5
     assert after.model_id == HeightmapNetwork(tmp_path / "b.onnx").model_id
     assert after.model_id in (tmp_path / "b.md").read_text()
+
+
+def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, tmp_path: Path) -> None:
+    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
+    manifest, unseen = tmp_path / "elsewhere", tmp_path / "unseen"
+    manifest.mkdir()
+    shutil.copy(data / "manifest.json", manifest)  # the shards stayed on the machine that trained
+    collect(unseen, KinematicBounding(ticks=150), count=3, seed=1, config={"source": "kinematic"})
+    result = release(tmp_path / "a.pt", manifest, tmp_path / "a.onnx", unseen)
+    assert result.clean.ticks == 3 * (150 - SETTLED_TICKS)
+    assert read_manifest(data)[0].sha256[:16] in (tmp_path / "a.md").read_text()
+    with pytest.raises(DatasetError, match="was trained on"):
+        release(tmp_path / "a.pt", data, tmp_path / "b.onnx", data)
+    with pytest.raises(DatasetError, match="not on"):
+        release(tmp_path / "a.pt", unseen, tmp_path / "b.onnx")
+    assert not (tmp_path / "b.onnx").exists()
 
 
 def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
@@ -113,6 +130,29 @@ def test_windows_tell_the_story_of_an_episode_in_order(store: EpisodeStore) -> N
         entered.append(found(store, whole)[1])
     assert any(begin == 0 for begin in entered)
     assert any(begin > 0 for begin in entered)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_share_of_the_windows_begins_without_memory_and_goes_on_all_the_same(
+    store: EpisodeStore, share: float
+) -> None:
+    robots, length = 200, 20
+    windows = store.windows(robots, length, TRAINING, ImageNoise(), np.random.default_rng(0), forgets=share)
+    first, second = next(windows), next(windows)
+    stays = first.valid[-1] > 0  # others are in another episode, or will be
+    ended = {len(e.height) for e in store.episodes}
+    forgot, whole = 0, 0
+    for robot in np.flatnonzero(stays.numpy()):
+        episode, begin = found(store, first.height[:, robot].numpy())
+        assert len(episode.height) in ended
+        if begin + length >= len(episode.height):
+            continue
+        rest = int(second.valid[:, robot].sum())
+        np.testing.assert_array_equal(second.height[:rest, robot].numpy(), episode.height[begin + length :][:length])
+        whole += 1
+        forgot += int(second.starts[robot])
+    assert whole > 100
+    assert abs(forgot / whole - share) <= 0.12 * (0.0 < share < 1.0)
 
 
 def test_a_window_gives_what_the_file_gives_tick_by_tick(

@@ -5,7 +5,7 @@ import pytest
 
 from controller.signals import Body, Sensed, observe
 from controller.swing import SwingConfig, SwingLegs
-from policy.bounds import ACTIONS, ActionBounds
+from policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
 from saltus import go1
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 
@@ -56,3 +56,8 @@ def test_outputs_of_one_are_the_bounds() -> None:
     for sign, limit in ((-1.0, bounds.low), (1.0, bounds.high)):
         np.testing.assert_allclose(bounds.denormalised(np.full(len(ACTIONS), sign)), limit, atol=1e-12)
         np.testing.assert_allclose(bounds.normalised(np.array(limit)), sign, atol=1e-12)
+
+
+def test_values_and_actions_are_the_same_in_other_words() -> None:
+    values = np.random.default_rng(0).normal(size=(3, 7, len(ACTIONS)))
+    np.testing.assert_array_equal(values_of(action_from_values(values)), values)

@@ -7,7 +7,7 @@ import pytest
 
 from policy.actor import PolicyActor
 from policy.bounds import ActionBounds
-from policy.features import SIZE
+from policy.features import SIZE, features, read
 from policy.planner import make_planner, warm_up
 from policy.scripted import ScriptedPlanner
 from saltus.config import PlannerName
@@ -38,3 +38,10 @@ def test_the_shipped_policy_repeats_and_stays_within_its_bounds_whatever_it_sees
     assert (plan <= np.array(bounds.high) + 1e-5).all()
     alone = np.array([actor.values(row) for row in given[:20]])
     np.testing.assert_allclose(alone, plan[:20], atol=1e-4)
+
+
+def test_what_the_policy_is_shown_can_be_read_back() -> None:
+    rng = np.random.default_rng(0)
+    shown = rng.normal(size=(5, 4, SIZE))
+    shown[..., :4] = rng.uniform(size=(5, 4, 4)) < 0.5  # contact
+    np.testing.assert_array_equal(features(*read(shown)), shown)
