@@ -142,7 +142,9 @@ def trained(out: Path, name: str, updates: int) -> Path:
     images, checkpoint = NETWORKS[name], out / name / "heightmap.pt"
     noise = TRAINING_NOISE if images.data == STEREO else NO_NOISE
     delivery = DELIVERIES[images.delivery]
-    config = TrainConfig(updates=updates, batch=16, noise=noise, delivery=delivery, seed=SEED, device="cpu")
+    config = TrainConfig(
+        updates=updates, batch=16, noise=noise, delivery=delivery, forgets=0.0, seed=SEED, device="cpu"
+    )
     train(out / images.data, checkpoint, config)
     return checkpoint
 

@@ -116,7 +116,7 @@ class EpisodeStore:
             window = self._cut(slots, length)
             yield window._replace(image=with_noise(window.image, noise, generator, window.true_depth))
             slots.position += length
-            slots.starts[:] = rng.uniform(size=batch) < forgets
+            slots.starts[:] = rng.uniform(size=batch) < forgets if forgets else False  # none drawn for nothing
             for finished in np.flatnonzero(slots.position >= self._lengths[slots.episode]):
                 self._enter(slots, int(finished), delivery, rng)
 

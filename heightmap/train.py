@@ -48,8 +48,9 @@ class TrainConfig:
     """On the images, as far as they do not have it already."""
     delivery: DeliveryModel = TRAINING
     """How late images come, and which are lost."""
-    forgets: float = 0.15
-    """Share of windows before which a robot loses its memory on the way, as it does after a long loss of images."""
+    forgets: float = 0.4
+    """Share of windows before which a robot loses its memory on the way, as it does after a long loss of images: its
+    first half second is then learned as well as the rest (docs/heightmap.md compares shares)."""
     seed: int = 0
     device: Literal["auto", "cpu", "cuda"] = "auto"
     save_every_s: float = 60.0
