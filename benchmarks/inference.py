@@ -35,12 +35,12 @@ SCENES = 50  # different images, shown in turn
 
 
 def frames(count: int, camera: Intrinsics, rng: np.random.Generator) -> list[DepthFrame]:
-    """Images of the camera, one each 10 ms."""
+    """Images of the camera, one for each step; every second one is taken, and none of these is missing."""
     scenes = rng.integers(300, 2500, (SCENES, camera.height, camera.width)).astype(np.uint16)
     return [
         DepthFrame(
             time_ns=i * PERIOD_NS - LATENCY_NS,
-            frame_id=i,
+            frame_id=i // 2,
             depth=scenes[i % SCENES],
             depth_unit_m=MILLIMETRE,
             fx=camera.fx,
