@@ -20,8 +20,8 @@ from pathlib import Path
 
 from heightmap.closed_loop import ClosedLoop
 from heightmap.shards import Episode, write_shard
-from heightmap.workers import in_order
 from saltus.resources import resource as shipped
+from saltus.workers import in_order
 
 
 def main() -> None:

@@ -51,7 +51,7 @@ from saltus.resources import resource
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
-LEARNED = 0.75  # share of robots that the learned policy leads, as for the shipped network
+LEARNED = 0.75  # share of robots that the learned policy leads, as in the GPU rollouts of the shipped network
 SHOWN = 40  # held-out episodes
 STEREO, CLEAN = "stereo", "clean"
 _SAME = 1e-6  # metres, radians: what another order of the same sums may differ by

@@ -22,7 +22,7 @@ from policy.observation import Observation
 from policy.planner import make_planner
 from policy.rollout import HeightsFactory, Rollout, RolloutStep
 from policy.scripted import ScriptedPlanner
-from saltus.config import Camera, TerrainConfig, TerrainKind
+from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import GO1, Profile
 from saltus.errors import ConfigError
@@ -65,8 +65,7 @@ class ClosedLoop:
     def __post_init__(self) -> None:
         if not 1 <= self.courses <= self.robots:
             raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
-        if self.ticks < MIN_TICKS:
-            raise ConfigError(f"ticks = {self.ticks}: it must be at least {MIN_TICKS}")
+        check_at_least(self, ticks=MIN_TICKS)
         for name in ("hardest", "learned"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(f"{name} = {getattr(self, name)}: it must be from 0 to 1")

@@ -163,7 +163,8 @@ def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
     running = {step for step in common if run.states[step].mode == ControllerMode.RUN}
     used = sorted(running or common)
     if not used:
-        raise RecordingError(f"{run.name}: no step has a robot state and a heightmap of status OK of every model")
+        lost = f" (lost: {'; '.join(run.lost)})" if run.lost else ""
+        raise RecordingError(f"{run.name}: no step has a robot state and a heightmap of status OK of every model{lost}")
     poses = _poses(run)
     result = []
     for name, maps in predicted.items():

@@ -35,13 +35,14 @@ from heightmap.shards import (
     dataset_hash,
     file_sha256,
     read_manifest,
+    read_records,
     write_shard,
     write_whole,
 )
 from heightmap.train import FURTHER_RATE, Progress, TrainConfig, load_checkpoint, train
 from heightmap.validate import MIN_WARMUP
-from heightmap.workers import in_order
-from saltus.errors import ConfigError
+from saltus.config import check_at_least
+from saltus.workers import in_order
 
 SOURCE = "dagger"
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
@@ -71,9 +72,7 @@ class DaggerConfig:
     loop: ClosedLoop = field(default_factory=ClosedLoop)
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "batches", "updates", "batch"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}: it must be at least 1")
+        check_at_least(self, rounds=1, batches=1, updates=1, batch=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,10 +120,13 @@ def dagger(
         The newest predictor's ONNX file.
 
     Raises:
-        DatasetError: the folder holds a run of another configuration, or a dataset is damaged.
+        DatasetError: the folder holds a run of another configuration, or a dataset is missing or damaged.
+        ModelError: `start` is no checkpoint.
         ConfigError: there is no Ray, or it is asked for a number of processes that is not its to choose.
         StackError: the cluster cannot be reached, or its hosts cannot do the work.
     """
+    if start is not None:
+        load_checkpoint(start)  # what is wrong with it is said before anything is written down
     directory.mkdir(parents=True, exist_ok=True)
     _remember(directory, config, start, base)
     data = directory / "dataset"
@@ -147,7 +149,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
     wanted = {
         **{name: value for name, value in asdict(config).items() if name != "rounds"},
         "start": start and file_sha256(start),
-        "base": base and dataset_hash(read_manifest(base)),
+        "base": base and dataset_hash(read_records(base)),
     }
     path = directory / "dagger.json"
     if not path.exists():
@@ -180,7 +182,9 @@ def _batches(
     """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
     if cluster is not None:
         return in_order_on_ray(loop.episodes, model, keys, cluster, processes)
-    return in_order(partial(loop.episodes, model), keys, processes or len(os.sched_getaffinity(0)))
+    return in_order(
+        partial(loop.episodes, model), keys, len(os.sched_getaffinity(0)) if processes is None else processes
+    )
 
 
 def _collect(

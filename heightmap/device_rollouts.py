@@ -28,7 +28,7 @@ from policy.rollout import STAND_STEPS
 from policy.scripted import ScriptedParameters, ScriptedPlanner
 from policy.settings import TrainConfig
 from policy.train import make_engine
-from saltus.config import Camera, from_toml
+from saltus.config import Camera, check_at_least, from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
@@ -61,10 +61,7 @@ class DeviceLoop:
     """Whose images are kept; the predictor in the loop sees those of the first."""
 
     def __post_init__(self) -> None:
-        if self.robots < 1:
-            raise ConfigError(f"robots = {self.robots}: it must be at least 1")
-        if self.ticks < MIN_TICKS:
-            raise ConfigError(f"ticks = {self.ticks}: it must be at least {MIN_TICKS}")
+        check_at_least(self, robots=1, ticks=MIN_TICKS, variation=0.0)
         if not 0.0 <= self.hardest <= MOST_DIFFICULT:
             raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to {MOST_DIFFICULT}")
         if not 0.0 <= self.learned <= 1.0:

@@ -108,7 +108,8 @@ def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_ev
         with torch.no_grad():
             estimate, torch_hidden = model.step(image, age, new, features, torch_hidden)
         expected = (estimate.height[0].numpy(), estimate.log_std[0].exp().numpy())
-        worst = max(worst, *(float(np.abs(a - b).max()) for a, b in zip((height, std), expected, strict=True)))
+        differences = [np.abs(a - b).max() for a, b in zip((height, std), expected, strict=True)]
+        worst = float(np.max([worst, *differences]))  # which a number that is none comes through
     return worst
 
 

@@ -60,6 +60,8 @@ class _Robot:
         coming, used = self.coming, self.service
         if coming is None or coming.last is None or used.last is None or coming.last.status > used.last.status:
             return False
+        if used.warm and not coming.warm:  # where images are poor or few, the status tells of them alone
+            return False
         self.service, self.coming = coming, None
         return True
 
@@ -87,7 +89,6 @@ class FleetService:
     """
 
     def __init__(self, network: HeightmapNetwork, robots: Iterable[str]) -> None:
-        self._network = network
         self._robots = {robot: _Robot(network) for robot in robots}
         self.swaps = 0
         """How often a robot has got another model."""
@@ -96,8 +97,8 @@ class FleetService:
 
     @property
     def network(self) -> HeightmapNetwork:
-        """The newest model."""
-        return self._network
+        """The model that answers: of several, while another takes over, that of the first robot."""
+        return next(iter(self._robots.values())).service.network
 
     def use(self, network: HeightmapNetwork) -> None:
         """Gives another model to all robots.
@@ -105,7 +106,6 @@ class FleetService:
         It runs beside the one in use and replaces it, robot by robot, when its memory is warm: no robot is left without
         heights. Where its answers do not become as good within three seconds, it is dropped.
         """
-        self._network = network
         for robot in self._robots.values():
             robot.coming, robot.coming_since_ns = HeightmapService(network), None
 

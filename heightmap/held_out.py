@@ -28,11 +28,11 @@ from heightmap.stereo_images import drawn_cameras
 from policy.planner import make_planner
 from policy.rollout import STAND_STEPS, Rollout, RolloutStep
 from policy.states import RobotStates
-from saltus.config import Camera, PlannerName, TerrainConfig, TerrainKind
+from saltus.config import Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import GO1
-from saltus.errors import ConfigError
+from saltus.errors import ConfigError, nearest_hint
 from saltus.messages import ControllerMode, DepthFrame, Floats, RobotState
 from saltus.sim.state import PlantState
 from saltus.terrain.curriculum import make_terrain
@@ -55,7 +55,7 @@ class HeldOutRuns:
     """Which runs.
 
     Raises:
-        ConfigError: no runs.
+        ConfigError: no runs, none that counts, or a baseline that is not known.
     """
 
     runs: int = 200
@@ -68,8 +68,13 @@ class HeldOutRuns:
     """Of a run: at 1.2 m/s any course is behind a robot that still runs."""
 
     def __post_init__(self) -> None:
-        if self.runs < 1:
-            raise ConfigError(f"runs = {self.runs}: it must be at least 1")
+        check_at_least(self, runs=1)
+        stands_s = STAND_STEPS * TICK_S
+        if not self.time_limit_s > stands_s:
+            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: a robot only stands for the first {stands_s:g} s")
+        for name in self.baselines:
+            if name not in BASELINES:
+                raise ConfigError(f"unknown baseline '{name}': {nearest_hint(name, BASELINES)}")
 
     @property
     def batches(self) -> list[tuple[int, int]]:

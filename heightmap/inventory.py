@@ -21,6 +21,7 @@ from heightmap.shards import (
     dataset_hash,
     file_sha256,
     read_manifest,
+    read_records,
     write_manifest,
     write_whole,
 )
@@ -53,7 +54,7 @@ def info(directory: Path) -> DatasetInfo:
     Raises:
         DatasetError: no dataset there, or a shard that cannot be read.
     """
-    records = _records(directory)
+    records = read_records(directory)
     shards = []
     for record in records:
         with _opened(directory / record.file) as file:
@@ -68,7 +69,13 @@ def validate(directory: Path) -> list[str]:
     Raises:
         DatasetError: no dataset there, or its manifest is damaged.
     """
-    return [damage for record in _records(directory) for damage in _damages(directory / record.file, record)]
+    records = read_records(directory)
+    damages = [damage for record in records for damage in _damages(directory / record.file, record)]
+    first: dict[str, ShardRecord] = {}
+    for record in records:
+        if first.setdefault(record.sha256, record) is not record:
+            damages.append(f"{directory / record.file} holds the episodes of {first[record.sha256].file} once more")
+    return damages
 
 
 def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
@@ -79,13 +86,15 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
         out: Folder to make; the manifest comes last, so that an interrupted merge is no dataset yet.
 
     Raises:
-        DatasetError: a source is missing or damaged, the sources differ in what their arrays mean (the message names
-            the field), or `out` already is a dataset.
+        DatasetError: there are no sources, one is missing or damaged, they differ in what their arrays mean (the
+            message names the field), or `out` already is a dataset.
     """
+    if not sources:
+        raise DatasetError("nothing to merge: name the folders of datasets")
     if read_manifest(out):
         raise DatasetError(f"{out} already is a dataset: name a new folder")
-    found = {record.sha256: source / record.file for source in reversed(sources) for record in _records(source)}
-    records = {record.sha256: record for source in sources for record in _records(source)}
+    found = {record.sha256: source / record.file for source in reversed(sources) for record in read_records(source)}
+    records = {record.sha256: record for source in sources for record in read_records(source)}
     for sha256, record in records.items():
         if damages := _damages(found[sha256], record):
             raise DatasetError(damages[0])
@@ -98,13 +107,6 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
         merged.append(replace(record, file=name))
     write_manifest(out, merged)
     return merged
-
-
-def _records(directory: Path) -> list[ShardRecord]:
-    records = read_manifest(directory)
-    if not records:
-        raise DatasetError(f"{directory} holds no dataset: its manifest is missing or empty")
-    return records
 
 
 def _opened(path: Path) -> h5py.File:

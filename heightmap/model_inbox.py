@@ -49,7 +49,10 @@ class ModelInbox:
         if not self._trial.done():
             return None
         trial, self._trial = self._trial, None
-        return trial.result()
+        try:
+            return trial.result()
+        except OSError as error:  # no memory or no handle for another process: not the fault of those who are served
+            raise ModelError(f"model {self._path} could not be tried out: {error}") from error
 
     def close(self) -> None:
         """Ends a trial that is under way, and the thread."""
@@ -97,8 +100,11 @@ def give(model: Path, run_dir: Path) -> str:
     """Puts a model where the service of a run looks, whole or not at all; returns its id.
 
     Raises:
-        ModelError: it has no checksum, is damaged or does not fit; nothing is put there then.
+        ModelError: it has no checksum, is damaged or does not fit, or there is no such folder; nothing is put there
+            then.
     """
+    if not run_dir.is_dir():
+        raise ModelError(f"'{run_dir}' is no folder of a run")
     _ask_for_checksum(model)
     model_id = HeightmapNetwork(model).model_id
     target = run_dir / FILE

@@ -1,17 +1,20 @@
 """From a checkpoint to a model that can be shipped: exported, compared, measured, described."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from heightmap.delivery import TRAINING
 from heightmap.export import Origin, export, parity
 from heightmap.network import HeightmapNetwork
-from heightmap.shards import DatasetError, Episode, ShardRecord, dataset_hash, read_dataset, read_manifest
+from heightmap.shards import DatasetError, ShardRecord, dataset_hash, read_dataset, read_records
 from heightmap.train import load_checkpoint, split
 from heightmap.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.errors import ModelError
+from saltus.model_file import put_model
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE_M = 1e-5
@@ -46,56 +49,86 @@ def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None 
         checkpoint: Of `heightmap.train`.
         data: The dataset that it was trained on.
         model_path: ONNX file to write; the card goes beside it with the suffix .md.
-        unseen: Dataset to measure on, none of whose episodes were trained on. Of `data` only the manifest is needed
-            then: its shards may have stayed on the machine that made them. Without it, what training held out.
+        unseen: Dataset to measure on, none of whose episodes were trained on; those of the last training and of the
+            one that it began with are refused. Of `data` only the manifest is needed then: its shards may have stayed
+            on the machine that made them. Without it, what training held out.
 
     Raises:
-        DatasetError: `data` is not what the checkpoint was trained on, or shares a shard with `unseen`.
-        ModelError: the file differs from the checkpoint, or is too large.
+        DatasetError: `data` is not what the checkpoint was trained on, or `unseen` is known to have been.
+        ModelError: the checkpoint cannot be read, or its file differs from it or is too large. What lay at
+            `model_path` is still there then.
     """
     model, training = load_checkpoint(checkpoint)
-    records = read_manifest(data)
+    records = read_records(data)
     if dataset_hash(records) != training["dataset"]:
         raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
-    held_out = split(read_dataset(data))[1] if unseen is None else _unseen(unseen, records)
-    seed = int(training["config"]["seed"])
-    # The warm-up is measured on the file itself, so it is written twice.
-    export(model, model_path, Origin(warmup_frames=1, dataset=dataset_hash(records), seed=seed))
-    warmup = warmup_frames(model_path, held_out)
-    export(model, model_path, Origin(warmup_frames=warmup, dataset=dataset_hash(records), seed=seed))
-    inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
-    difference = parity(model, model_path, islice(inputs, PARITY_STEPS))
-    if difference > MAX_DIFFERENCE_M:
-        raise ModelError(f"{model_path} differs from {checkpoint} by {difference:.2g}: more than {MAX_DIFFERENCE_M:g}")
-    if model_path.stat().st_size > MAX_BYTES:
-        raise ModelError(f"{model_path} has {model_path.stat().st_size} bytes: more than {MAX_BYTES}")
-    result = Release(
-        model_id=HeightmapNetwork(model_path).model_id,
-        warmup_frames=warmup,
-        parity=difference,
-        clean=accuracy(model_path, held_out),
-        faulty=accuracy(model_path, held_out, TRAINING),
-    )
-    model_path.with_suffix(".md").write_text(_card(result, training, records, len(held_out)))
+    measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
+    held_out = split(read_dataset(data))[1] if unseen is None else read_dataset(unseen)
+    origin = Origin(warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
+    model_path.parent.mkdir(parents=True, exist_ok=True)
+    # Until all is measured the model that may be there stays.
+    with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:
+        candidate = Path(folder) / model_path.name
+        # The warm-up is measured on the file itself, so it is written twice.
+        export(model, candidate, origin)
+        warmup = warmup_frames(candidate, held_out)
+        export(model, candidate, replace(origin, warmup_frames=warmup))
+        inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
+        difference = parity(model, candidate, islice(inputs, PARITY_STEPS))
+        if not difference <= MAX_DIFFERENCE_M:
+            raise ModelError(
+                f"its ONNX file differs from {checkpoint} by {difference:.2g}: more than {MAX_DIFFERENCE_M:g}"
+            )
+        if candidate.stat().st_size > MAX_BYTES:
+            raise ModelError(f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than {MAX_BYTES}")
+        result = Release(
+            model_id=HeightmapNetwork(candidate).model_id,
+            warmup_frames=warmup,
+            parity=difference,
+            clean=accuracy(candidate, held_out),
+            faulty=accuracy(candidate, held_out, TRAINING),
+        )
+        put_model(candidate, model_path)
+    card_path(model_path).write_text(_card(result, training, records, f"{len(held_out)} of {measured_on}"))
     return result
 
 
-def _unseen(folder: Path, trained_on: list[ShardRecord]) -> list[Episode]:
-    """All episodes of a dataset that has no shard in common with another."""
-    known = {record.sha256 for record in trained_on}
-    for record in read_manifest(folder):
-        if record.sha256 in known:
+def card_path(model_path: Path) -> Path:
+    """Where the card of a model lies."""
+    return model_path.with_suffix(".md")
+
+
+def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord]) -> str:
+    """Names a dataset that is not known to have been trained on.
+
+    Raises:
+        DatasetError: it has a shard, or the motion of one, that the last training saw, or is what the one before saw.
+    """
+    records = read_records(folder)
+    known = {_motion(record) for record in trained_on}
+    before = training["start"]
+    for record in records:
+        if _motion(record) in known or (before and before["dataset"] == dataset_hash(records)):
             raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
-    return read_dataset(folder)
+    return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
 
 
-def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: int) -> str:
+def _motion(record: ShardRecord) -> str:
+    """The same for shards that show the same motion, whatever camera took the images."""
+    settings = {name: value for name, value in record.config.items() if name != "camera"}
+    return json.dumps([record.seed, settings], sort_keys=True)
+
+
+def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: str) -> str:
     config, sizes = training["config"], training["config"]["model"]
     shards = "\n".join(
         f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | {r.commit} "
         f"| {r.sha256[:16]} |"
         for r in records
     )
+    start = training["start"]
+    begun = f"with a network of {start['update']} updates on dataset {start['dataset']}" if start else "from nothing"
+    forgets = 100 * config.get("forgets", 0.0)  # older checkpoints do not name it
     clean, faulty = result.clean, result.faulty
     rows = [(name, 1e3 * getattr(clean, field), 1e3 * getattr(faulty, field)) for name, field in REGIONS]
     rows += [(kind, 1e3 * value, 1e3 * faulty.terrain_mae_m[kind]) for kind, value in clean.terrain_mae_m.items()]
@@ -116,7 +149,8 @@ Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.cov
 Warm-up after a loss of memory, until the error ahead is within 10 % of an undisturbed run's: {result.warmup_frames}
 images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
 
-Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, seed {config["seed"]},
+Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, rate
+{config["learning_rate"]:g}, seed {config["seed"]}, {forgets:.0f} % of the windows without memory, begun {begun},
 dataset {training["dataset"]}:
 
 | shard | source of motion | episodes | ticks | seed | commit | sha256 |

@@ -18,7 +18,10 @@ from saltus.report import STYLE
 
 WORST = 10
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
-_TABLE_STYLE = "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } td:nth-child(-n+2) { text-align: left; }"
+_TABLE_STYLE = (
+    "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } "
+    "th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; white-space: normal; overflow-wrap: anywhere; }"
+)
 _SECTIONS = (
     ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),
     ("speed_mps", "By speed", Errors.by_speed, "speed as estimated [m/s]"),

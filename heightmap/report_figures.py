@@ -17,6 +17,8 @@ from saltus.report import BLUE, GREEN, GREY, ORANGE, RED
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette
 EDGE_BIN_M = 0.1
 MOMENT_HEIGHT = 230  # px
+_LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom"}
+"""Above the curves, which make room for as many lines as it has."""
 
 
 def figure_html(figure: go.Figure, *, first: bool = False) -> str:
@@ -101,9 +103,7 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
     figure.update_yaxes(title="observed [%]", col=1)
     figure.update_xaxes(title="stated standard deviation [cm]", col=2)
     figure.update_yaxes(title="RMS error [cm]", col=2)
-    figure.update_layout(
-        height=380, margin={"l": 60, "r": 20, "t": 40, "b": 50}, legend={"orientation": "h", "y": 1.14}
-    )
+    figure.update_layout(height=380, margin={"l": 60, "r": 20, "t": 40, "b": 50}, legend=_LEGEND)
     return figure
 
 
@@ -176,7 +176,7 @@ def _styled(figure: go.Figure, title: str, height: int) -> go.Figure:
     figure.update_layout(
         height=height,
         margin={"l": 60, "r": 20, "t": 20, "b": 50},
-        legend={"orientation": "h", "y": 1.18},
+        legend=_LEGEND,
         barmode="group",
     )
     return figure

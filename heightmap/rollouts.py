@@ -1,6 +1,6 @@
 """Turns the motion of robots into episodes to train on: what they felt, saw, and should have known."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -52,6 +52,7 @@ def collect(
     seed: int,
     config: dict[str, Any],
     view: ViewChain | None = None,
+    done: Callable[[], object] = lambda: None,
 ) -> ShardRecord:
     """Adds a round of `count` episodes to a dataset.
 
@@ -62,9 +63,16 @@ def collect(
         seed: Of everything that is drawn.
         config: What made them, for the manifest; plain JSON values.
         view: Where cameras sit and how wide they look, where it is not as claimed.
+        done: Is called after each episode.
     """
-    made = episodes(source, np.random.default_rng(seed), count, view)
+    made = _told(episodes(source, np.random.default_rng(seed), count, view), done)
     return write_shard(directory, made, seed=seed, config=config)
+
+
+def _told(made: Iterable[Episode], done: Callable[[], object]) -> Iterator[Episode]:
+    for episode in made:
+        yield episode
+        done()
 
 
 def episodes(

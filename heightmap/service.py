@@ -76,6 +76,11 @@ class HeightmapService:
         return self._network
 
     @property
+    def warm(self) -> bool:
+        """Whether the memory has met as many images as the model needs, whatever the status says of the last ones."""
+        return self._frames >= self._network.warmup_frames
+
+    @property
     def hidden(self) -> Floats:
         """The memory, shape (hidden size,)."""
         return self._hidden
@@ -198,7 +203,7 @@ class HeightmapService:
         patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
         if late or patchy:
             return HeightmapStatus.DEGRADED
-        return HeightmapStatus.WARMING if self._frames < self._network.warmup_frames else HeightmapStatus.OK
+        return HeightmapStatus.OK if self.warm else HeightmapStatus.WARMING
 
     def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
         """Answers in place of an output that cannot be used: the memory stays as it was."""

@@ -121,9 +121,14 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
         seed: From which the episodes are drawn.
         config: How they are made; plain JSON values.
         code: Which code makes them, where this machine cannot tell.
+
+    Raises:
+        DatasetError: the dataset has a round of this seed and configuration: episodes that come twice would be fitted
+            and held out at once.
     """
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
+    _refuse_twice(directory, records, seed, config)
     name = f"round_{len(records):03d}.h5"
     with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
         writer = ShardWriter(file, pool)
@@ -132,6 +137,15 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     sha256 = file_sha256(directory / name)
     writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts)
     write_manifest(directory, [*records, writer.record])
+
+
+def _refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]) -> None:
+    wanted = json.loads(json.dumps(config))  # as a manifest gives it back
+    for record in records:
+        if (record.seed, record.config) == (seed, wanted):
+            raise DatasetError(
+                f"{directory / record.file} holds the episodes of seed {seed} already: take another seed"
+            )
 
 
 def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
@@ -167,6 +181,18 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
         raise DatasetError(f"{path} is damaged: {error}") from error
 
 
+def read_records(directory: Path) -> list[ShardRecord]:
+    """The same of a dataset that must be there.
+
+    Raises:
+        DatasetError: it is not, or has no shards.
+    """
+    records = read_manifest(directory)
+    if not records:
+        raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
+    return records
+
+
 def dataset_hash(records: Iterable[ShardRecord]) -> str:
     """First 16 hexadecimal digits of the sha256 over the shards' own."""
     return hashlib.sha256("".join(record.sha256 for record in records).encode()).hexdigest()[:16]
@@ -178,9 +204,7 @@ def read_dataset(directory: Path) -> list[Episode]:
     Raises:
         DatasetError: no dataset there, or a shard that is missing or is not the one that the manifest names.
     """
-    records = read_manifest(directory)
-    if not records:
-        raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
+    records = read_records(directory)
     return [episode for record in records for episode in _read_shard(directory, record)]
 
 

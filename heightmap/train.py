@@ -4,8 +4,10 @@
 """
 
 import argparse
-import logging
 import math
+import pickle
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -21,9 +23,10 @@ from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise
 from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel
 from heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
 from heightmap.quantiles import INTERVAL90
-from heightmap.shards import DatasetError, ShardRecord, dataset_hash, read_dataset, read_manifest
+from heightmap.shards import DatasetError, ShardRecord, dataset_hash, file_sha256, read_dataset, read_records
+from saltus.config import check_at_least
+from saltus.errors import ConfigError, ModelError, SaltusError
 
-_LOG = logging.getLogger(__name__)
 Item = TypeVar("Item")
 _SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
 _USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
@@ -35,7 +38,11 @@ HELD_OUT = 10  # every tenth episode is for validation
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """How to train. Defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`."""
+    """How to train. Defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
+
+    Raises:
+        ConfigError: nothing to do, or a share that is none.
+    """
 
     updates: int = 1500
     batch: int = 32
@@ -56,6 +63,11 @@ class TrainConfig:
     save_every_s: float = 60.0
     model: ModelConfig = field(default_factory=ModelConfig)
 
+    def __post_init__(self) -> None:
+        check_at_least(self, updates=1, batch=1, window=1, forgets=0.0)
+        if self.forgets > 1.0:
+            raise ConfigError(f"forgets = {self.forgets}: it must be at most 1")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
@@ -67,6 +79,8 @@ class Progress:
     mae_m: float
     """Over the last batch, noise and faults included."""
     seconds: float
+    calibrates: bool = False
+    """All updates are done; the standard deviations are now fitted to held-out episodes, which takes a while."""
 
 
 def train(
@@ -80,42 +94,57 @@ def train(
 
     Args:
         data: Directory of the dataset.
-        checkpoint: Written every `save_every_s` and at the end: weights, optimiser, and what they were made from.
+        checkpoint: Written every `save_every_s`, at the end, and where it is interrupted: weights, optimiser, and what
+            they were made from.
         config: How to train.
-        progress: Called about once a second.
+        progress: Called about once a second, and before the calibration.
         start: Checkpoint whose network to begin with, its normalisation included: for a further round of data.
 
     Returns:
         The trained network, on the CPU.
 
     Raises:
+        ConfigError: there is no such device.
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
+        ModelError: `start` is no checkpoint, or `checkpoint` one of another training (the message says what differs).
+        OSError: `checkpoint` cannot be written.
     """
-    records = read_manifest(data)
-    store, held_out = _stores(data, records, _device(config.device))
+    records, device = read_records(data), _device(config.device)
+    _ask_for_room(checkpoint)
+    known = load_checkpoint(start) if start else None
+    store, held_out = _stores(data, records, device)
     torch.manual_seed(config.seed)
-    model, before = load_checkpoint(start) if start else (HeightmapModel(config.model, store.normalisation()), None)
+    model, before = known or (HeightmapModel(config.model, store.normalisation()), None)
     model.to(store.device).train()
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     settings = {**asdict(config), "model": asdict(model.config)}
-    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records)}
-    origin["start"] = before and {name: before[name] for name in ("dataset", "update")}
+    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
+    if start and before:
+        origin["start"] = {"sha256": file_sha256(start), **{name: before[name] for name in ("dataset", "update")}}
     first = _resume(checkpoint, origin, model, optimiser)
     updates = _updates(model, optimiser, store, config, first)
     began = saved = told = time.monotonic()
-    for update, (loss, error) in enumerate(updates, start=first + 1):
-        now, last = time.monotonic(), update == config.updates
-        if progress is not None and (now - told > 1.0 or last):
-            told = now
-            state = Progress(
-                update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began
-            )
-            progress(state)
-        if now - saved > config.save_every_s or last:
-            saved = now
+    update = kept = first
+    try:
+        for update, (loss, error) in enumerate(updates, start=first + 1):
+            now, last = time.monotonic(), update == config.updates
+            if progress is not None and (now - told > 1.0 or last):
+                told = now
+                state = Progress(
+                    update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began,
+                    calibrates=last,
+                )  # fmt: skip
+                progress(state)
             if last:
                 calibrate(model, held_out, config.delivery, config.noise, config.seed)
-            _save(checkpoint, origin, update, model, optimiser)
+            if now - saved > config.save_every_s or last:
+                saved, kept = now, update
+                _save(checkpoint, origin, update, model, optimiser)
+    except KeyboardInterrupt:
+        done = min(update, config.updates - 1)  # with the last one the calibration is still to come
+        if done > kept:
+            _save(checkpoint, origin, done, model, optimiser)
+        raise
     return model.cpu().eval()
 
 
@@ -160,8 +189,12 @@ def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
 
 
 def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
-    """The network of a checkpoint, on the CPU, and what it was made from."""
-    table = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    """The network of a checkpoint, on the CPU, and what it was made from.
+
+    Raises:
+        ModelError: the file is missing, or is no checkpoint of this network.
+    """
+    table = _read(checkpoint)
     sizes = table["origin"]["config"]["model"]
     shapes = {name: table["model"][name] for name in Normalisation._fields}
     config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
@@ -201,25 +234,54 @@ def _schedule(share: float) -> float:
 def _device(name: str) -> torch.device:
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device = cuda: no GPU found")
     return torch.device(name)
+
+
+def _read(checkpoint: Path) -> dict[str, Any]:
+    try:
+        table = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise ModelError(f"cannot read checkpoint {checkpoint}: {error.strerror}") from error
+    except (RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
+        raise ModelError(f"{checkpoint} is no checkpoint: torch cannot read it") from error
+    if not isinstance(table, dict) or not {"origin", "update", "model", "optimiser"} <= table.keys():
+        raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
+    return table
+
+
+def _ask_for_room(checkpoint: Path) -> None:
+    """Finds out before the work whether its result can be written."""
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=checkpoint.parent):
+        pass
 
 
 def _resume(checkpoint: Path, origin: dict[str, Any], model: HeightmapModel, optimiser: torch.optim.Optimizer) -> int:
     if not checkpoint.exists():
         return 0
-    table = torch.load(checkpoint, map_location="cpu", weights_only=True)
-    if table["origin"] != origin:
-        _LOG.info("%s is of another training: starting anew", checkpoint)
-        return 0
+    table = _read(checkpoint)
+    if differs := ", ".join(_differences(table["origin"], origin)):
+        raise ModelError(f"{checkpoint} is of another training ({differs}): name another file, or remove it")
     model.load_state_dict(table["model"])
     optimiser.load_state_dict(table["optimiser"])
     return int(table["update"])
 
 
+def _differences(before: dict[str, Any], now: dict[str, Any], where: str = "") -> Iterator[str]:
+    """What of the origin of a checkpoint is not that of this training."""
+    for name in (*now, *(name for name in before if name not in now)):
+        left, right = before.get(name), now.get(name)
+        if isinstance(left, dict) and isinstance(right, dict):
+            yield from _differences(left, right, f"{where}{name}.")
+        elif left != right:
+            yield f"{where}{name} = {left}, not {right}"
+
+
 def _save(
     checkpoint: Path, origin: dict[str, Any], update: int, model: HeightmapModel, optimiser: torch.optim.Optimizer
 ) -> None:
-    checkpoint.parent.mkdir(parents=True, exist_ok=True)
     temporary = checkpoint.with_name(f".{checkpoint.name}.partial")
     table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
     torch.save(table, temporary)
@@ -283,4 +345,7 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SaltusError as error:
+        sys.exit(str(error))

@@ -72,7 +72,7 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
     """Images after a loss of memory until the visible part is as good as with memory, within 10 %: 5 to `limit`.
 
     Each episode runs once undisturbed and once with its memory lost in the middle; errors ahead are compared image by
-    image, averaged over the episodes.
+    image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
     """
     network = HeightmapNetwork(model_path)
     ticks = limit * FRAME_TICKS
@@ -86,6 +86,8 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
         for total, forget_at in ((warm, None), (cold, lost_at)):
             height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
             total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
+    if not warm.any():
+        return limit
     late = np.flatnonzero(cold > WARM * warm)
     return int(np.clip(late[-1] + 2 if len(late) else 1, MIN_WARMUP, limit))
 

@@ -1,10 +1,9 @@
 """How well a planner does: many trials on one terrain, with what a seed draws."""
 
 import math
-import multiprocessing
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,12 +13,13 @@ from policy.planner import Planner
 from policy.rollout import HeightsFactory, Rollout, exact_heights, shifted_heights
 from policy.scripted import ScriptedPlanner
 from policy.trace import Failure, Trace, failure_of, traces_of
-from saltus.config import TerrainConfig
+from saltus.config import TerrainConfig, check_at_least
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
+from saltus.workers import in_order
 
 BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared, few enough to show progress
 
@@ -43,10 +43,7 @@ class Evaluation:
     """From a state to its plan being obeyed: what a computer takes that is not waited for."""
 
     def __post_init__(self) -> None:
-        if self.trials < 1:
-            raise ConfigError(f"trials = {self.trials}: it must be at least 1")
-        if self.first_seed < 0:
-            raise ConfigError(f"first_seed = {self.first_seed}: seeds are not negative")
+        check_at_least(self, trials=1, first_seed=0)
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
@@ -103,7 +100,7 @@ def evaluate(
     planner: Callable[[], Planner] = ScriptedPlanner,
     processes: int | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
-    """Runs the trials and yields, as they end, batches of results by seed.
+    """Runs the trials and yields batches of results by seed, in their order.
 
     Args:
         evaluation: What to run.
@@ -113,13 +110,7 @@ def evaluate(
     """
     run = partial(run_batch, evaluation, heights, planner)
     batches = _batches(range(evaluation.first_seed, evaluation.first_seed + evaluation.trials), BATCH)
-    workers = min(processes or multiprocessing.cpu_count(), len(batches))
-    if workers == 1:
-        yield from map(run, batches)
-        return
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(run, batch) for batch in batches]):
-            yield future.result()
+    yield from in_order(run, batches, len(os.sched_getaffinity(0)) if processes is None else processes)
 
 
 def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:

@@ -8,11 +8,9 @@ training.
 """
 
 import argparse
-import multiprocessing
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from saltus.config import TerrainConfig
 from saltus.model_file import ModelFile
 from saltus.terrain.batch import KINDS
 from saltus.terrain.curriculum import make_terrain
+from saltus.workers import in_order
 
 FIRST_SEED = 20_000
 """Trials of neither a search nor the published figures."""
@@ -62,11 +61,7 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
         file = ModelFile(model)  # knows what was exported: a training may have replaced the checkpoint since
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
         run = partial(_results, model, trials)
-        if processes == 1:
-            results = list(map(run, courses))
-        else:
-            with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-                results = list(pool.map(run, courses))
+        results = list(in_order(run, courses, processes))
     for course, result in zip(courses, results, strict=True):
         yield _row(course, result, iteration, steps)
 

@@ -6,6 +6,7 @@ size, envelope, payload, capture time, order. Whether a message is fresh enough 
 """
 
 import ctypes
+import json
 import secrets
 import threading
 import time
@@ -276,7 +277,10 @@ class ZenohBus(Bus):
         super().__init__(prefix, bell or Bell())
         role = "peer" if peer else "client"
         settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
-        settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+        try:
+            settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        except zenoh.ZError as error:
+            raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
         try:
             self._session = zenoh.open(settings)
         except zenoh.ZError as error:

@@ -25,7 +25,10 @@ M = TypeVar("M", bound=Message)
 PAYLOAD_MAX = 4 * 2**20  # bytes; a depth image of 1280x720 has 1.8 MB
 WIDTH_MAX, HEIGHT_MAX = 1280, 720  # D435i datasheet: the largest depth image
 DEPTH_UNIT_MAX_M = 0.1
-FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 1e5
+FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 3400.0
+"""With a longer lens the widest image sees less than the heightmap model does (21.4 degrees across), and each pixel of
+the model would be the mean of thousands: one such camera would hold up all robots of a service."""
+CENTRE_MAX_PX = 1e5
 NORM_TOLERANCE = 1e-2  # of a quaternion: drift of a float32 IMU is far below
 TIME_MIN_NS = -(10**9)
 TIME_MAX_NS = (2**31 - 1) * 10**9  # builtin_interfaces/Time counts seconds in an int32
@@ -301,7 +304,7 @@ def _decode_depth(wire: Any) -> DepthFrame:
     for name, value in (("fx", fx), ("fy", fy)):
         _bounded(name, value, FOCAL_MIN_PX, FOCAL_MAX_PX)
     for name, value in (("cx", cx), ("cy", cy)):
-        _bounded(name, value, -FOCAL_MAX_PX, FOCAL_MAX_PX)
+        _bounded(name, value, -CENTRE_MAX_PX, CENTRE_MAX_PX)
     _bounded("depth_unit_m", wire.depth_unit_m, 1e-6, DEPTH_UNIT_MAX_M)
     _bounded("frame_id", wire.frame_id, 0, schemas.INDEX_MAX)
     return DepthFrame(

@@ -1,6 +1,7 @@
 """Configuration of a run: frozen keyword-only dataclasses, read from and written to TOML."""
 
 import dataclasses
+import math
 import tomllib
 import typing
 from dataclasses import dataclass, field
@@ -67,6 +68,19 @@ class RunConfig:
     time_limit_s: float = 20.0
     epoch_ns: int = 0
     """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.time_limit_s < math.inf:
+            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, and have an end")
+        if self.camera == "d435i" and self.renderer not in ("auto", "embree"):
+            raise ConfigError(f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree")
+
+
+def check_at_least(config: Any, **smallest: float) -> None:
+    """Raises `ConfigError` for the first field below the number that is given for it, and for one that is no number."""
+    for name, low in smallest.items():
+        if not getattr(config, name) >= low:
+            raise ConfigError(f"{name} = {getattr(config, name)}: it must be at least {low}")
 
 
 def to_toml(config: Any) -> str:

@@ -77,7 +77,7 @@ def put_model(written: Path, path: Path) -> None:
     """Moves a model to its place, with its checksum beside it; one that is killed half-way leaves no wrong checksum.
 
     Args:
-        written: The file, in the folder of `path`.
+        written: The file, in the file system of `path`.
         path: Its place, where another model may be.
     """
     checksum, partial = checksum_path(path), written.with_name(f"{written.name}{CHECKSUM_SUFFIX}")

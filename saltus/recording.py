@@ -130,7 +130,7 @@ class _Reader:
                 self._take(record)
         except Exception as error:  # damaged bytes fail in many ways; all mean the same
             if not self.begun:
-                raise RecordingError(f"{self.recording.path} is not a recording (MCAP): {error}") from error
+                raise RecordingError(f"{self.recording.path} is not a recording (MCAP): {_reason(error)}") from error
             lost.append(f"everything after part {len(self.recording._chunks)}: {_reason(error)}")
         if not self.ended and not lost:
             lost.append("the end of the file")

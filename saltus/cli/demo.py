@@ -34,7 +34,7 @@ class Demo:
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
-    """Effects of the hardware: ideal, go1, or a TOML file."""
+    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
     time_limit_s: float = 20.0
     """The run ends after this much simulated time."""
     video: bool = True

@@ -1,6 +1,6 @@
 """`saltus heightmap`: serve, give, collect, train, export."""
 
-import logging
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,14 +17,14 @@ from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.policy_train import TRAINING
 from saltus.cli.serve import Peer, serve
-from saltus.config import Camera
+from saltus.config import Camera, check_at_least
 from saltus.errors import SaltusError
 
 if TYPE_CHECKING:
     from heightmap.shards import ShardRecord
     from heightmap.train import Progress
 
-CHECKPOINT = Path("models/checkpoints/heightmap.pt")
+CHECKPOINT = Path("runs/heightmap.pt")
 TRIALS = 1_000_000
 """Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
 ROBOTS = 4096
@@ -130,15 +130,22 @@ class Collect:
     profile: str = "go1"
     """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file. With --source
     policy that of the policy's training."""
+    policy: Path | None = None
+    """With --source policy: checkpoint of the policy that leads; that of this checkout where it is not given."""
     predictor: Path | None = None
     """With --source policy: checkpoint of the predictor in the loop; true heights where it is not given."""
-    camera: Camera = "d435i"
-    """With --source policy. d435i: images with the errors of a stereo camera. ideal: true depth."""
+    camera: Camera | None = None
+    """With --source policy. d435i, where it is not given: images with the errors of a stereo camera. ideal: true
+    depth, as that of the other sources."""
     device: Literal["cuda", "cpu"] = "cuda"
     """With --source policy: where all of it runs."""
 
     def run(self) -> int:
         """Writes the shard, whole or not at all."""
+        check_at_least(self, episodes=1)
+        for name in ("policy", "predictor", "camera"):
+            if self.source != "policy" and getattr(self, name) is not None:
+                raise SaltusError(f"--{name} is for --source policy: '{self.source}' has none")
         record = self._on_device() if self.source == "policy" else self._on_processor()
         print(
             f"{self.out / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}"
@@ -149,9 +156,10 @@ class Collect:
         try:
             from heightmap.device_rollouts import DeviceLoop
             from heightmap.gpu_rollouts import POLICY, BatchDone, collect
+            from saltus.resources import resource
         except ImportError as error:
             raise SaltusError(f"--source policy needs {error.name}: {TRAINING}") from error
-        batches = -(-self.episodes // ROBOTS)
+        batches, camera = -(-self.episodes // ROBOTS), self.camera or "d435i"
         with tqdm(total=batches, unit="batch", desc="collect") as bar:
 
             def show(batch: BatchDone) -> None:
@@ -159,12 +167,12 @@ class Collect:
                 bar.set_postfix(steps=batch.ticks, steps_per_s=f"{batch.ticks / batch.seconds:.0f}")
 
             robots = -(-self.episodes // batches)
-            loop = DeviceLoop(robots=robots, cameras=(self.camera,))
+            loop = DeviceLoop(robots=robots, cameras=(camera,))
             records = collect(
-                {self.camera: self.out}, loop, policy=POLICY, predictor=self.predictor, batches=batches,
-                seed=self.seed, device=self.device, done=show,
+                {camera: self.out}, loop, policy=self.policy or resource(str(POLICY)), predictor=self.predictor,
+                batches=batches, seed=self.seed, device=self.device, done=show,
             )  # fmt: skip
-        return records[self.camera]
+        return records[camera]
 
     def _on_processor(self) -> "ShardRecord":
         from heightmap.kinematic import KinematicBounding
@@ -177,17 +185,20 @@ class Collect:
         source: MotionSource = planned if self.source == "planner" else KinematicBounding()
         config = {"source": self.source, "episodes": self.episodes, "profile": self.profile}
         view = profile.view_chain
-        return collect(self.out, source, count=self.episodes, seed=self.seed, config=config, view=view)
+        with tqdm(total=self.episodes, unit="episode", desc="collect") as bar:
+            return collect(
+                self.out, source, count=self.episodes, seed=self.seed, config=config, view=view, done=bar.update
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Train:
-    """Trains the heightmap network on a dataset; goes on from its checkpoint where there is one of this training."""
+    """Trains the heightmap network on a dataset; the same command goes on from where it was interrupted."""
 
     data: Path = Path("runs/dataset")
     """Folder of the dataset."""
     checkpoint: Path = CHECKPOINT
-    """Written about once a minute."""
+    """Written about once a minute, and when it is interrupted. One of another training is left alone."""
     start: Path | None = None
     """Begin from the weights of another checkpoint, at a lower rate."""
     updates: int = 1500
@@ -210,7 +221,6 @@ class Train:
         from heightmap.delivery import DELIVERIES
         from heightmap.train import FIRST_RATE, FURTHER_RATE, TrainConfig, train
 
-        logging.basicConfig(level=logging.INFO)
         config = TrainConfig(
             updates=self.updates,
             batch=self.batch,
@@ -225,8 +235,17 @@ class Train:
             def show(progress: "Progress") -> None:
                 bar.update(progress.update - bar.n)
                 bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
+                if progress.calibrates:
+                    bar.set_description("calibrate")
 
-            train(self.data, self.checkpoint, config, show, start=self.start)
+            try:
+                train(self.data, self.checkpoint, config, show, start=self.start)
+            except KeyboardInterrupt:
+                bar.close()
+                kept = "what was learned is in" if self.checkpoint.exists() else "too early to leave anything in"
+                print(f"interrupted: {kept} {self.checkpoint}", file=sys.stderr)
+                raise
+        print(self.checkpoint)
         return 0
 
 
@@ -238,23 +257,32 @@ class Export:
     """Folder of the dataset that the checkpoint was trained on."""
     checkpoint: Path = CHECKPOINT
     """What to export."""
-    out: Path = Path("models/heightmap.onnx")
-    """The file to write; the card goes beside it."""
+    out: Path = Path("runs/heightmap.onnx")
+    """The file to write, .onnx; its checksum and its card go beside it."""
     unseen: Path | None = None
     """Dataset to measure on, of which nothing was trained on; of --data only manifest.json is needed then. Without it:
     the tenth of --data that training held out."""
 
     def run(self) -> int:
-        """Writes both files and prints what was measured."""
-        from heightmap.release import release
+        """Writes the files and prints what was measured."""
+        from heightmap.release import card_path, release
 
-        print(release(self.checkpoint, self.data, self.out, self.unseen))
+        if self.out.suffix != ".onnx":
+            raise SaltusError(f"--out {self.out}: name a file that ends in .onnx")
+        print("exporting and measuring; a minute for 100 episodes", file=sys.stderr)
+        result = release(self.checkpoint, self.data, self.out, self.unseen)
+        print(f"{self.out}  model {result.model_id}, warm after {result.warmup_frames} images")
+        for images, found in (("images 50 ms late", result.clean), ("late with jitter and losses", result.faulty)):
+            print(
+                f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % within the 90 % interval"
+            )
+        print(card_path(self.out))
         return 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Heightmap:
-    """The heightmap: serve, give, collect, train, export, eval, report."""
+    """The heightmap: serve, give, collect, dagger, dataset, train, export, eval, report."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[

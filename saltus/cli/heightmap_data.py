@@ -10,7 +10,7 @@ from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
-from saltus.config import Camera
+from saltus.config import Camera, check_at_least
 
 if TYPE_CHECKING:
     from heightmap.dagger import Collected
@@ -30,7 +30,7 @@ class Dagger:
     base: Path | None = None
     """Dataset to train on as well."""
     episodes: int = 256
-    """Robots that are led in a round, for 6 s each; falls and finishes make more episodes of them."""
+    """Robots that are led in a round, for 6 s each, a multiple of 32: falls and finishes make more episodes of them."""
     updates: int = 1500
     """Gradient steps in a round."""
     batch: int = 32
@@ -53,6 +53,7 @@ class Dagger:
         from heightmap.closed_loop import ClosedLoop
         from heightmap.dagger import DaggerConfig, Observer, dagger
 
+        check_at_least(self, episodes=1)
         loop = ClosedLoop(hardest=self.hardest, learned=self.learned, camera=self.camera)
         config = DaggerConfig(
             rounds=self.rounds,
@@ -100,6 +101,8 @@ class _Bars:
     def trained(self, index: int, progress: "Progress") -> None:
         """Some more updates."""
         bar = self._at(index, "train", progress.update)
+        if progress.calibrates:
+            bar.set_description(f"round {index} calibrate, export, measure")
         bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
 
     def _at(self, index: int, half: str, done: int) -> "tqdm[None]":

@@ -32,7 +32,8 @@ class Eval:
     model: Path | None = None
     """ONNX file; the shipped model where it is not given."""
     runs: int = 200
-    """How many; half on courses that both planners master, half on harder ones."""
+    """How many. Of each 20, ten are on courses that both planners master, ten on harder ones; those led by the learned
+    policy and by the scripted planner take turns."""
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     camera: Camera = "d435i"
@@ -52,14 +53,14 @@ class Eval:
 
         from heightmap.held_out import HeldOutRun, HeldOutRuns
         from heightmap.scores import scores
-        from heightmap.workers import in_order
         from saltus.resources import resource
+        from saltus.workers import in_order
 
         config = HeldOutRuns(
             runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines, time_limit_s=self.time_limit_s
         )  # fmt: skip
         work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
-        processes = self.processes or len(os.sched_getaffinity(0))
+        processes = len(os.sched_getaffinity(0)) if self.processes is None else self.processes
         measured: list[HeldOutRun] = []
         with tqdm(total=self.runs, unit="run", file=sys.stderr) as bar:
             for batch in in_order(work, config.batches, processes):

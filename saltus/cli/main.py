@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code: 0, 1 (it ran and failed), 2 (bad input), 130 (interrupted)."""
     try:
         command = _parse(arguments)
+        _check_seeds(command)
         return command.run()
     except SaltusError as error:
         print(f"saltus: {error}", file=sys.stderr)
@@ -54,6 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stdout = None  # the reader has left: there is nobody to tell
         return 1
+    except OSError as error:
+        if error.filename is None:
+            raise  # nothing that a user has named
+        print(f"saltus: cannot use '{error.filename}': {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def _parse(arguments: Sequence[str] | None) -> Command:
@@ -73,9 +79,18 @@ def _parse(arguments: Sequence[str] | None) -> Command:
         raise
 
 
+def _check_seeds(command: object) -> None:
+    """Of the command, and of those that it holds: numpy's generators take no negative ones."""
+    for name, value in vars(command).items():
+        if name in ("seed", "first_seed") and value is not None and value < 0:
+            raise SaltusError(f"{name} = {value}: seeds are not negative")
+        if name == "command":
+            _check_seeds(value)
+
+
 def _one_line(box: str) -> str:
     """The message of tyro's error box without its frame, title and rules."""
-    lines = [re.sub(r"[│╭╮╰╯─]+", " ", line).strip() for line in box.splitlines()[1:]]
+    lines = [re.sub(r"[│╭╮╰╯─]+|-{5,}", " ", line).strip() for line in box.splitlines()[1:]]
     return re.sub(r"\s+", " ", " ".join(line for line in lines if line))
 
 

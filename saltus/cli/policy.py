@@ -38,7 +38,7 @@ class Eval:
     """true: the terrain, shifted as the trial says. true-exact: the terrain as it is. predicted: what the heightmap
     service makes of late depth images."""
     profile: str = "go1"
-    """Effects of the hardware: ideal, go1, or a TOML file."""
+    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
     processes: int | None = None
@@ -64,6 +64,7 @@ class Eval:
             profile=self.profile,
             plan_delay_s=self.plan_delay_s,
         )
+        directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, unit="trial", file=sys.stderr) as bar:
             batches = []
             for batch in evaluate(evaluation, self._heights(), planner, self.processes):
@@ -72,10 +73,10 @@ class Eval:
         result = collect(batches)
         _print_table(result)
         table = _as_table(self, result)
-        if self.report:
+        if directory is not None:
             from policy.evaluation_report import write_evaluation_report
 
-            path = run_directory("policy-eval", self.out) / "report.html"
+            path = directory / "report.html"
             write_evaluation_report(evaluation, result, table, path)
             print(f"report    {path}")
         if self.json:

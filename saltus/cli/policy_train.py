@@ -52,9 +52,9 @@ class Train:
 class Export:
     """Exports a checkpoint to the ONNX file that the planner runs."""
 
-    checkpoint: Path = Path("models/checkpoints/policy.pt")
+    checkpoint: Path = Path("runs/policy/checkpoint.pt")
     """What to export."""
-    out: Path = Path("models/policy.onnx")
+    out: Path = Path("runs/policy/policy.onnx")
     """The file to write."""
 
     def run(self) -> int:

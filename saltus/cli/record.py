@@ -29,13 +29,14 @@ class Record:
         from saltus.recorder import Recorder
 
         run_config = config.load(RunConfig, self.run_dir / RUN_FILE)
-        path = run_directory("record", self.out) / "recording.mcap"
-        with ZenohBus(self.endpoint, run_config.robot) as bus, Recorder(path, run_config) as recorder:
-            stream = bus.stream()
-            print(f"recording to {path}; Ctrl-C ends it")
-            while bus.connected():
-                for raw in stream.drain():
-                    recorder.write(raw)
-                recorder.flush()
-                time.sleep(DRAIN_PERIOD_S)
+        with ZenohBus(self.endpoint, run_config.robot) as bus:
+            path = run_directory("record", self.out) / "recording.mcap"
+            with Recorder(path, run_config) as recorder:
+                stream = bus.stream()
+                print(f"recording to {path}; Ctrl-C ends it")
+                while bus.connected():
+                    for raw in stream.drain():
+                        recorder.write(raw)
+                    recorder.flush()
+                    time.sleep(DRAIN_PERIOD_S)
         return 0

@@ -75,7 +75,8 @@ class Replay:
                 frames.append(frame)
         states = [state for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
         if not states and not self.assume_level:
-            raise RecordingError(f"{self.recording} has no robot state: add --assume-level")
+            lost = f" (lost: {'; '.join(recording.lost)})" if recording.lost else ""
+            raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
         robot = AssumeLevel(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
         if self.assume_level:
             heightmaps = replay_frames(model, frames, robot)

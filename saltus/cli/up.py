@@ -27,7 +27,7 @@ class Up:
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     profile: str = "go1"
-    """Effects of the hardware: ideal, go1, or a TOML file."""
+    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
     out: Path | None = None
     """Folder for logs and recording; a new one under runs/ where it is not given."""
 

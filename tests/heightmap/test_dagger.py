@@ -15,7 +15,6 @@ from heightmap.features import PROPRIOCEPTION
 from heightmap.runs import MIN_TICKS
 from heightmap.shards import DatasetError, read_manifest
 from heightmap.train import Progress
-from heightmap.workers import in_order
 from policy.observation import observe
 from policy.planner import make_planner
 from policy.rollout import STAND_STEPS
@@ -24,6 +23,7 @@ from saltus.cli.main import main
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.workers import in_order
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
 LOOP = ClosedLoop(robots=6, courses=2, ticks=STAND_STEPS + 12, hardest=0.3)  # just beyond the stand: beliefs matter

@@ -1,7 +1,9 @@
+import math
 from pathlib import Path
 
 import numpy as np
 import onnx
+import pytest
 import torch
 
 from heightmap.export import parity, random_inputs
@@ -11,6 +13,16 @@ from heightmap.network import HeightmapNetwork
 
 def test_file_equals_torch_over_1000_recurrent_steps_with_resets(model: HeightmapModel, model_path: Path) -> None:
     assert parity(model, model_path, random_inputs(model, np.random.default_rng(1), 1000)) < 1e-5
+
+
+def test_a_file_that_says_no_number_equals_nothing(
+    model: HeightmapModel, model_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law = HeightmapNetwork.tick
+    monkeypatch.setattr(
+        HeightmapNetwork, "tick", lambda *given: law(*given)._replace(height=np.full(30, np.nan, np.float32))
+    )
+    assert math.isnan(parity(model, model_path, random_inputs(model, np.random.default_rng(0), 3)))
 
 
 def test_file_is_small_and_its_batch_is_free(model_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Several robots in one service: each as if it were alone, whoever else asks, falls silent or starts anew."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -156,6 +156,46 @@ def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model
     assert_same(found[taken:], alone(network, 0, range(40, STEPS))[taken - 40 :])
 
 
+def patchy(robot: int, step: int) -> DepthFrame | None:
+    """Two fifths of the image are invalid."""
+    arrived = scene(robot, step)
+    if arrived is None:
+        return None
+    depth = arrived.depth.copy()
+    depth[: 2 * len(depth) // 5] = 0
+    return replace(arrived, depth=depth)
+
+
+def lossy(robot: int, step: int) -> DepthFrame | None:
+    """Every second image is lost."""
+    arrived = scene(robot, step)
+    return None if arrived is None or arrived.frame_id % 2 else arrived
+
+
+@pytest.mark.parametrize("see", [patchy, lossy])
+def test_no_model_takes_over_without_a_memory_however_poor_the_images(
+    network: HeightmapNetwork, model_path: Path, see: Callable[[int, int], DepthFrame | None]
+) -> None:
+    for begin in range(56, 62):
+        fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
+        given.model_id = "another"
+        images, found = 0, list[Heightmap]()
+        for step in range(STEPS):
+            if step == begin:
+                assert found[-1].status == HeightmapStatus.DEGRADED
+                fleet.use(given)
+            seen = see(0, step)
+            taken = arrival(0, step, given=seen) if seen is not None else replace(arrival(0, step), frame=None)
+            found.append(fleet.step({"go1/0": taken})["go1/0"])
+            images += step >= begin and seen is not None
+            if found[-1].model_id == "another":
+                break
+        assert found[-1].model_id == "another"
+        assert found[-1].status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
+        assert images == WARMUP
+        assert fleet.network is given
+
+
 def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_path: Path) -> None:
     fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
     nan = bad_tick("height", np.nan)
@@ -168,6 +208,7 @@ def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_
         found.append(fleet.step({"go1/0": arrival(0, step)})["go1/0"])
     assert_same(found, alone(network, 0, range(steps)))
     assert (fleet.swaps, fleet.given_up) == (0, 1)
+    assert fleet.network is network
 
 
 def test_a_bad_output_of_one_robot_does_not_touch_the_others(network: HeightmapNetwork) -> None:

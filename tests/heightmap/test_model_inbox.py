@@ -1,7 +1,9 @@
 """A model is given to a running service: whatever is wrong with it, the service keeps the one that it has."""
 
+import errno
 import json
 import shutil
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -140,6 +142,19 @@ def test_closing_does_not_wait_for_a_trial(model_path: Path, tmp_path: Path) -> 
     assert time.monotonic() - before_s < PATIENCE_S / 2
     assert inbox._trial is not None
     assert inbox._trial.done()
+
+
+def test_a_trial_that_cannot_begin_refuses_the_model(
+    inbox: ModelInbox, model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_memory(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr(subprocess, "Popen", no_memory)
+    give(model_path, tmp_path)
+    assert inbox.poll() is None
+    with pytest.raises(ModelError, match="Cannot allocate memory"):
+        verdict(inbox)
 
 
 def test_a_trial_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:

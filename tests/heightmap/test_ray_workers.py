@@ -18,10 +18,10 @@ from ray.cluster_utils import Cluster
 from heightmap.closed_loop import MIN_TICKS, ClosedLoop
 from heightmap.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
 from heightmap.shards import Episode, write_shard
-from heightmap.workers import in_order
 from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
 from saltus.resources import resource
+from saltus.workers import in_order
 
 LOOP = ClosedLoop(robots=2, courses=1, ticks=MIN_TICKS + 4, hardest=0.3)
 KEYS = [(3, 1, batch) for batch in range(4)]

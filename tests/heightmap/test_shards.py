@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from heightmap.inventory import validate
 from heightmap.shard_columns import CHUNK, ShardColumn, read_column
 from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest, write_shard
 
@@ -40,6 +41,18 @@ def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     records = read_manifest(tmp_path)
     assert [r.seed for r in records] == [0, 1, 2]
     assert sum(r.ticks for r in records) == sum(len(e.height) for e in written)
+
+
+def test_episodes_do_not_come_twice(tmp_path: Path) -> None:
+    write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "test", "cameras": ("d435i",)})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(DatasetError, match=r"round_000\.h5 holds the episodes of seed 0"):
+        write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "test", "cameras": ("d435i",)})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "other"})
+    write_shard(tmp_path, episodes(4, 1), seed=1, config={"source": "test", "cameras": ("d435i",)})
+    assert len(read_manifest(tmp_path)) == 3
+    assert [damage for damage in validate(tmp_path) if "round_001.h5 holds the episodes of round_000.h5" in damage]
 
 
 @pytest.mark.parametrize("after", range(4))

@@ -1,12 +1,16 @@
 import copy
+import math
 import shutil
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+import heightmap.release
+import heightmap.train
 from heightmap.calibration import calibrate
 from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
 from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel
@@ -15,9 +19,11 @@ from heightmap.model import HeightmapModel, ModelConfig
 from heightmap.network import HeightmapNetwork
 from heightmap.release import release
 from heightmap.rollouts import collect
-from heightmap.shards import DatasetError, Episode, read_dataset, read_manifest
+from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
 from heightmap.train import Progress, TrainConfig, load_checkpoint, main, train
 from heightmap.validate import SETTLED_TICKS, run_episode
+from saltus.cli.main import main as saltus
+from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -67,6 +73,56 @@ def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, tmp_path:
     assert not (tmp_path / "b.onnx").exists()
 
 
+def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(data: Path, tmp_path: Path) -> None:
+    further, twin = tmp_path / "further", tmp_path / "twin"
+    motion = KinematicBounding(ticks=150)
+    collect(further, motion, count=10, seed=2, config={"source": "kinematic", "camera": "ideal"})
+    collect(twin, motion, count=11, seed=2, config={"source": "kinematic", "camera": "d435i"})
+    config = TrainConfig(**{**vars(CONFIG), "updates": 1})
+    train(data, tmp_path / "a.pt", config)
+    train(further, tmp_path / "b.pt", config, start=tmp_path / "a.pt")
+    for known in (data, twin):
+        with pytest.raises(DatasetError, match="was trained on"):
+            release(tmp_path / "b.pt", further, tmp_path / "b.onnx", known)
+
+
+def test_the_command_measures_on_unseen_data_and_says_so(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
+    collect(tmp_path / "unseen", KinematicBounding(ticks=150), count=3, seed=77, config={"source": "kinematic"})
+    out = tmp_path / "new folder" / "m.onnx"
+    command = ["heightmap", "export", "--data", str(data), "--checkpoint", str(tmp_path / "a.pt"), "--out", str(out)]
+    assert saltus([*command, "--unseen", str(tmp_path / "unseen")]) == 0
+    assert HeightmapNetwork(out).model_id in capsys.readouterr().out
+    card = out.with_suffix(".md").read_text()
+    assert f"3 of dataset {dataset_hash(read_manifest(tmp_path / 'unseen'))}, seeds 77" in card
+    assert {path.name for path in out.parent.iterdir()} == {"m.onnx", "m.onnx.sha256", "m.md"}
+
+
+@pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
+def test_an_export_that_ends_early_leaves_the_model_that_was_there(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
+    folder = tmp_path / "models"
+    release(tmp_path / "a.pt", data, folder / "m.onnx")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    train(data, tmp_path / "b.pt", TrainConfig(**{**vars(CONFIG), "updates": 2}))
+
+    def interrupted(*_: Any) -> float:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(heightmap.release, step, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        release(tmp_path / "b.pt", data, folder / "m.onnx")
+    monkeypatch.setattr(heightmap.release, step, lambda *_: math.nan)
+    if step == "parity":
+        with pytest.raises(ModelError, match="differs"):
+            release(tmp_path / "b.pt", data, folder / "m.onnx")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
 def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
     config = TrainConfig(**{**vars(CONFIG), "save_every_s": 0.0})
 
@@ -74,10 +130,6 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     checkpoint = tmp_path / "c.pt"
-    stop_early = TrainConfig(**{**vars(config), "updates": 6})
-    train(data, checkpoint, stop_early)
-    assert load_checkpoint(checkpoint)[1]["update"] == 6
-    # Another training does not go on from it.
     train(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
     before = checkpoint.read_bytes()
@@ -86,6 +138,115 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
     loaded, _ = load_checkpoint(checkpoint)
     for a, b in zip(model.parameters(), loaded.parameters(), strict=True):
         torch.testing.assert_close(a, b)
+
+
+@pytest.mark.parametrize("where", ["run_window", "calibrate"])
+def test_what_was_learned_before_an_interruption_is_kept(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    checkpoint, calls = tmp_path / "c.pt", []
+    config = TrainConfig(**{**vars(CONFIG), "save_every_s": math.inf})
+    interrupted_at = {"run_window": 5, "calibrate": 1}[where]
+    law = getattr(heightmap.train, where)
+
+    def interrupted(*given: Any) -> Any:
+        calls.append(where)
+        if len(calls) == interrupted_at:
+            raise KeyboardInterrupt
+        return law(*given)
+
+    monkeypatch.setattr(heightmap.train, where, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(data, checkpoint, config)
+    # With the last update the calibration is made again.
+    assert load_checkpoint(checkpoint)[1]["update"] == {"run_window": 4, "calibrate": config.updates - 1}[where]
+    train(data, checkpoint, config)
+    assert load_checkpoint(checkpoint)[1]["update"] == config.updates
+    assert len(calls) == {"run_window": config.updates + 1, "calibrate": 2}[where]
+
+
+@pytest.mark.parametrize("change", ["updates", "forgets", "start"])
+def test_a_checkpoint_of_another_training_is_left_alone(data: Path, tmp_path: Path, change: str) -> None:
+    config = TrainConfig(**{**vars(CONFIG), "updates": 2})
+    starts = tmp_path / "a.pt", tmp_path / "b.pt"
+    for seed, path in enumerate(starts):
+        train(data, path, TrainConfig(**{**vars(config), "seed": seed}))
+    train(data, tmp_path / "c.pt", config, start=starts[0])
+    before = (tmp_path / "c.pt").read_bytes()
+    other = {"updates": {"updates": 3}, "forgets": {"forgets": 0.1}, "start": {}}[change]
+    with pytest.raises(ModelError, match=f"another training .*{change}"):
+        train(data, tmp_path / "c.pt", TrainConfig(**{**vars(config), **other}), start=starts[int(change == "start")])
+    assert (tmp_path / "c.pt").read_bytes() == before
+
+
+@pytest.mark.parametrize("content", ["missing", "text", "empty", "folder", "another table", "cut"])
+def test_what_is_no_checkpoint_is_refused_before_any_work(
+    data: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.pt"
+    train(data, path, TrainConfig(**{**vars(CONFIG), "updates": 1}))
+    whole = path.read_bytes()
+    path.unlink()
+    if content == "folder":
+        path.mkdir()
+    elif content == "another table":
+        torch.save({"model": {}}, path)
+    elif content != "missing":
+        path.write_bytes({"text": b"not a checkpoint\n", "empty": b"", "cut": whole[: len(whole) // 2]}[content])
+    given = ["heightmap", "train", "--data", str(data), "--checkpoint", str(tmp_path / "b.pt"), "--updates", "1"]
+    for command in (
+        [*given, "--start", str(path)],
+        ["heightmap", "export", "--data", str(data), "--checkpoint", str(path), "--out", str(tmp_path / "m.onnx")],
+        ["heightmap", "dagger", "--start", str(path), "--out", str(tmp_path / "run")],
+    ):
+        assert saltus(command) == 2
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith("saltus: ")
+        assert str(path) in last
+    assert {item.name for item in tmp_path.iterdir()} <= {"a.pt"}
+
+
+def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    told: list[Progress] = []
+    with pytest.raises(OSError, match="file"):
+        train(data, tmp_path / "file" / "a.pt", CONFIG, told.append)
+    assert not told
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"updates": 0}, {"batch": -2}, {"forgets": -0.1}, {"forgets": 1.5}, {"forgets": math.nan}], ids=str
+)
+def test_a_training_that_cannot_be_is_refused_by_name(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        TrainConfig(**{**vars(CONFIG), **wrong})
+
+
+def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares: list[float] = []
+    windows = EpisodeStore.windows
+
+    def watched(*given: Any, forgets: float) -> Any:
+        shares.append(forgets)
+        return windows(*given, forgets=forgets)
+
+    monkeypatch.setattr(EpisodeStore, "windows", watched)
+    monkeypatch.setattr(heightmap.train, "calibrate", lambda *_: None)
+    given = ["--data", str(data), "--updates", "1", "--batch", "2", "--device", "cpu"]
+    main([*given, "--out", str(tmp_path / "g.pt"), "--forgets", "0.25"])
+    main([*given, "--out", str(tmp_path / "h.pt")])
+    assert shares == [0.25, TrainConfig().forgets]
+
+
+def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeStore, model: HeightmapModel) -> None:
+    window = next(store.windows(4, 20, TRAINING, ImageNoise(), np.random.default_rng(0)))
+    window = window._replace(starts=torch.tensor([True, False, True, False]))
+    rng = torch.Generator().manual_seed(0)
+    memories = [torch.rand((4, model.config.hidden), generator=rng) for _ in range(2)]
+    with torch.no_grad():
+        (first, _), (second, _) = (run_window(model, window, memory) for memory in memories)
+    same = (first.height == second.height).all(-1).all(0)
+    assert same.tolist() == window.starts.tolist()
 
 
 def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path) -> None:

@@ -327,3 +327,9 @@ def test_a_bus_without_router_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(StackError, match="no Zenoh router at tcp/127"):
         ZenohBus(endpoint, PREFIX)
     assert time.monotonic() - started < TIMEOUT_S
+
+
+@pytest.mark.parametrize("endpoint", ["foo", "", "tcp/127.0.0.1:7447;", 'tcp/127.0.0.1:7447"'])
+def test_what_is_no_endpoint_is_said_to_be_none(endpoint: str) -> None:
+    with pytest.raises(StackError, match=r"no endpoint|no Zenoh router"):
+        ZenohBus(endpoint, PREFIX)

@@ -18,6 +18,21 @@ BAD = {
     "unknown profile": (["demo", "--profile", "g1"], "go1"),
     "folder that cannot be": (["demo", "--out", "/dev/null/run"], "--out"),
     "no such recording": (["replay", "missing.mcap"], "missing.mcap"),
+    "negative seed": (["demo", "--seed", "-1"], "seed = -1"),
+    "negative seed of a command of a command": (["real2sim", "demo", "--seed", "-1"], "seed = -1"),
+    "no time": (["demo", "--time-limit-s", "0"], "time_limit_s"),
+    "time that is no number": (["demo", "--time-limit-s", "nan"], "time_limit_s"),
+    "stereo images by another renderer": (["demo", "--camera", "d435i", "--renderer", "pyrender"], "embree"),
+    "no dataset": (["heightmap", "dataset", "info", "/dev/null/data"], "/dev/null/data"),
+    "nothing to merge": (["heightmap", "dataset", "merge", "--out", "/dev/null/data"], "nothing to merge"),
+    "no episodes": (["heightmap", "collect", "--episodes", "0"], "episodes = 0"),
+    "no robots": (["heightmap", "dagger", "--episodes", "0", "--out", "/dev/null/run"], "episodes = 0"),
+    "predictor where none leads": (["heightmap", "collect", "--predictor", "a.pt"], "--source policy"),
+    "unknown baseline": (["heightmap", "eval", "--baselines", "geometrik"], "geometric"),
+    "time in which robots stand": (["heightmap", "eval", "--time-limit-s", "0.1"], "time_limit_s"),
+    "model without its ending": (["heightmap", "export", "--out", "model"], ".onnx"),
+    "no such run": (["heightmap", "give", "models/heightmap.onnx", "--run-dir", "nowhere"], "nowhere"),
+    "folder for a report that cannot be": (["policy", "eval", "--trials", "1", "--out", "/dev/null/run"], "/dev/null"),
 }
 
 

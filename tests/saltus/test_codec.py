@@ -153,6 +153,8 @@ def test_rows_of_unequal_number_are_refused() -> None:
         {"depth_unit_m": 0.0},
         {"depth_unit_m": np.nan},
         {"fx": 0.0},
+        {"fx": 1e5},
+        {"fy": 3500.0},
         {"fy": -200.0},
         {"cx": np.inf},
         {"frame_id": -1},

@@ -9,6 +9,8 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
+from saltus.errors import ConfigError
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -24,7 +26,12 @@ def in_order(
         function: Can be sent to another process where `processes` is not 1.
         tasks: Its arguments.
         processes: How many; 1 runs everything here.
+
+    Raises:
+        ConfigError: not even one process.
     """
+    if processes < 1:
+        raise ConfigError(f"processes = {processes}: it must be at least 1")
     if processes == 1 or len(tasks) <= 1:
         yield from map(function, tasks)
         return
