@@ -149,9 +149,9 @@ Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.cov
 Warm-up after a loss of memory, until the error ahead is within 10 % of an undisturbed run's: {result.warmup_frames}
 images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
 
-Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, rate
-{config["learning_rate"]:g}, seed {config["seed"]}, {forgets:.0f} % of the windows without memory, begun {begun},
-dataset {training["dataset"]}:
+Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, seed {config["seed"]},
+rate {config["learning_rate"]:g}, {forgets:.0f} % of the windows without memory, begun {begun}, dataset
+{training["dataset"]}:
 
 | shard | source of motion | episodes | ticks | seed | commit | sha256 |
 |---|---|---|---|---|---|---|

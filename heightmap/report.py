@@ -20,7 +20,8 @@ WORST = 10
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
 _TABLE_STYLE = (
     "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } "
-    "th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; white-space: normal; overflow-wrap: anywhere; }"
+    "th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }\n"
+    "td:nth-child(-n+2) { white-space: normal; min-width: 6em; overflow-wrap: anywhere; }"
 )
 _SECTIONS = (
     ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),

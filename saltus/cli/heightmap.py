@@ -245,6 +245,7 @@ class Train:
                 kept = "what was learned is in" if self.checkpoint.exists() else "too early to leave anything in"
                 print(f"interrupted: {kept} {self.checkpoint}", file=sys.stderr)
                 raise
+            bar.update(self.updates - bar.n)  # where all was done before
         print(self.checkpoint)
         return 0
 
