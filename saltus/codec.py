@@ -26,8 +26,7 @@ PAYLOAD_MAX = 4 * 2**20  # bytes; a depth image of 1280x720 has 1.8 MB
 WIDTH_MAX, HEIGHT_MAX = 1280, 720  # D435i datasheet: the largest depth image
 DEPTH_UNIT_MAX_M = 0.1
 FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 3400.0
-"""With a longer lens the widest image sees less than the heightmap model does (21.4 degrees across), and each pixel of
-the model would be the mean of thousands: one such camera would hold up all robots of a service."""
+"""With a longer lens the widest image sees less than the heightmap model does, 21.4 degrees across."""
 CENTRE_MAX_PX = 1e5
 NORM_TOLERANCE = 1e-2  # of a quaternion: drift of a float32 IMU is far below
 TIME_MIN_NS = -(10**9)

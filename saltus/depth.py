@@ -103,27 +103,39 @@ class _Pooling:
 
     needed: slice
     """Of the source."""
+    count: int
+    """Of model pixels."""
+    reached: slice
+    """Model pixels that the source covers at all. Through a long lens these are few, and each is the mean of many."""
     place: NDArray[np.int64] | None
-    """For each model pixel those that may cover it, counted within `needed`, shape (some, count); None where the model
-    pixels are those of the source."""
+    """For each of these the source pixels that may cover it, counted within `needed`, shape (some, reached); None where
+    the model pixels are those of the source."""
     weight: NDArray[np.float32]
-    """Of each, shape (some, count, 1), or without dimensions where all are the same; they add up to the covered share
+    """Of each, shape (some, reached, 1), or without dimensions where all are the same; they add up to the covered share
     of a model pixel: 1 inside the source image."""
 
     def covering(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Of values along the first axis of the source those that cover model pixels: (some, count, ...)."""
+        """Of values along the first axis of the source those that cover model pixels: (some, reached, ...)."""
         return values[None] if self.place is None else np.take(values, self.place, axis=0)
 
     def total(self, covering: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-        """Weighted sums of what `covering` returned, in its memory; `axis` is the one called "some".
+        """Weighted sums of what `covering` returned, in its memory, 0 for model pixels that nothing covers.
 
         Not as products with matrices: for these BLAS may wake and await threads.
+
+        Args:
+            covering: Of any shape that has the axes "some" and "reached" one after the other.
+            axis: The one called "some"; in the result that of all model pixels.
         """
         if self.place is None:
             return covering.reshape(*covering.shape[:axis], *covering.shape[axis + 1 :])
         covering *= self.weight
         sums: NDArray[np.float32] = np.add.reduce(covering, axis=axis)
-        return sums
+        if sums.shape[axis] == self.count:
+            return sums
+        whole = np.zeros((*sums.shape[:axis], self.count, *sums.shape[axis + 1 :]), np.float32)
+        whole[(slice(None),) * axis + (self.reached,)] = sums
+        return whole
 
 
 def _layers(raw: NDArray[np.uint16], unit_m: float) -> NDArray[np.float32]:
@@ -152,12 +164,16 @@ def _pooling(
     pixel = begin + np.arange(int(np.max(end - begin)) if last > first else 0)[:, None]  # (some, count)
     overlap = np.minimum(edges[1:], pixel + 1.0) - np.maximum(edges[:-1], pixel)
     inside = (pixel >= first) & (pixel < last)
-    place = np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64)
-    weight = (np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32)
+    covered = np.flatnonzero(inside.any(0))
+    reached = slice(int(covered[0]), int(covered[-1]) + 1) if len(covered) else slice(0)
+    place = np.clip(pixel - first, 0, max(last - first - 1, 0)).astype(np.int64)[:, reached]
+    weight = (np.where(inside, np.maximum(overlap, 0.0), 0.0) / scale).astype(np.float32)[:, reached]
     own = np.array_equal(place, [np.arange(count)]) and bool((weight == 1.0).all())
     same = weight.size > 0 and bool((weight == weight[0, 0]).all())
     return _Pooling(
         needed=slice(first, last),
+        count=count,
+        reached=reached,
         place=None if own else place,
         weight=weight[0, 0, ...] if same else weight[..., None],
     )

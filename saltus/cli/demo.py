@@ -40,7 +40,7 @@ class Demo:
     video: bool = True
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
     out: Path | None = None
-    """Folder for everything, which replaces that of an earlier run there; a new one under runs/ where not given."""
+    """Folder for everything, in place of what an earlier run left there; a new one under runs/ where not given."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print the result as one JSON object on the last line."""
 

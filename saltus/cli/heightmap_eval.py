@@ -32,8 +32,8 @@ class Eval:
     model: Path | None = None
     """ONNX file; the shipped model where it is not given."""
     runs: int = 200
-    """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones; the learned
-    policy and the scripted planner lead a batch in turns."""
+    """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
+    learned policy and the scripted planner lead a batch in turns."""
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     camera: Camera = "d435i"

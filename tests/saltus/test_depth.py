@@ -1,3 +1,4 @@
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -97,6 +98,20 @@ def test_what_a_camera_does_not_cover_is_invalid() -> None:
     aside = model_image(frame(np.full((240, 424), 1500), replace(D435I, cx=-1000.0)))
     assert not aside.valid.any()
     assert (aside.depth == 1.0).all()
+
+
+@pytest.mark.parametrize(("fx", "fy"), [(640.0, 640.0), (3400.0, 3400.0), (640.0, 3400.0), (3400.0, 640.0)])
+def test_long_lenses_cost_what_their_images_are_large(fx: float, fy: float) -> None:
+    """Each pixel of the model is then the mean of thousands; a service with many robots must not wait for it."""
+    long = frame(np.full((720, 1280), 1500), Intrinsics(width=1280, height=720, fx=fx, fy=fy, cx=640.0, cy=360.0))
+    model_image(long)
+    tracemalloc.start()
+    image = model_image(long)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 24 * long.depth.size  # bytes: depth and validity of every pixel, and the same once more
+    assert image.valid.any()
+    np.testing.assert_allclose(image.depth[image.valid], 0.5, atol=1e-5)
 
 
 @pytest.mark.parametrize("unit_m", [0.0001, 0.00025, 0.001, 0.01])
