@@ -36,6 +36,7 @@ from heightmap.shards import (
     file_sha256,
     read_manifest,
     read_records,
+    refuse_twice,
     write_shard,
     write_whole,
 )
@@ -46,6 +47,7 @@ from saltus.workers import in_order
 
 SOURCE = "dagger"
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
+BEGUN = "dagger.json"
 
 Key = tuple[int, int, int]
 """Of a batch: seed, round, number."""
@@ -126,7 +128,9 @@ def dagger(
         StackError: the cluster cannot be reached, or its hosts cannot do the work.
     """
     if start is not None:
-        load_checkpoint(start)  # what is wrong with it is said before anything is written down
+        load_checkpoint(start)  # what is wrong is said before anything is written down
+    elif base is not None and not (directory / BEGUN).exists():
+        refuse_twice(base, read_records(base), config.seed, _table(config, 0, "true"))
     directory.mkdir(parents=True, exist_ok=True)
     _remember(directory, config, start, base)
     data = directory / "dataset"
@@ -151,7 +155,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         "start": start and file_sha256(start),
         "base": base and dataset_hash(read_records(base)),
     }
-    path = directory / "dagger.json"
+    path = directory / BEGUN
     if not path.exists():
         write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n"))
         return
@@ -192,11 +196,15 @@ def _collect(
 ) -> None:
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
-    table: dict[str, Any] = {"source": SOURCE, "round": index, "batches": config.batches, **asdict(config.loop)}
-    table["heights"] = "true" if model is None else HeightmapNetwork(model).model_id
+    table = _table(config, index, "true" if model is None else HeightmapNetwork(model).model_id)
     # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
     with closing(batches(model, keys)) as made:
         write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)
+
+
+def _table(config: DaggerConfig, index: int, heights: str) -> dict[str, Any]:
+    """What the manifest says of a round."""
+    return {"source": SOURCE, "round": index, "batches": config.batches, **asdict(config.loop), "heights": heights}
 
 
 def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -> Iterator[Episode]:

@@ -1,6 +1,5 @@
 """From a checkpoint to a model that can be shipped: exported, compared, measured, described."""
 
-import json
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 from heightmap.delivery import TRAINING
 from heightmap.export import Origin, export, parity
 from heightmap.network import HeightmapNetwork
-from heightmap.shards import DatasetError, ShardRecord, dataset_hash, read_dataset, read_records
+from heightmap.shards import DatasetError, ShardRecord, dataset_hash, motion, read_dataset, read_records
 from heightmap.train import load_checkpoint, split
 from heightmap.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.errors import ModelError
@@ -105,18 +104,12 @@ def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord
         DatasetError: it has a shard, or the motion of one, that the last training saw, or is what the one before saw.
     """
     records = read_records(folder)
-    known = {_motion(record) for record in trained_on}
+    known = {motion(record.seed, record.config) for record in trained_on}
     before = training["start"]
     for record in records:
-        if _motion(record) in known or (before and before["dataset"] == dataset_hash(records)):
+        if motion(record.seed, record.config) in known or (before and before["dataset"] == dataset_hash(records)):
             raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
     return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
-
-
-def _motion(record: ShardRecord) -> str:
-    """The same for shards that show the same motion, whatever camera took the images."""
-    settings = {name: value for name, value in record.config.items() if name != "camera"}
-    return json.dumps([record.seed, settings], sort_keys=True)
 
 
 def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: str) -> str:

@@ -28,6 +28,8 @@ _FORMAT = "saltus-heightmap-dataset-1"
 LAYOUT = "layout"
 PER_TICK = ("proprioception", "height")
 PER_FRAME = ("depth", "frame_tick")
+_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras")
+"""Of a configuration, what leaves the motion of the first robots as it is."""
 
 
 class DatasetError(SaltusError):
@@ -128,7 +130,7 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     """
     directory.mkdir(parents=True, exist_ok=True)
     records = read_manifest(directory)
-    _refuse_twice(directory, records, seed, config)
+    refuse_twice(directory, records, seed, config)
     name = f"round_{len(records):03d}.h5"
     with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
         writer = ShardWriter(file, pool)
@@ -139,13 +141,18 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     write_manifest(directory, [*records, writer.record])
 
 
-def _refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]) -> None:
-    wanted = json.loads(json.dumps(config))  # as a manifest gives it back
+def motion(seed: int, config: dict[str, Any]) -> str:
+    """The same for shards whose robots move alike, however many there are of them and whatever camera looked on."""
+    settings = {name: value for name, value in config.items() if name not in _NOT_OF_MOTION}
+    return json.dumps([seed, settings], sort_keys=True)
+
+
+def refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]) -> None:
+    """Raises `DatasetError` where a dataset has motion of this seed and configuration already."""
     for record in records:
-        if (record.seed, record.config) == (seed, wanted):
-            raise DatasetError(
-                f"{directory / record.file} holds the episodes of seed {seed} already: take another seed"
-            )
+        if motion(record.seed, record.config) == motion(seed, config):
+            where = directory / record.file
+            raise DatasetError(f"{where} holds the episodes of seed {seed} already: take another seed")
 
 
 def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:

@@ -5,7 +5,6 @@
 
 import argparse
 import math
-import pickle
 import sys
 import tempfile
 import time
@@ -112,16 +111,21 @@ def train(
     records, device = read_records(data), _device(config.device)
     _ask_for_room(checkpoint)
     known = load_checkpoint(start) if start else None
+    settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
+    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
+    if start and known:
+        origin["start"] = {"sha256": file_sha256(start), **{name: known[1][name] for name in ("dataset", "update")}}
+    begun = _begun(checkpoint, origin)
     store, held_out = _stores(data, records, device)
     torch.manual_seed(config.seed)
-    model, before = known or (HeightmapModel(config.model, store.normalisation()), None)
+    model = known[0] if known else HeightmapModel(config.model, store.normalisation())
     model.to(store.device).train()
     optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    settings = {**asdict(config), "model": asdict(model.config)}
-    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
-    if start and before:
-        origin["start"] = {"sha256": file_sha256(start), **{name: before[name] for name in ("dataset", "update")}}
-    first = _resume(checkpoint, origin, model, optimiser)
+    first = 0
+    if begun is not None:
+        model.load_state_dict(begun["model"])
+        optimiser.load_state_dict(begun["optimiser"])
+        first = int(begun["update"])
     updates = _updates(model, optimiser, store, config, first)
     began = saved = told = time.monotonic()
     update = kept = first
@@ -138,8 +142,8 @@ def train(
             if last:
                 calibrate(model, held_out, config.delivery, config.noise, config.seed)
             if now - saved > config.save_every_s or last:
-                saved, kept = now, update
                 _save(checkpoint, origin, update, model, optimiser)
+                saved, kept = now, update
     except KeyboardInterrupt:
         done = min(update, config.updates - 1)  # with the last one the calibration is still to come
         if done > kept:
@@ -195,12 +199,15 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         ModelError: the file is missing, or is no checkpoint of this network.
     """
     table = _read(checkpoint)
-    sizes = table["origin"]["config"]["model"]
-    shapes = {name: table["model"][name] for name in Normalisation._fields}
-    config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
-    model = HeightmapModel(config, Normalisation(**shapes))
-    model.load_state_dict(table["model"])
-    return model.eval(), {**table["origin"], "update": table["update"]}
+    try:
+        sizes = table["origin"]["config"]["model"]
+        shapes = {name: table["model"][name] for name in Normalisation._fields}
+        config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
+        model = HeightmapModel(config, Normalisation(**shapes))
+        model.load_state_dict(table["model"])
+        return model.eval(), {**table["origin"], "update": table["update"]}
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error
 
 
 def _loss(estimate: Estimate, window: Window) -> Tensor:
@@ -244,7 +251,7 @@ def _read(checkpoint: Path) -> dict[str, Any]:
         table = torch.load(checkpoint, map_location="cpu", weights_only=True)
     except OSError as error:
         raise ModelError(f"cannot read checkpoint {checkpoint}: {error.strerror}") from error
-    except (RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
+    except Exception as error:  # what a file that is something else makes of its unpickling
         raise ModelError(f"{checkpoint} is no checkpoint: torch cannot read it") from error
     if not isinstance(table, dict) or not {"origin", "update", "model", "optimiser"} <= table.keys():
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
@@ -258,15 +265,14 @@ def _ask_for_room(checkpoint: Path) -> None:
         pass
 
 
-def _resume(checkpoint: Path, origin: dict[str, Any], model: HeightmapModel, optimiser: torch.optim.Optimizer) -> int:
+def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
+    """What there is of this training; refuses what there is of another one."""
     if not checkpoint.exists():
-        return 0
+        return None
     table = _read(checkpoint)
     if differs := ", ".join(_differences(table["origin"], origin)):
         raise ModelError(f"{checkpoint} is of another training ({differs}): name another file, or remove it")
-    model.load_state_dict(table["model"])
-    optimiser.load_state_dict(table["optimiser"])
-    return int(table["update"])
+    return table
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any], where: str = "") -> Iterator[str]:
@@ -347,5 +353,5 @@ def _say(line: str) -> None:
 if __name__ == "__main__":
     try:
         main()
-    except SaltusError as error:
+    except (SaltusError, OSError) as error:
         sys.exit(str(error))

@@ -69,7 +69,12 @@ class RunConfig:
     epoch_ns: int = 0
     """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.
+
+        Raises:
+            ConfigError: it has no end, or a renderer that would be ignored.
+        """
         if not 0.0 < self.time_limit_s < math.inf:
             raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, and have an end")
         if self.camera == "d435i" and self.renderer not in ("auto", "embree"):

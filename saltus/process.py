@@ -53,6 +53,8 @@ from saltus.ticker import RunClock
 
 STATUS_PERIOD_S = 0.5
 ROUTER_LOST_S = 2.0
+LINKED_S = 0.3
+"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody."""
 EXIT_ERROR = 2
 RUN_FILE = "run.toml"
 PEER_FLAG = "--peer"
@@ -83,7 +85,8 @@ class ProcessContext:
         self._events = bus.publisher("event", name)
         self._parent = os.getppid()
         self._next_status_s = 0.0
-        self._seen_router_s = time.monotonic()
+        self.opened_s = self._seen_router_s = time.monotonic()
+        """When its bus had been opened, by the monotonic clock."""
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
@@ -159,6 +162,7 @@ def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -
     try:
         body(context)
     except SaltusError as error:
+        time.sleep(max(0.0, context.opened_s + LINKED_S - time.monotonic()))
         context.event("error", str(error))
         return _failed(context.name, error)
     return 0

@@ -54,11 +54,12 @@ class Demo:
 
         terrain = make_terrain(self.course)
         load_profile(self.profile)
-        directory = run_directory("demo", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
             profile=self.profile, planner=self.planner, time_limit_s=self.time_limit_s,
         )  # fmt: skip
+        config.check()
+        directory = run_directory("demo", self.out)
         run_stack(config, directory, terrain.finish_x)
         recording = read_recording(directory / "recording.mcap")
         summary = summarise(recording)

@@ -159,6 +159,10 @@ class Collect:
             from saltus.resources import resource
         except ImportError as error:
             raise SaltusError(f"--source policy needs {error.name}: {TRAINING}") from error
+        try:
+            policy = self.policy or resource(str(POLICY))
+        except SaltusError as error:
+            raise SaltusError("only a checkout has a checkpoint of the policy: name one with --policy") from error
         batches, camera = -(-self.episodes // ROBOTS), self.camera or "d435i"
         with tqdm(total=batches, unit="batch", desc="collect") as bar:
 
@@ -169,7 +173,7 @@ class Collect:
             robots = -(-self.episodes // batches)
             loop = DeviceLoop(robots=robots, cameras=(camera,))
             records = collect(
-                {camera: self.out}, loop, policy=self.policy or resource(str(POLICY)), predictor=self.predictor,
+                {camera: self.out}, loop, policy=policy, predictor=self.predictor,
                 batches=batches, seed=self.seed, device=self.device, done=show,
             )  # fmt: skip
         return records[camera]
@@ -238,16 +242,22 @@ class Train:
                 if progress.calibrates:
                     bar.set_description("calibrate")
 
+            before = _written_ns(self.checkpoint)
             try:
                 train(self.data, self.checkpoint, config, show, start=self.start)
             except KeyboardInterrupt:
                 bar.close()
-                kept = "what was learned is in" if self.checkpoint.exists() else "too early to leave anything in"
-                print(f"interrupted: {kept} {self.checkpoint}", file=sys.stderr)
+                kept = "what was learned is" if _written_ns(self.checkpoint) != before else "nothing new is"
+                print(f"interrupted: {kept} in {self.checkpoint}", file=sys.stderr)
                 raise
             bar.update(self.updates - bar.n)  # where all was done before
         print(self.checkpoint)
         return 0
+
+
+def _written_ns(path: Path) -> int | None:
+    """When a file was written; None where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,11 +39,12 @@ class Up:
 
         make_terrain(self.course)
         load_profile(self.profile)
-        directory = run_directory("up", self.out)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
             profile=self.profile, planner=self.planner, time_limit_s=FOREVER_S,
         )  # fmt: skip
+        config.check()
+        directory = run_directory("up", self.out)
         with Stack(config, directory) as stack:
             print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")
             stack.wait()

@@ -121,6 +121,12 @@ def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: s
         dagger(whole, config, SILENT, **paths.get(field, {}))
 
 
+def test_a_base_with_the_rounds_of_this_seed_is_refused_before_anything_is_written(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="another seed"):
+        dagger(tmp_path / "run", CONFIG, SILENT, base=whole / "dataset", processes=1)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Path) -> None:
     config = DaggerConfig(**{**vars(CONFIG), "rounds": 1})
     start, base = whole / "round_001" / "heightmap.pt", whole / "dataset"

@@ -1,6 +1,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -43,14 +44,16 @@ def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     assert sum(r.ticks for r in records) == sum(len(e.height) for e in written)
 
 
-def test_episodes_do_not_come_twice(tmp_path: Path) -> None:
-    write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "test", "cameras": ("d435i",)})
+@pytest.mark.parametrize("change", [{}, {"episodes": 9}, {"batches": 2}, {"camera": "ideal"}, {"cameras": ("ideal",)}])
+def test_episodes_do_not_come_twice(tmp_path: Path, change: dict[str, Any]) -> None:
+    config = {"source": "test", "episodes": 4, "batches": 1, "camera": "d435i", "cameras": ("d435i",)}
+    write_shard(tmp_path, episodes(4, 0), seed=0, config=config)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(DatasetError, match=r"round_000\.h5 holds the episodes of seed 0"):
-        write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "test", "cameras": ("d435i",)})
+        write_shard(tmp_path, episodes(4, 0), seed=0, config={**config, **change})
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    write_shard(tmp_path, episodes(4, 0), seed=0, config={"source": "other"})
-    write_shard(tmp_path, episodes(4, 1), seed=1, config={"source": "test", "cameras": ("d435i",)})
+    write_shard(tmp_path, episodes(4, 0), seed=0, config={**config, "source": "other"})
+    write_shard(tmp_path, episodes(4, 1), seed=1, config=config)
     assert len(read_manifest(tmp_path)) == 3
     assert [damage for damage in validate(tmp_path) if "round_001.h5 holds the episodes of round_000.h5" in damage]
 

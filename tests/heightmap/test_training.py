@@ -158,11 +158,29 @@ def test_what_was_learned_before_an_interruption_is_kept(
     monkeypatch.setattr(heightmap.train, where, interrupted)
     with pytest.raises(KeyboardInterrupt):
         train(data, checkpoint, config)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
     # With the last update the calibration is made again.
     assert load_checkpoint(checkpoint)[1]["update"] == {"run_window": 4, "calibrate": config.updates - 1}[where]
     train(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
     assert len(calls) == {"run_window": config.updates + 1, "calibrate": 2}[where]
+
+
+def test_an_interruption_while_it_is_kept_loses_nothing(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkpoint, save, calls = tmp_path / "c.pt", torch.save, []
+
+    def interrupted(*given: Any) -> None:
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        save(*given)
+
+    monkeypatch.setattr(torch, "save", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(data, checkpoint, TrainConfig(**{**vars(CONFIG), "save_every_s": 0.0}))
+    assert load_checkpoint(checkpoint)[1]["update"] == 1
 
 
 @pytest.mark.parametrize("change", ["updates", "forgets", "start"])
@@ -179,7 +197,9 @@ def test_a_checkpoint_of_another_training_is_left_alone(data: Path, tmp_path: Pa
     assert (tmp_path / "c.pt").read_bytes() == before
 
 
-@pytest.mark.parametrize("content", ["missing", "text", "empty", "folder", "another table", "cut"])
+@pytest.mark.parametrize(
+    "content", ["missing", "text", "words", "empty", "folder", "another table", "another origin", "cut"]
+)
 def test_what_is_no_checkpoint_is_refused_before_any_work(
     data: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -191,8 +211,12 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
         path.mkdir()
     elif content == "another table":
         torch.save({"model": {}}, path)
+    elif content == "another origin":
+        torch.save({"model": {}, "origin": {}, "update": 1, "optimiser": {}}, path)
     elif content != "missing":
-        path.write_bytes({"text": b"not a checkpoint\n", "empty": b"", "cut": whole[: len(whole) // 2]}[content])
+        path.write_bytes(
+            {"text": b"not a checkpoint\n", "words": b"hello\n", "empty": b"", "cut": whole[: len(whole) // 2]}[content]
+        )
     given = ["heightmap", "train", "--data", str(data), "--checkpoint", str(tmp_path / "b.pt"), "--updates", "1"]
     for command in (
         [*given, "--start", str(path)],
