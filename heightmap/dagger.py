@@ -14,7 +14,6 @@ what it would have given.
 
 import json
 import math
-import os
 import shutil
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -186,9 +185,7 @@ def _batches(
     """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
     if cluster is not None:
         return in_order_on_ray(loop.episodes, model, keys, cluster, processes)
-    return in_order(
-        partial(loop.episodes, model), keys, len(os.sched_getaffinity(0)) if processes is None else processes
-    )
+    return in_order(partial(loop.episodes, model), keys, processes)
 
 
 def _collect(

@@ -105,9 +105,9 @@ def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord
     """
     records = read_records(folder)
     known = {motion(record.seed, record.config) for record in trained_on}
-    before = training["start"]
+    whole = training["start"] is not None and training["start"]["dataset"] == dataset_hash(records)
     for record in records:
-        if motion(record.seed, record.config) in known or (before and before["dataset"] == dataset_hash(records)):
+        if whole or motion(record.seed, record.config) in known:
             raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
     return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
 

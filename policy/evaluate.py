@@ -1,7 +1,6 @@
 """How well a planner does: many trials on one terrain, with what a seed draws."""
 
 import math
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -110,7 +109,7 @@ def evaluate(
     """
     run = partial(run_batch, evaluation, heights, planner)
     batches = _batches(range(evaluation.first_seed, evaluation.first_seed + evaluation.trials), BATCH)
-    yield from in_order(run, batches, len(os.sched_getaffinity(0)) if processes is None else processes)
+    yield from in_order(run, batches, processes)
 
 
 def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:

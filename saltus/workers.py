@@ -16,7 +16,7 @@ Result = TypeVar("Result")
 
 
 def in_order(
-    function: Callable[[Task], Result], tasks: Sequence[Task], processes: int
+    function: Callable[[Task], Result], tasks: Sequence[Task], processes: int | None = None
 ) -> Generator[Result, None, None]:
     """Yields `function` of each task, in the order of the tasks; several processes run ahead, by one task each.
 
@@ -25,11 +25,13 @@ def in_order(
     Args:
         function: Can be sent to another process where `processes` is not 1.
         tasks: Its arguments.
-        processes: How many; 1 runs everything here.
+        processes: How many; one for each core where it is not given. 1 runs everything here.
 
     Raises:
         ConfigError: not even one process.
     """
+    if processes is None:
+        processes = len(os.sched_getaffinity(0))
     if processes < 1:
         raise ConfigError(f"processes = {processes}: it must be at least 1")
     if processes == 1 or len(tasks) <= 1:

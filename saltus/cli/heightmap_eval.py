@@ -49,8 +49,6 @@ class Eval:
 
     def run(self) -> int:
         """Runs them all and prints a table, in millimetres."""
-        import os
-
         from heightmap.held_out import HeldOutRun, HeldOutRuns
         from heightmap.scores import scores
         from saltus.resources import resource
@@ -60,10 +58,9 @@ class Eval:
             runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines, time_limit_s=self.time_limit_s
         )  # fmt: skip
         work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
-        processes = len(os.sched_getaffinity(0)) if self.processes is None else self.processes
         measured: list[HeldOutRun] = []
         with tqdm(total=self.runs, unit="run", file=sys.stderr) as bar:
-            for batch in in_order(work, config.batches, processes):
+            for batch in in_order(work, config.batches, self.processes):
                 measured += batch
                 bar.update(len(batch))
         table = scores(measured)
