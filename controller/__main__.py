@@ -28,7 +28,7 @@ PRIORITY = -15
 AUTOGROUP = Path("/proc/self/autogroup")
 """Where a session's priority is set (sched(7))."""
 CATCH_UP_TICKS = 10
-"""20 ms: the robot is simulated, and its time should not fall behind the wall clock when the machine stalls."""
+"""20 ms: the robot is simulated, and its time should not fall behind the run's clock when the machine stalls."""
 STEPS_AT_REST = 30
 """The end of a recording shows a robot that stands."""
 MAX_STEPS_TO_STAND = 150
@@ -91,9 +91,9 @@ class Run:
         self._come_to_a_stand(None)
 
     def realtime(self) -> None:
-        """Runs at 500 Hz of the wall clock; the others answer when they can."""
+        """Runs at 500 Hz of the run's clock; the others answer when they can."""
         _come_first()
-        ticker = Ticker(1.0 / go1.PHYSICS_DT, catch_up=CATCH_UP_TICKS)
+        ticker = Ticker(1.0 / go1.PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
         gc.collect()
         gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
         self._context.ready()
@@ -103,7 +103,7 @@ class Run:
         self._come_to_a_stand(ticker)
 
     def _free_step(self, ticker: Ticker | None) -> None:
-        """A policy step that waits for nobody: on the wall clock, or, without a ticker, as fast as it goes."""
+        """A policy step that waits for nobody: by the run's clock, or, without a ticker, as fast as it goes."""
         start_ns = 0
         for tick in range(go1.POLICY_STEPS):
             if ticker is not None:

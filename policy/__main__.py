@@ -50,7 +50,8 @@ class PlannerLoop:
             if newer is not None or self._context.stopped:
                 return newer
         elif freshness(self._states.topic, state.time_ns, self._context.clock.now_ns()).usable:
-            heightmap = self._newest_heightmap(0.0 if self._newest_step >= state.step else HEIGHTMAP_WAIT_S)
+            wait_s = 0.0 if self._newest_step >= state.step else HEIGHTMAP_WAIT_S
+            heightmap = self._newest_heightmap(self._context.clock.machine_s(wait_s))
         else:
             return None
         self._plans.put(self._process.step(state, heightmap, self._context.clock.now_ns()))

@@ -78,7 +78,7 @@ def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
     context.ready()
     while not context.stopped:
         context.beat(ticks=camera.exposures, overruns=camera.overruns)
-        sample = truths.wait(timeout_s=camera.wait_s(context.clock.now_ns(), WAIT_S))
+        sample = truths.wait(context.clock.machine_s(camera.wait_s(context.clock.now_ns(), WAIT_S)))
         now_ns = context.clock.now_ns()
         truth = None
         if sample is not None and freshness(truths.topic, sample.message.time_ns, now_ns).usable:

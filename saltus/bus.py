@@ -129,6 +129,17 @@ class Stream:
         return samples
 
 
+@dataclass(frozen=True)
+class Intake:
+    """What came on a key over a while."""
+
+    topic: Topic
+    received: int
+    """Messages that were accepted."""
+    silence_ns: int
+    """The longest time without one, by the clock of this machine."""
+
+
 class Latest:
     """The newest message of one key, checked."""
 
@@ -138,6 +149,9 @@ class Latest:
         """Monotonic time of the last message that was accepted; loss is timed from it."""
         self._slot = slot
         self._rejected = rejected
+        self._received = 0
+        self._silence_ns = 0
+        self._counted_from_ns = time.monotonic_ns()
         self._sender: Envelope | None = None
         self._retired: deque[bytes] = deque(maxlen=RETIRED_SENDERS)
 
@@ -163,6 +177,14 @@ class Latest:
             return float("inf")
         return 1e-9 * (time.monotonic_ns() - self.last_arrival_ns)
 
+    def take_intake(self) -> Intake:
+        """What has come since the last call."""
+        now_ns = time.monotonic_ns()
+        last_ns = max(self._counted_from_ns, self.last_arrival_ns or 0)
+        intake = Intake(self.topic, self._received, max(self._silence_ns, now_ns - last_ns))
+        self._received, self._silence_ns, self._counted_from_ns = 0, 0, now_ns
+        return intake
+
     def _check(self, raw: RawSample) -> Sample | None:
         try:
             envelope, message = unpack(self.topic, raw)
@@ -171,6 +193,8 @@ class Latest:
             self._rejected[f"{self.topic.name}/{error.reason}"] += 1
             return None
         self._sender = envelope
+        self._received += 1
+        self._silence_ns = max(self._silence_ns, raw.arrival_ns - (self.last_arrival_ns or self._counted_from_ns))
         self.last_arrival_ns = raw.arrival_ns
         return Sample(message, envelope, raw.arrival_ns)
 
@@ -217,6 +241,8 @@ class Bus(ABC):
         self.boot_id = secrets.token_bytes(16)
         self.rejected: Counter[str] = Counter()
         """Messages refused so far by "topic/reason"."""
+        self.latests: list[Latest] = []
+        """Of the keys that were asked for."""
 
     @abstractmethod
     def publisher(self, topic: str, suffix: str = "") -> Publisher:
@@ -243,6 +269,10 @@ class Bus(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _latest(self, topic: str, slot: Slot) -> Latest:
+        self.latests.append(Latest(TOPICS[topic], slot, self.rejected))
+        return self.latests[-1]
 
     def _key(self, topic: str, suffix: str) -> str:
         if topic not in TOPICS:
@@ -312,7 +342,7 @@ class ZenohBus(Bus):
         # consumer fall seconds behind and then blocks the session. Not indirect: with a thread for each key, a state
         # overtakes the image that was sent before it.
         self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
-        return Latest(TOPICS[topic], slot, self.rejected)
+        return self._latest(topic, slot)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""

@@ -6,11 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from saltus import cue
+from saltus.ticker import RunClock
 
 LOG_TAIL_LINES = 15
 LOAD_TIMEOUT_S = 30.0
@@ -41,13 +41,14 @@ class Program:
 class Child:
     """A program: the process that runs, one that may wait to take over, and what is known of its health."""
 
-    def __init__(self, program: Program, log: Path) -> None:
+    def __init__(self, program: Program, log: Path, clock: RunClock) -> None:
         self.program = program
         self.log = log
         self.started_s = 0.0
-        """Monotonic time at which the process that runs was told to begin."""
+        """When the process that runs was told to begin, by the run's clock."""
         self.alive_s: float | None = None
-        """Monotonic time of the last proof of life; None until it is ready."""
+        """When the last proof of life came, by the run's clock; None until it is ready."""
+        self._clock = clock
         self.restarts = 0
         self._runs: _Launch | None = None
         self._waits: _Launch | None = None
@@ -79,7 +80,7 @@ class Child:
 
     def load(self, arguments: list[str]) -> None:
         """Starts a process that loads everything, and then waits to take over."""
-        self._waits = _Launch(self.program.module, arguments, self.log)
+        self._waits = _Launch(self.program.module, arguments, self.log, self._clock)
 
     def begin(self, arguments: list[str]) -> None:
         """Tells the process that waits to take over; starts one where none waits. The one before must have ended."""
@@ -88,7 +89,7 @@ class Child:
             self.load(arguments)
         self._drop(self._runs)
         self._runs, self._waits = self._waits, None
-        self.started_s = time.monotonic()  # before it is told to: it may answer at once
+        self.started_s = self._clock.elapsed_s()  # before it is told to: it may answer at once
         self.alive_s = None
         if self._runs is not None:
             self._runs.begin()
@@ -133,7 +134,7 @@ class Child:
 class _Launch:
     """One start of a program: its process, and the line on which it is told to begin."""
 
-    def __init__(self, module: str, arguments: list[str], log: Path) -> None:
+    def __init__(self, module: str, arguments: list[str], log: Path, clock: RunClock) -> None:
         self._line, theirs = socket.socketpair()
         self._line.setblocking(False)
         with theirs, log.open("ab") as file:
@@ -145,14 +146,15 @@ class _Launch:
                 env={**os.environ, **ENVIRONMENT},
                 start_new_session=True,  # so that Ctrl-C reaches the supervisor alone
             )
-        self._started_s = time.monotonic()
+        self._clock = clock
+        self._started_s = clock.elapsed_s()
         self._loaded = False
 
     def loading(self) -> bool:
         """Whether it has not yet said that it waits, and still may."""
         with contextlib.suppress(BlockingIOError, ConnectionResetError):
             self._loaded = self._loaded or self._line.recv(1) == cue.LOADED
-        in_time = time.monotonic() - self._started_s < LOAD_TIMEOUT_S
+        in_time = self._clock.elapsed_s() - self._started_s < LOAD_TIMEOUT_S
         return not self._loaded and in_time and self.process.poll() is None
 
     def begin(self) -> None:

@@ -330,18 +330,23 @@ def _decode_event(wire: Any) -> Event:
 
 
 def _encode_status(message: ProcessStatus) -> Any:
-    names = list(message.rejected)
-    counts = np.array([message.rejected[name] for name in names], dtype=np.int64)
+    names, topics = list(message.rejected), list(message.received)
     wire_type: Any = STORE.types[schemas.STATUS_TYPE]
-    head = header(message.time_ns, schemas.FRAME[ProcessStatus])
     return wire_type(
-        head, message.process, bool(message.ready), int(message.ticks), int(message.overruns), names, counts
+        header(message.time_ns, schemas.FRAME[ProcessStatus]),
+        message.process,
+        bool(message.ready),
+        int(message.ticks),
+        int(message.overruns),
+        names,
+        np.array([message.rejected[name] for name in names], dtype=np.int64),
+        topics,
+        np.array([message.received[name] for name in topics], dtype=np.int64),
+        np.array([message.silence_us[name] for name in topics], dtype=np.int64),
     )
 
 
 def _decode_status(wire: Any) -> ProcessStatus:
-    if len(wire.rejected) != wire.rejected_count.size:
-        raise MessageError("shape", f"{len(wire.rejected)} reasons with {wire.rejected_count.size} counts")
     for name, value in (("ticks", wire.ticks), ("overruns", wire.overruns)):
         _bounded(name, value, 0, schemas.INDEX_MAX)
     return ProcessStatus(
@@ -350,8 +355,16 @@ def _decode_status(wire: Any) -> ProcessStatus:
         ready=wire.ready,
         ticks=wire.ticks,
         overruns=wire.overruns,
-        rejected={_text("rejected", k): int(n) for k, n in zip(wire.rejected, wire.rejected_count, strict=True)},
+        rejected=_counts("rejected", wire.rejected, wire.rejected_count),
+        received=_counts("received", wire.received, wire.received_count),
+        silence_us=_counts("silence_us", wire.received, wire.silence_us),
     )
+
+
+def _counts(name: str, keys: Any, counts: Any) -> dict[str, int]:
+    if len(keys) != counts.size:
+        raise MessageError("shape", f"{name}: {len(keys)} names with {counts.size} counts")
+    return {_text(name, key): int(count) for key, count in zip(keys, counts, strict=True)}
 
 
 _TABLES = {kind: _TableCodec(kind) for kind in FIELDS}

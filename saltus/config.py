@@ -66,6 +66,8 @@ class RunConfig:
     heightmap_model: str | None = None
     """Path of an ONNX file; the shipped model where it is not given."""
     time_limit_s: float = 20.0
+    speed: float = 1.0
+    """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""
     epoch_ns: int = 0
     """Start of the run on the monotonic clock of this machine; the zero of the run's clock in real time."""
 
@@ -73,8 +75,12 @@ class RunConfig:
         """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.
 
         Raises:
-            ConfigError: it has no end, or a renderer that would be ignored.
+            ConfigError: it has no end, a speed that no run can have, or a renderer that would be ignored.
         """
+        if not 0.0 < self.speed <= 1.0:
+            raise ConfigError(f"speed = {self.speed:g}: it must be more than 0 and at most 1 (real time)")
+        if self.speed < 1.0 and self.pace == "lockstep":
+            raise ConfigError(f'speed = {self.speed:g}: a lockstep run has no clock to slow; use pace = "realtime"')
         if not 0.0 < self.time_limit_s < math.inf:
             raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, and have an end")
         if self.camera == "d435i" and self.renderer not in ("auto", "embree"):

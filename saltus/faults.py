@@ -57,6 +57,8 @@ class FaultResult:
 def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: float) -> Recording:
     """Starts a real-time run, kills a process `after_s` after the robot has begun to run, and goes on watching.
 
+    All times are in the clock of the run.
+
     Raises:
         StackError: the robot did not begin to run, or the run could not go on.
     """
@@ -91,9 +93,10 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
 
 def _until_running(stack: Stack, states: Latest) -> bool:
     """Polls until the robot runs."""
-    waited_s = 0.0
-    while waited_s < RUN_TIMEOUT_S and not stack.wait(0.02):
-        waited_s += 0.02
+    period_s = 0.02 * stack.config.speed
+    for _ in range(round(RUN_TIMEOUT_S / period_s)):
+        if stack.wait(period_s):
+            return False
         sample = states.take()
         if sample is not None and isinstance(sample.message, RobotState) and sample.message.mode == ControllerMode.RUN:
             return True

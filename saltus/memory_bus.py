@@ -6,7 +6,6 @@ from saltus import codec
 from saltus.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.codec import Envelope
 from saltus.messages import Message
-from saltus.topics import TOPICS
 
 
 class MemoryHub:
@@ -51,7 +50,7 @@ class MemoryBus(Bus):
         """See `Bus.latest`."""
         slot = Slot(self.bell)
         self.hub.attach(self._key(topic, suffix), slot)
-        return Latest(TOPICS[topic], slot, self.rejected)
+        return self._latest(topic, slot)
 
     def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
         """See `Bus.stream`."""

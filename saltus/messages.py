@@ -225,6 +225,10 @@ class ProcessStatus:
     overruns: int
     rejected: dict[str, int] = field(default_factory=dict)
     """Count of rejected messages by "topic/reason"."""
+    received: dict[str, int] = field(default_factory=dict)
+    """Messages that came since the last status, by topic."""
+    silence_us: dict[str, int] = field(default_factory=dict)
+    """The longest time that passed without one since then, by topic [microseconds, run's clock]."""
 
 
 Message = DepthFrame | RobotState | Heightmap | MotionPlan | JointLog | GroundTruth | Done | Event | ProcessStatus

@@ -30,13 +30,15 @@ A process is a pure class with `step(...)`; its `__main__` wires it to the bus a
     if __name__ == "__main__":
         sys.exit(run_process("heightmap", body))
 
-A loop of fixed rate uses `Ticker(rate_hz)`: `ticker.wait(); context.beat(ticks=ticker.ticks,
-overruns=ticker.overruns)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
-(`context.stopped` becomes true; finish and return), or when the supervisor or its router are gone. A `SaltusError`
-out of the body becomes an event, one line on stderr and exit code 2. When the controller returns, the run is over.
+A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`: `ticker.wait(); context.beat(ticks=ticker.ticks,
+overruns=ticker.overruns)`. A wait that belongs to the run lasts `context.clock.machine_s(seconds)`. The process ends by
+returning from the body (exit code 0), by SIGTERM or SIGINT (`context.stopped` becomes true; finish and return), or
+when the supervisor or its router are gone. A `SaltusError` out of the body becomes an event, one line on stderr and
+exit code 2. When the controller returns, the run is over.
 """
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -52,6 +54,7 @@ from saltus.messages import Event, ProcessStatus
 from saltus.ticker import RunClock
 
 STATUS_PERIOD_S = 0.5
+"""Of the machine's time: a run that is slowed tells as soon how it goes."""
 ROUTER_LOST_S = 2.0
 LINKED_S = 0.3
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody."""
@@ -76,7 +79,7 @@ class ProcessContext:
         self.config = run_config
         self.run_dir = run_dir
         self.bus = bus
-        self.clock = RunClock(run_config.epoch_ns, lockstep=run_config.pace == "lockstep")
+        self.clock = RunClock.of(run_config)
         self.stopped = False
         """Whether the process should finish and return."""
         self._cued = cued
@@ -84,9 +87,9 @@ class ProcessContext:
         self._status = bus.publisher("status", name)
         self._events = bus.publisher("event", name)
         self._parent = os.getppid()
-        self._next_status_s = 0.0
-        self.opened_s = self._seen_router_s = time.monotonic()
-        """When its bus had been opened, by the monotonic clock."""
+        self._next_status_s = -math.inf
+        self.opened_s = self._seen_router_s = self.clock.elapsed_s()
+        """When its bus had been opened, by the run's clock."""
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
@@ -94,7 +97,7 @@ class ProcessContext:
             self.stopped = True
             return
         self._ready = True
-        self._next_status_s = 0.0
+        self._next_status_s = -math.inf
         self.beat(ticks=0)
 
     def beat(self, *, ticks: int, overruns: int = 0) -> None:
@@ -104,18 +107,20 @@ class ProcessContext:
             ticks: Rounds that did work, so far.
             overruns: Rounds that were left out for lack of time, so far.
         """
-        now_s = time.monotonic()
+        now_s = self.clock.elapsed_s()
         if not self._ready or now_s < self._next_status_s:
             return
-        self._next_status_s = now_s + STATUS_PERIOD_S
-        rejected = dict(self.bus.rejected)
+        self._next_status_s = now_s + STATUS_PERIOD_S * self.clock.speed
+        intakes = [latest.take_intake() for latest in self.bus.latests if latest.topic.publisher != "*"]
         status = ProcessStatus(
             time_ns=self.clock.now_ns(),
             process=self.name,
             ready=True,
             ticks=ticks,
             overruns=overruns,
-            rejected=rejected,
+            rejected=dict(self.bus.rejected),
+            received={intake.topic.name: intake.received for intake in intakes},
+            silence_us={i.topic.name: round(1e-3 * i.silence_ns * self.clock.speed) for i in intakes},
         )
         self._status.put(status)
         self._check_surroundings(now_s)
@@ -162,7 +167,7 @@ def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -
     try:
         body(context)
     except SaltusError as error:
-        time.sleep(max(0.0, context.opened_s + LINKED_S - time.monotonic()))
+        time.sleep(context.clock.machine_s(max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())))
         context.event("error", str(error))
         return _failed(context.name, error)
     return 0

@@ -23,6 +23,7 @@ from saltus.errors import MessageError, RecordingError
 from saltus.messages import GroundTruth, Message, RobotState
 from saltus.provenance import commit, package_version
 from saltus.schemas import TYPE_NAME
+from saltus.ticker import RunClock
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_S = 0.5  # what a crash may cost
@@ -44,8 +45,7 @@ class Recorder:
         self.path = path
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
-        self._lockstep = run_config.pace == "lockstep"
-        self._epoch_ns = run_config.epoch_ns
+        self._clock = RunClock.of(run_config)
         self.simulated_ns = 0
         """Lockstep: time of the newest step that was recorded."""
         self._schemas: dict[str, int] = {}
@@ -108,8 +108,8 @@ class Recorder:
 
     def _arrival_ns(self, raw: RawSample, message: Message) -> int:
         """In lockstep the simulated time moves with what the robot last said."""
-        if not self._lockstep:
-            return max(0, raw.arrival_ns - self._epoch_ns)
+        if not self._clock.lockstep:
+            return max(0, self._clock.of_monotonic(raw.arrival_ns))
         if isinstance(message, RobotState | GroundTruth):
             self.simulated_ns = max(self.simulated_ns, message.time_ns)
         return self.simulated_ns

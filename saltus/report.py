@@ -9,10 +9,19 @@ import plotly.graph_objects as go
 
 from saltus import go1
 from saltus.config import RunConfig, to_toml
-from saltus.messages import Event, Floats, GroundTruth, Heightmap, HeightmapStatus, MotionPlan, RobotState
+from saltus.messages import (
+    ControllerMode,
+    Event,
+    Floats,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    RobotState,
+)
 from saltus.provenance import commit
 from saltus.recording import Recording
-from saltus.summary import RunSummary
+from saltus.summary import RunSummary, shown
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
@@ -35,7 +44,9 @@ class RunData:
     """The messages of a run as arrays, joined by step; n is the number of steps that have a state and a truth."""
 
     time_s: Floats
-    """Shape (n,), since the first state."""
+    """Shape (n,), since `start_ns`."""
+    start_ns: int
+    """Time of the first state in the run's clock: the zero of every time that is shown."""
     position: Floats
     """True base position in the world [m], shape (n, 3)."""
     quaternion: Floats
@@ -54,6 +65,7 @@ def collect(recording: Recording) -> RunData:
     start = states[steps[0]].time_ns if steps else 0
     return RunData(
         time_s=np.array([(states[k].time_ns - start) * 1e-9 for k in steps]),
+        start_ns=start,
         position=np.array([truths[k].position_base_in_world for k in steps]).reshape(-1, 3),
         quaternion=np.array([truths[k].quaternion_base_in_world for k in steps]).reshape(-1, 4),
         states=[states[k] for k in steps],
@@ -85,7 +97,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         "<h2>Rates and ages</h2>",
         _timing_table(summary),
         "<h2>Events</h2>",
-        _event_table(recording),
+        _event_table(recording, data.start_ns),
         "<h2>Provenance</h2>",
         f"<pre>commit = {html.escape(commit())}\ndigest = {summary.digest}\n{html.escape(to_toml(config))}</pre>",
     ]
@@ -100,10 +112,11 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
 def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
     sizes = ", ".join(_size(name, value) for name, value in terrain.params.items())
     where = f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
-    run = f"seed {config.seed}, {config.pace}"
+    speed = f" at {config.speed:g} of real time" if config.speed < 1.0 else ""
+    run = f"seed {config.seed}, {config.pace}{speed}"
     if summary.success:
         return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
-    return f"Did not cross {where}: {summary.cause} after {summary.distance_m:.2f} m; {run}"
+    return f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
 
 
 def _size(name: str, value: float) -> str:
@@ -114,10 +127,10 @@ def _numbers(summary: RunSummary) -> str:
     verdict = '<span class="good">success</span>' if summary.success else '<span class="bad">failure</span>'
     rows = {
         "outcome": verdict,
-        "distance": f"{summary.distance_m:.2f} m",
-        "time": f"{summary.time_s:.2f} s",
-        "mean speed": f"{summary.mean_speed_mps:.2f} m/s",
-        "heightmap, mean absolute error": f"{100 * summary.heightmap_mae_m:.1f} cm",
+        "distance": shown(summary.distance_m, 2, "m"),
+        "time": shown(summary.time_s, 2, "s"),
+        "mean speed": shown(summary.mean_speed_mps, 2, "m/s"),
+        "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
         "messages rejected": str(sum(summary.rejected.values())),
     }
     cells = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows.items())
@@ -216,7 +229,9 @@ def _contact_figure(data: RunData) -> go.Figure:
 
 
 def _error_figure(data: RunData) -> go.Figure:
-    pairs = [(data.heightmaps[t.step], t) for t in data.truths if t.step in data.heightmaps]
+    """Of the steps that the headline's error is of: the robot runs, on a heightmap of status OK."""
+    running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN]
+    pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
     trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK]
     figure = go.Figure()
     if trusted:
@@ -246,12 +261,12 @@ def _timing_table(summary: RunSummary) -> str:
     return f"<table>{head}{rows}</table>"
 
 
-def _event_table(recording: Recording) -> str:
+def _event_table(recording: Recording, start_ns: int) -> str:
     events = [message for _, _, message in recording.messages("event") if isinstance(message, Event)]
     if not events:
         return "<p>none</p>"
     rows = "".join(
-        f"<tr><td>{event.time_ns * 1e-9:.3f} s</td><td>{html.escape(event.process)}</td>"
+        f"<tr><td>{(event.time_ns - start_ns) * 1e-9:.3f} s</td><td>{html.escape(event.process)}</td>"
         f"<td>{html.escape(event.code)}</td><td>{html.escape(event.detail)}</td></tr>"
         for event in events
     )

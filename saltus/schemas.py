@@ -180,6 +180,9 @@ DEFINITIONS: dict[str, str] = {
         "int64 overruns\n"
         "string[] rejected\n"
         "int64[] rejected_count\n"
+        "string[] received\n"
+        "int64[] received_count\n"
+        "int64[] silence_us\n"
     ),
     **{
         TYPE_NAME[kind]: "\n".join(["std_msgs/Header header", *(f.definition for f in fields)]) + "\n"

@@ -10,6 +10,7 @@ import signal
 import socket
 import statistics
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.messages import Done, Event, ProcessStatus
 from saltus.process import PEER_FLAG, RUN_FILE
+from saltus.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.recorder import Recorder
 from saltus.resources import resource
 from saltus.ticker import RunClock
@@ -47,6 +49,8 @@ RESTART_AFTER_S = 0.15
 STOP_TIMEOUT_S = 3.0
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
+RECORDED_AT_A_TIME = 20
+"""Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
 ANSWER_TIMEOUT_S = 0.1
 PORT_ATTEMPTS = 5
 SUPERVISOR = "supervisor"
@@ -57,7 +61,8 @@ class Stack:
     """The processes of one run, as a context manager.
 
     Args:
-        run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in.
+        run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in. All
+            limits below are in the clock of this run.
         run_dir: Gets `run.toml`, `recording.mcap` and `logs/<process>.log`.
         programs: The process table; tests bring their own.
 
@@ -78,12 +83,18 @@ class Stack:
         """Ticks that each process left out, from its last proof of life."""
         self.recording_error: str | None = None
         """Why the recording ended early."""
-        self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log") for p in programs}
-        self._clock = RunClock(self.config.epoch_ns, lockstep=self.config.pace == "lockstep")
+        self._clock = RunClock.of(self.config)
+        self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log", self._clock) for p in programs}
+        self.real_time: RealTimeFactor | None = None
+        """In real time: how the run has kept up lately; None until the robot has moved for some seconds."""
+        self.too_slow: RealTimeFactor | None = None
+        """The same of the first time that it did not keep up; None while it does."""
+        self._monitor = RealTimeMonitor(self._clock, robot=programs[-1].name)
         self._heard_until_s = 0.0
-        """What had arrived by this monotonic time has been read."""
+        """What had arrived by this time of the run's clock has been read."""
         self._begin_at_s: dict[str, float] = {}  # of those that have died
         self._events_sent = self._events_seen = 0
+        self._unrecorded: deque[RawSample] = deque()
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
         self._stream: Stream
@@ -148,10 +159,10 @@ class Stack:
         return not self.finished
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Polls until the run has come to its end; returns False where the timeout came first."""
-        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        """Polls until the run has come to its end; returns False where the timeout [s, run's clock] came first."""
+        deadline_s = None if timeout_s is None else self._clock.elapsed_s() + timeout_s
         while self.poll():
-            if deadline_s is not None and time.monotonic() >= deadline_s:
+            if deadline_s is not None and self._clock.elapsed_s() >= deadline_s:
                 return False
             time.sleep(POLL_S)
         return True
@@ -205,7 +216,7 @@ class Stack:
     def _look_after(self, child: Child) -> None:
         if self.finished:
             return
-        now_s = time.monotonic()
+        now_s = self._clock.elapsed_s()
         code = child.exit_code()
         begin_at_s = self._begin_at_s.get(child.name)
         if begin_at_s is not None:
@@ -238,28 +249,41 @@ class Stack:
         if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
             raise StackError(f"{child.name} died ({how}){child.log_tail()}")
         child.restarts += 1
-        self._begin_again(child, time.monotonic() + (0.0 if child.has_spare else RESTART_AFTER_S))
+        self._begin_again(child, self._clock.elapsed_s() + (0.0 if child.has_spare else RESTART_AFTER_S))
 
     def _begin_again(self, child: Child, at_s: float) -> None:
-        if time.monotonic() < at_s:
+        if self._clock.elapsed_s() < at_s:
             self._begin_at_s[child.name] = at_s
         else:
             self._begin_at_s.pop(child.name, None)
             child.begin(self._arguments)
 
     def _drain(self) -> None:
-        self._heard_until_s = time.monotonic()
-        for raw in self._stream.drain():
+        self._heard_until_s = self._clock.elapsed_s()
+        samples = self._stream.drain()
+        for raw in samples:
             self._events_seen += raw.key == f"event/{SUPERVISOR}"
             self._note_status(raw)
-            if self.recording_error is None:
-                self._record(raw)
-        if self.recording_error is None:
-            self._record(None)
+        self._judge_real_time()
+        self._unrecorded.extend(samples)
+        for _ in range(min(len(self._unrecorded), RECORDED_AT_A_TIME)):
+            self._record(self._unrecorded.popleft())
+        self._record(None)
+
+    def _judge_real_time(self) -> None:
+        """Says once that the run does not keep up. What a death holds up says nothing about the computer."""
+        if any(self.restarts.values()):
+            return
+        factor = self.real_time = self._monitor.verdict()
+        if factor is not None and not factor.kept and self.too_slow is None:
+            self.too_slow = factor
+            self._event("too_slow", str(factor))
 
     def _record(self, raw: RawSample | None) -> None:
         """Writes a sample, or flushes. A full disk must not stop a robot."""
         try:
+            if self.recording_error is not None:
+                return
             if raw is None:
                 self._recorder.flush()
             else:
@@ -279,12 +303,14 @@ class Stack:
         except MessageError:
             return  # counted by the recorder
         child = self._children.get(status.process) if isinstance(status, ProcessStatus) else None
-        arrival_s = 1e-9 * raw.arrival_ns
+        arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
         if child is None or not isinstance(status, ProcessStatus) or arrival_s < child.started_s:
             return
         if not child.ready:
             self._event("process_ready", f"{child.name}: after {arrival_s - child.started_s:.2f} s")
         child.alive_s = arrival_s
+        if not self._clock.lockstep:
+            self._monitor.take(status)
         self.rejected[child.name] = status.rejected
         self.overruns[child.name] = status.overruns
 
@@ -293,11 +319,13 @@ class Stack:
         self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
 
     def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
-        deadline_s = time.monotonic() + LAST_WORDS_S
-        while self._events_seen < self._events_sent and time.monotonic() < deadline_s:
+        deadline_s = self._clock.elapsed_s() + LAST_WORDS_S
+        while self._events_seen < self._events_sent and self._clock.elapsed_s() < deadline_s:
             self._drain()
             time.sleep(POLL_S)
         self._drain()
+        while self._unrecorded:
+            self._record(self._unrecorded.popleft())
         summary = {
             "restarts": json.dumps(self.restarts),
             "rejected": json.dumps({**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}),
@@ -315,8 +343,8 @@ class Stack:
         for child in group:
             child.dismiss()
             child.signal(signal.SIGTERM)
-        deadline_s = time.monotonic() + STOP_TIMEOUT_S
-        while any(child.running() for child in group) and time.monotonic() < deadline_s:
+        deadline_s = self._clock.elapsed_s() + STOP_TIMEOUT_S
+        while any(child.running() for child in group) and self._clock.elapsed_s() < deadline_s:
             self._drain()
             time.sleep(POLL_S)
         for child in group:

@@ -12,6 +12,8 @@ from saltus.messages import ControllerMode, Event, GroundTruth, Heightmap, Heigh
 from saltus.recording import Recording, digest, rates_and_ages
 
 OUTCOME_CODES = ("finished", "fell", "timeout")
+STOP_CODES = ("heightmap_lost", "heightmap_invalid", "plan_lost")
+"""Events that make a running robot stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +24,8 @@ class RunSummary:
     success: bool
     cause: str
     """Why it failed; empty after success."""
+    explanation: str
+    """The same for a person, with what made the robot stop and whether the computer kept up; empty after success."""
     distance_m: float
     time_s: float
     mean_speed_mps: float
@@ -34,14 +38,21 @@ class RunSummary:
     rejected: dict[str, int]
 
 
+def shown(value: float, digits: int, unit: str) -> str:
+    """A number for a person; one that nothing was measured for is "unknown"."""
+    return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "unknown"
+
+
 def summarise(recording: Recording) -> RunSummary:
     """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
     outcome = _outcome(recording)
+    success, cause = bool(outcome.get("success", False)), str(outcome.get("cause", "the run was cut off"))
     timing = rates_and_ages(recording)
     return RunSummary(
         terrain=recording.config.terrain.terrain if recording.config else "unknown",
-        success=bool(outcome.get("success", False)),
-        cause=str(outcome.get("cause", "the run was cut off")),
+        success=success,
+        cause=cause,
+        explanation="" if success else "; ".join([cause.replace("_", " "), *_reasons(recording)]),
         distance_m=float(outcome.get("distance_m", np.nan)),
         time_s=float(outcome.get("time_s", np.nan)),
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
@@ -81,6 +92,15 @@ def heightmap_error(recording: Recording) -> float:
         and message.step in truth
     ]
     return float(np.mean(errors)) if errors else float("nan")
+
+
+def _reasons(recording: Recording) -> list[str]:
+    """What stopped a robot that ran, and whether the computer was too slow, one phrase each."""
+    events = [event for _, _, event in recording.messages("event") if isinstance(event, Event)]
+    run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=None)
+    stops = [event for event in events if event.code in STOP_CODES and run_ns is not None and event.time_ns > run_ns]
+    reasons = [f"the robot stopped: {stop.detail}" for stop in stops[:1]]
+    return reasons + [event.detail for event in events if event.code == "too_slow"]
 
 
 def _outcome(recording: Recording) -> dict[str, Any]:

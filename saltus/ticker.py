@@ -3,6 +3,7 @@
 import time
 from enum import Enum
 
+from saltus.config import RunConfig
 from saltus.errors import ConfigError
 from saltus.topics import Topic
 
@@ -39,18 +40,39 @@ def freshness(topic: Topic, capture_ns: int, now_ns: int) -> Freshness:
 class RunClock:
     """The clock of a run: nanoseconds since its start.
 
-    In real time it is the monotonic clock of the machine minus `epoch_ns`, so all processes agree. In lockstep it
-    stands at the time that the caller has set: that of the step being answered.
+    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all processes agree: a
+    run at speed 0.25 takes four seconds for each of its own. All rates, ages and limits of a run are in this clock, so
+    that the same code with the same limits runs on a computer that is too slow for real time. In lockstep it stands at
+    the time that the caller has set: that of the step being answered.
+
+    Args:
+        epoch_ns: Start of the run on the monotonic clock of this machine.
+        lockstep: Whether the caller sets the time.
+        speed: Seconds of the run for each second of the machine.
     """
 
-    def __init__(self, epoch_ns: int, *, lockstep: bool = False) -> None:
+    def __init__(self, epoch_ns: int = 0, *, lockstep: bool = False, speed: float = 1.0) -> None:
         self.epoch_ns = epoch_ns
         self.lockstep = lockstep
+        self.speed = speed
         self._now_ns = 0
+
+    @classmethod
+    def of(cls, config: RunConfig) -> "RunClock":
+        """The clock of a run that has begun: its start is in its configuration."""
+        return cls(config.epoch_ns, lockstep=config.pace == "lockstep", speed=config.speed)
 
     def now_ns(self) -> int:
         """Time of the run [ns]."""
-        return self._now_ns if self.lockstep else time.monotonic_ns() - self.epoch_ns
+        return self._now_ns if self.lockstep else self.elapsed_ns()
+
+    def elapsed_ns(self) -> int:
+        """Time since the start, at the speed of the run, also in lockstep: for watching over processes [ns]."""
+        return self.of_monotonic(time.monotonic_ns())
+
+    def elapsed_s(self) -> float:
+        """`elapsed_ns` in seconds."""
+        return 1e-9 * self.elapsed_ns()
 
     def set(self, time_ns: int) -> None:
         """Lockstep: moves the clock to the step being answered. It never goes back.
@@ -63,12 +85,17 @@ class RunClock:
         self._now_ns = max(self._now_ns, time_ns)
 
     def of_monotonic(self, monotonic_ns: int) -> int:
-        """A monotonic time of this machine (an arrival) in the run's clock of real time."""
-        return monotonic_ns - self.epoch_ns
+        """A monotonic time of this machine (an arrival) in the run's clock of real time [ns]."""
+        machine_ns = monotonic_ns - self.epoch_ns
+        return machine_ns if self.speed == 1.0 else round(machine_ns * self.speed)
+
+    def machine_s(self, run_s: float) -> float:
+        """How long `run_s` seconds of the run take on this machine [s]."""
+        return run_s / self.speed
 
 
 class Ticker:
-    """Loop of fixed rate on absolute deadlines of the wall clock.
+    """Loop of fixed rate on absolute deadlines of the run's clock.
 
     A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that are missed beyond
     that are counted as overruns and left out, so that a stall never ends in a long burst.
@@ -76,13 +103,15 @@ class Ticker:
     Args:
         rate_hz: of the ticks.
         catch_up: how many ticks may follow each other without a pause. 1 for hardware, which cannot make up for lost
-            time; more for a simulation, whose time would fall behind the wall clock.
+            time; more for a simulation, whose time would fall behind the run's clock.
+        clock: Of the run; that of the machine where none is given.
     """
 
     BUCKETS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
     """Upper edges of the histogram of lateness."""
 
-    def __init__(self, rate_hz: float, catch_up: int = 1) -> None:
+    def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:
+        self._clock = clock or RunClock()
         self.period_ns = round(1e9 / rate_hz)
         self.catch_up = catch_up
         self.ticks = 0
@@ -96,16 +125,16 @@ class Ticker:
 
         The first call returns at once and starts the schedule.
         """
-        now = time.monotonic_ns()
+        now = self._clock.elapsed_ns()
         if self._deadline_ns is None:
             self._deadline_ns = now
         else:
             self._deadline_ns += self.period_ns
         missed = max(0, (now - self._deadline_ns) // self.period_ns - (self.catch_up - 1))
         self._deadline_ns += missed * self.period_ns
-        while (left_ns := self._deadline_ns - time.monotonic_ns()) > 0:
-            time.sleep(1e-9 * left_ns)
-        self._note(time.monotonic_ns() - self._deadline_ns)
+        while (left_ns := self._deadline_ns - self._clock.elapsed_ns()) > 0:
+            time.sleep(self._clock.machine_s(1e-9 * left_ns))
+        self._note(self._clock.elapsed_ns() - self._deadline_ns)
         self.ticks += 1
         self.overruns += missed
         return missed

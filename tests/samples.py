@@ -22,7 +22,14 @@ def message_of(kind: type[Message], seed: int = 0) -> Any:
     if kind is messages.ProcessStatus:
         rejected = {"camera/depth/range": 3, "policy/plan/malformed": 1}
         return messages.ProcessStatus(
-            time_ns=time_ns, process="render", ready=True, ticks=12, overruns=1, rejected=rejected
+            time_ns=time_ns,
+            process="render",
+            ready=True,
+            ticks=12,
+            overruns=1,
+            rejected=rejected,
+            received={"plant/truth": 50, "camera/depth": 0},
+            silence_us={"plant/truth": 12_345, "camera/depth": 500_000},
         )
     return kind(time_ns=time_ns, **{field.name: value_of(field, rng) for field in schemas.FIELDS[kind]})
 

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tqdm import tqdm
 
-from saltus.cli.output import print_json, run_directory
+from saltus.cli.output import follow, print_json, run_directory
 from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.messages import GroundTruth
 
 if TYPE_CHECKING:
     from saltus.summary import RunSummary
 
-PROGRESS_PERIOD_S = 0.2
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
 
@@ -26,7 +25,9 @@ class Demo:
     seed: int = 0
     """Seed of everything that is drawn."""
     pace: Pace = "lockstep"
-    """lockstep: bit-repeatable, as fast as it goes. realtime: on the wall clock."""
+    """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
+    speed: float = 1.0
+    """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
     camera: Camera = "ideal"
     """ideal: true depth. d435i: with the errors of a stereo camera."""
     renderer: Renderer = "auto"
@@ -56,7 +57,7 @@ class Demo:
         load_profile(self.profile)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
-            profile=self.profile, planner=self.planner, time_limit_s=self.time_limit_s,
+            profile=self.profile, planner=self.planner, speed=self.speed, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         config.check()
         directory = run_directory("demo", self.out)
@@ -86,9 +87,12 @@ class Demo:
 
 
 def _sentence(summary: "RunSummary") -> str:
-    verdict = "crossed" if summary.success else f"did not cross ({summary.cause})"
-    way = f"{summary.distance_m:.2f} m in {summary.time_s:.2f} s, {summary.mean_speed_mps:.2f} m/s"
-    return f"{verdict} {summary.terrain}: {way}, heightmap off by {100 * summary.heightmap_mae_m:.1f} cm"
+    from saltus.summary import shown
+
+    verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
+    way = f"{shown(summary.distance_m, 2, 'm')} in {shown(summary.time_s, 2, 's')}"
+    speed, error = shown(summary.mean_speed_mps, 2, "m/s"), shown(100 * summary.heightmap_mae_m, 1, "cm")
+    return f"{verdict} {summary.terrain}: {way}, {speed}, heightmap error {error}"
 
 
 def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
@@ -101,7 +105,7 @@ def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
         tqdm(total=finish_x, desc=config.terrain.terrain, bar_format=BAR, disable=None, leave=False) as bar,
     ):
         truths = stack.latest("plant/truth")
-        while not stack.wait(PROGRESS_PERIOD_S):
+        for _ in follow(stack):
             sample = truths.take()
             if sample is not None and isinstance(sample.message, GroundTruth):
                 x = min(max(float(sample.message.position_base_in_world[0]), shown), finish_x)

@@ -2,11 +2,20 @@
 
 import json
 import math
+import sys
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
 
 from saltus.errors import SaltusError
+
+if TYPE_CHECKING:
+    from saltus.stack import Stack
+
+PROGRESS_PERIOD_S = 0.2
 
 
 def run_directory(command: str, out: Path | None) -> Path:
@@ -21,6 +30,16 @@ def run_directory(command: str, out: Path | None) -> Path:
     except OSError as error:
         raise SaltusError(f"cannot make the folder '{path}' ({error.strerror}): name another with --out") from error
     return path
+
+
+def follow(stack: "Stack") -> Iterator[None]:
+    """Yields five times a second until the run is over; says on stderr, once, that the computer does not keep up."""
+    told = False
+    while not stack.wait(PROGRESS_PERIOD_S * stack.config.speed):
+        if stack.too_slow is not None and not told:
+            tqdm.write(f"saltus: {stack.too_slow}", file=sys.stderr)
+            told = True
+        yield
 
 
 def print_json(table: dict[str, Any]) -> None:

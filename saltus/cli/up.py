@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from saltus.cli.output import run_directory
+from saltus.cli.output import follow, run_directory
 from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 
 FOREVER_S = 1e6
@@ -19,7 +19,9 @@ class Up:
     seed: int = 0
     """Seed of everything that is drawn."""
     pace: Pace = "realtime"
-    """realtime: on the wall clock. lockstep: bit-repeatable, as fast as it goes."""
+    """realtime: by the clock, times speed. lockstep: bit-repeatable, as fast as it goes."""
+    speed: float = 1.0
+    """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
     camera: Camera = "ideal"
     """ideal: true depth. d435i: with the errors of a stereo camera."""
     renderer: Renderer = "auto"
@@ -41,11 +43,12 @@ class Up:
         load_profile(self.profile)
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
-            profile=self.profile, planner=self.planner, time_limit_s=FOREVER_S,
+            profile=self.profile, planner=self.planner, speed=self.speed, time_limit_s=FOREVER_S,
         )  # fmt: skip
         config.check()
         directory = run_directory("up", self.out)
         with Stack(config, directory) as stack:
             print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")
-            stack.wait()
+            for _ in follow(stack):
+                pass
         return 0

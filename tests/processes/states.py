@@ -34,7 +34,7 @@ def state_at(step: int, time_ns: int) -> RobotState:
 def body(context: ProcessContext) -> None:
     states = context.bus.publisher("controller/state")
     context.ready()
-    ticker = Ticker(100.0)
+    ticker = Ticker(100.0, clock=context.clock)
     while not context.stopped and ticker.ticks < 100 * context.config.time_limit_s:
         ticker.wait()
         context.beat(ticks=ticker.ticks, overruns=ticker.overruns)

@@ -4,12 +4,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.errors import StackError
+from saltus.errors import RecordingError, StackError
 from saltus.faults import PRODUCT, judge, kill_during_run
 from saltus.messages import ControllerMode, RobotState
 from saltus.recording import read_recording
@@ -18,9 +19,9 @@ CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", plann
 
 
 @pytest.mark.parametrize("process", PRODUCT)
-def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, tmp_path: Path) -> None:
+def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, speed: float, tmp_path: Path) -> None:
     after_s = {"render": 0.7, "heightmap": 0.9, "policy": 1.1}[process]
-    recording = kill_during_run(CONFIG, tmp_path, process, after_s)
+    recording = kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s)
     result = judge(recording, process, after_s)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
@@ -28,15 +29,22 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, tmp_path
     assert result.upright
 
 
-def test_a_killed_controller_ends_the_run_and_leaves_a_recording(tmp_path: Path) -> None:
+def test_a_killed_controller_ends_the_run_and_leaves_a_recording(speed: float, tmp_path: Path) -> None:
     with pytest.raises(StackError, match=r"controller died \(.*SIGKILL"):
-        kill_during_run(CONFIG, tmp_path, "controller", 0.5)
+        kill_during_run(replace(CONFIG, speed=speed), tmp_path, "controller", 0.5)
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.lost == []
     assert sum(1 for _ in recording.messages("controller/state")) > 100
 
 
-def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(tmp_path: Path) -> None:
+def steps_recorded(path: Path) -> int:
+    try:
+        return sum(1 for _ in read_recording(path).messages("controller/state"))
+    except RecordingError:  # not there yet, or not a whole message
+        return 0
+
+
+def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(speed: float, tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
@@ -49,13 +57,11 @@ def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(tmp_p
         str(tmp_path),
     ]
     demo = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    log = tmp_path / "logs" / "controller.log"
-    deadline_s = time.monotonic() + 30.0
-    while not log.exists() and time.monotonic() < deadline_s:  # the controller is started last
-        time.sleep(0.05)
-    time.sleep(2.0)  # into the run: which moment does not matter
+    deadline_s = time.monotonic() + 30.0 / speed
+    while steps_recorded(tmp_path / "recording.mcap") < 50 and time.monotonic() < deadline_s:
+        time.sleep(0.1)
     demo.send_signal(signal.SIGINT)
-    assert demo.wait(timeout=20.0) == 130
+    assert demo.wait(timeout=20.0 / speed) == 130
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.complete
     modes = [state.mode for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]

@@ -23,7 +23,7 @@ from saltus.model_file import ModelFile, put_model
 from saltus.process import RUN_FILE
 from saltus.resources import resource
 from saltus.stack import open_router
-from saltus.ticker import Ticker
+from saltus.ticker import RunClock, Ticker
 
 ROBOTS = ("fleet/0", "fleet/1", "fleet/2")
 READY_S = 60.0
@@ -33,12 +33,12 @@ PATIENCE_S = 30.0
 class Robot:
     """Sends a state every 10 ms and an image every 20 ms, 50 ms old; keeps what it is answered."""
 
-    def __init__(self, endpoint: str, prefix: str, epoch_ns: int) -> None:
+    def __init__(self, endpoint: str, prefix: str, clock: RunClock) -> None:
         self.bus = ZenohBus(endpoint, prefix)
         self.answered: Counter[tuple[str, HeightmapStatus]] = Counter()
         self.events: list[str] = []
         self.refused = 0
-        self._epoch_ns, self._step = epoch_ns, 0
+        self.clock, self._step = clock, 0
         self._states, self._frames = self.bus.publisher("controller/state"), self.bus.publisher("camera/depth")
         self._heightmaps = self.bus.latest("heightmap/heightmap")
         self._status, self._event = self.bus.latest("status", "heightmap"), self.bus.latest("event", "heightmap")
@@ -46,7 +46,7 @@ class Robot:
 
     def step(self) -> None:
         frame = DepthFrame(
-            time_ns=time.monotonic_ns() - self._epoch_ns - 50_000_000,
+            time_ns=self.clock.now_ns() - 50_000_000,
             frame_id=self._step // 2,
             depth=self._rng.integers(300, 2500, (MODEL_CAMERA.height, MODEL_CAMERA.width)).astype(np.uint16),
             depth_unit_m=MILLIMETRE,
@@ -72,19 +72,21 @@ class Robot:
 
 
 @pytest.fixture
-def robots(tmp_path: Path) -> Iterator[list[Robot]]:
+def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
     endpoint, router = open_router()
-    epoch_ns = time.monotonic_ns() - 1_000_000_000
-    (tmp_path / RUN_FILE).write_text(to_toml(RunConfig(pace="realtime", epoch_ns=epoch_ns, time_limit_s=600.0)))
-    robots = [Robot(endpoint, prefix, epoch_ns) for prefix in ROBOTS]
+    began_ns = time.monotonic_ns() - round(1e9 / speed)
+    config = RunConfig(pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
+    (tmp_path / RUN_FILE).write_text(to_toml(config))
+    clock = RunClock.of(config)
+    robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]
     process = subprocess.Popen(
         [sys.executable, "-m", "heightmap", "--run-dir", str(tmp_path), "--endpoint", endpoint, "--robots", *ROBOTS],
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
-    assert robots[0]._status.wait(READY_S) is not None
+    assert robots[0]._status.wait(clock.machine_s(READY_S)) is not None
     yield robots
     process.terminate()
-    assert process.wait(PATIENCE_S) == 0
+    assert process.wait(clock.machine_s(PATIENCE_S)) == 0
     for robot in robots:
         robot.bus.close()
     router.close()
@@ -92,9 +94,10 @@ def robots(tmp_path: Path) -> Iterator[list[Robot]]:
 
 def run_until(robots: list[Robot], done: str) -> None:
     """Robots send until the first of them is told of an event."""
-    ticker, deadline_s = Ticker(100.0), time.monotonic() + PATIENCE_S
+    clock = robots[0].clock
+    ticker, deadline_s = Ticker(100.0, clock=clock), clock.elapsed_s() + PATIENCE_S
     while done not in robots[0].events:
-        assert time.monotonic() < deadline_s, f"no {done}: {robots[0].events}, {robots[0].answered}"
+        assert clock.elapsed_s() < deadline_s, f"no {done}: {robots[0].events}, {robots[0].answered}"
         ticker.wait()
         for robot in robots:
             robot.step()

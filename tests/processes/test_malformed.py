@@ -22,6 +22,7 @@ from saltus.messages import Done, Message
 from saltus.process import RUN_FILE
 from saltus.resources import resource
 from saltus.stack import open_router
+from saltus.ticker import RunClock
 from saltus.topics import TOPICS
 
 HERE = Path(__file__).parent
@@ -93,19 +94,20 @@ def first_float(kind: type[Message]) -> str:
 class Victim:
     """A real process on a prefix of its own, fed by nobody but the test."""
 
-    def __init__(self, name: str, endpoint: str, directory: Path) -> None:
+    def __init__(self, name: str, endpoint: str, directory: Path, speed: float) -> None:
         self.name = name
         self.prefix = f"victim/{name}"
         directory.mkdir()
         self.step = 0
-        self.epoch_ns = time.monotonic_ns()
         config = RunConfig(
             robot=self.prefix,
             pace="realtime",
             time_limit_s=600.0,
-            epoch_ns=self.epoch_ns,
+            epoch_ns=time.monotonic_ns(),
             terrain=TerrainConfig(terrain="flat"),
+            speed=speed,
         )
+        self.clock = RunClock.of(config)
         (directory / RUN_FILE).write_text(to_toml(config))
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
@@ -119,14 +121,11 @@ class Victim:
                 env={**os.environ, "PYTHONPATH": str(HERE), "OMP_NUM_THREADS": "1"},
             )
 
-    def now_ns(self) -> int:
-        return time.monotonic_ns() - self.epoch_ns
-
     def trigger(self) -> None:
         """Good messages on every key: some processes look at one topic only when another has come."""
         self.step += 1
         for topic, publisher in self.triggers.items():
-            message = replace(message_of(TOPICS[topic].message), time_ns=self.now_ns())
+            message = replace(message_of(TOPICS[topic].message), time_ns=self.clock.now_ns())
             publisher.put(message if topic == "camera/depth" else replace(message, step=self.step))  # type: ignore[call-arg]
 
     def counted(self, latest: Latest) -> dict[str, int] | None:
@@ -137,7 +136,7 @@ class Victim:
     def close(self) -> None:
         self.process.terminate()
         try:
-            self.process.wait(5.0)
+            self.process.wait(self.clock.machine_s(5.0))
         finally:
             self.process.kill()
             self.process.wait()
@@ -152,10 +151,10 @@ def endpoint() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def victims(endpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
+def victims(endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
     """All processes at once: they load at the same time."""
     root = tmp_path_factory.mktemp("victims")
-    victims = {name: Victim(name, endpoint, root / name) for name in SUBSCRIBED}
+    victims = {name: Victim(name, endpoint, root / name, speed) for name in SUBSCRIBED}
     yield victims
     for victim in victims.values():
         victim.close()
@@ -176,7 +175,9 @@ def test_every_malformed_message_is_counted_and_nobody_dies(
     victim = victims[name]
     wait_until_ready(victim)
     expected: dict[str, int] = {}
-    attacks = {t: list(malformed(TOPICS[t].message, victim.bus.boot_id, victim.now_ns())) for t in SUBSCRIBED[name]}
+    attacks = {
+        t: list(malformed(TOPICS[t].message, victim.bus.boot_id, victim.clock.now_ns())) for t in SUBSCRIBED[name]
+    }
     kinds = min(len(attack) for attack in attacks.values())
     assert kinds >= 20
     for start in range(0, kinds, BATCH):
@@ -192,18 +193,18 @@ def test_every_malformed_message_is_counted_and_nobody_dies(
 
 
 def wait_until_ready(victim: Victim) -> None:
-    deadline = time.monotonic() + READY_S
+    deadline_s = victim.clock.elapsed_s() + READY_S
     while victim.status.wait(0.1) is None:
         dead = victim.process.poll() is not None
         assert not dead, f"{victim.name} died before it was ready:\n{victim.log.read_text()}"
-        assert time.monotonic() < deadline, f"{victim.name} is not ready:\n{victim.log.read_text()}"
+        assert victim.clock.elapsed_s() < deadline_s, f"{victim.name} is not ready:\n{victim.log.read_text()}"
 
 
 def wait_until_counted(victim: Victim, expected: dict[str, int]) -> None:
-    deadline = time.monotonic() + COUNTED_S
+    deadline_s = victim.clock.elapsed_s() + COUNTED_S
     counted: dict[str, int] = {}
     while counted != expected:
-        assert time.monotonic() < deadline, f"{victim.name} counted {counted} instead of {expected}"
+        assert victim.clock.elapsed_s() < deadline_s, f"{victim.name} counted {counted} instead of {expected}"
         victim.trigger()
-        time.sleep(TRIGGER_S)
+        time.sleep(victim.clock.machine_s(TRIGGER_S))
         counted = victim.counted(victim.status) or counted

@@ -44,17 +44,18 @@ def importable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{PROCESSES}")
 
 
-def run_config(pace: Pace = "realtime", time_limit_s: float = 60.0) -> RunConfig:
-    return RunConfig(pace=pace, time_limit_s=time_limit_s)
+def run_config(pace: Pace = "realtime", time_limit_s: float = 60.0, speed: float = 1.0) -> RunConfig:
+    return RunConfig(pace=pace, time_limit_s=time_limit_s, speed=speed)
 
 
 def poll_until(stack: Stack, condition: Callable[[], bool], timeout_s: float) -> float:
-    start = time.monotonic()
+    """Limits are in the clock of the run."""
+    start_s = stack._clock.elapsed_s()
     while not condition():
-        assert time.monotonic() - start < timeout_s, "too late"
+        assert stack._clock.elapsed_s() - start_s < timeout_s, "too late"
         assert stack.poll()
         time.sleep(0.01)
-    return time.monotonic() - start
+    return stack._clock.elapsed_s() - start_s
 
 
 def pids_of_run(directory: Path) -> set[int]:
@@ -79,11 +80,11 @@ def test_the_table_has_the_four_processes_and_the_robot_comes_last() -> None:
     assert [p.restart for p in PROGRAMS] == [True, True, True, False]
 
 
-def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(tmp_path: Path) -> None:
+def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(speed: float, tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     with (
         pytest.raises(StackError, match=r"states died .signal SIGKILL"),
-        Stack(run_config(), run_dir, (CONSUMER, STATES)) as stack,
+        Stack(run_config(speed=speed), run_dir, (CONSUMER, STATES)) as stack,
     ):
         strike_consumer_then_robot(stack)
     recording = read_recording(stack.recording)
@@ -152,9 +153,9 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
     child.wait(timeout=10.0)
 
 
-def test_a_full_disk_does_not_stop_the_run(tmp_path: Path) -> None:
+def test_a_full_disk_does_not_stop_the_run(speed: float, tmp_path: Path) -> None:
     (tmp_path / "recording.mcap").symlink_to("/dev/full")
-    with Stack(run_config(time_limit_s=1.5), tmp_path, (CONSUMER, STATES)) as stack:
+    with Stack(run_config(time_limit_s=1.5, speed=speed), tmp_path, (CONSUMER, STATES)) as stack:
         assert stack.wait(10.0)
     assert stack.recording_error is not None
     assert "No space left" in stack.recording_error

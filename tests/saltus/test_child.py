@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from saltus.child import Child, Program
+from saltus.ticker import RunClock
 
 BEGUN, REFUSED = 7, 8
 WAITS = f"""
@@ -25,7 +26,7 @@ def child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Child]:
     (tmp_path / "waits.py").write_text(WAITS)
     (tmp_path / "dies.py").write_text(DIES)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    subject = Child(Program(name="waits", module="waits", restart=True), tmp_path / "log")
+    subject = Child(Program(name="waits", module="waits", restart=True), tmp_path / "log", RunClock())
     yield subject
     subject.dismiss()
     subject.kill()
@@ -71,7 +72,7 @@ def test_one_that_died_while_it_waited_is_replaced(child: Child) -> None:
 
 
 def test_one_that_cannot_load_does_not_keep_others_waiting(tmp_path: Path, child: Child) -> None:
-    broken = Child(Program(name="dies", module="dies", restart=True), tmp_path / "log")
+    broken = Child(Program(name="dies", module="dies", restart=True), tmp_path / "log", RunClock())
     broken.load([])
     wait_until_loaded(broken)
     broken.begin([])

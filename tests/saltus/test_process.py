@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from saltus import process
+from saltus import ticker
 from saltus.bus import Latest
 from saltus.config import RunConfig, to_toml
 from saltus.errors import ModelError
@@ -23,14 +23,14 @@ class FakeTime:
     def __init__(self) -> None:
         self.now_s = 1000.0
 
-    def monotonic(self) -> float:
-        return self.now_s
+    def monotonic_ns(self) -> int:
+        return round(1e9 * self.now_s)
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     fake = FakeTime()
-    monkeypatch.setattr(process, "time", fake)
+    monkeypatch.setattr(ticker, "time", fake)
     return fake
 
 

@@ -137,3 +137,29 @@ def test_lockstep_time_is_what_was_set_and_never_goes_back(times: list[int]) -> 
         run.set(time_ns)
         highest = max(highest, time_ns)
         assert run.now_ns() == highest
+
+
+@given(speed=st.floats(0.01, 1.0), epoch_ns=st.integers(0, 10**15), passed_ns=st.integers(0, 10**13))
+def test_a_slowed_clock_passes_at_its_speed_and_turns_waits_into_the_machines(
+    speed: float, epoch_ns: int, passed_ns: int
+) -> None:
+    run = RunClock(epoch_ns, speed=speed)
+    run_ns = run.of_monotonic(epoch_ns + passed_ns)
+    assert run_ns == pytest.approx(speed * passed_ns, abs=1.0)
+    assert 1e9 * run.machine_s(1e-9 * run_ns) == pytest.approx(passed_ns, abs=2.0 / speed, rel=1e-9)
+    assert RunClock(epoch_ns).of_monotonic(epoch_ns + passed_ns) == passed_ns
+
+
+@given(speed=st.sampled_from([1.0, 0.5, 0.25, 0.1]), busy_ms=st.lists(st.integers(0, 95), max_size=30))
+def test_a_slowed_loop_ticks_on_the_grid_of_its_own_clock(speed: float, busy_ms: list[int]) -> None:
+    fake = FakeTime()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "time", fake)
+        ticker = Ticker(100.0, clock=RunClock(fake.now_ns, speed=speed))
+        ticker.wait()
+        start = fake.now_ns
+        for busy in busy_ms:
+            fake.now_ns += busy * MS
+            ticker.wait()
+            run_ns = speed * (fake.now_ns - start)
+            assert (run_ns + 2) // (10 * MS) == ticker.ticks + ticker.overruns - 1

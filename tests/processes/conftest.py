@@ -1,0 +1,32 @@
+"""How fast the clock of a real-time test may run on this computer, as busy as it is now."""
+
+from pathlib import Path
+
+import pytest
+
+from saltus.config import RunConfig, TerrainConfig
+from saltus.stack import Stack
+
+MEASURED_S = 4.0  # of standing and running; the machine's time
+LATE_S = 0.003
+"""A test's limits are a policy step or two beyond what the processes need: stalls of the computer must be shorter."""
+RESERVE = 0.5  # another moment may be twice as busy
+STEPS = (1.0, 0.5, 0.25, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
+
+
+@pytest.fixture(scope="session")
+def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
+    """Seconds of a run for each second of this computer: 1 on one that is idle."""
+    given = measured_speed(tmp_path_factory.mktemp("speed"))
+    return next((step for step in STEPS if step <= given), STEPS[-1])
+
+
+def measured_speed(directory: Path) -> float:
+    config = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
+    with Stack(config, directory) as stack:
+        stack.wait(MEASURED_S)
+        factor = stack.real_time
+    assert factor is not None, "the run was over before it could be measured"
+    if factor.share > 0.98 and factor.late_s < LATE_S:
+        return 1.0
+    return min(RESERVE * factor.share, LATE_S / max(factor.late_s, LATE_S))

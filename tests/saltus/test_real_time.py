@@ -1,0 +1,85 @@
+"""Laws of the monitor of real time: it follows what the processes tell, and advises a speed that helps."""
+
+import time
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saltus.messages import ProcessStatus
+from saltus.real_time import SPEEDS, RealTimeFactor, RealTimeMonitor
+from saltus.ticker import RunClock
+from saltus.topics import TOPICS
+
+PERIOD_S = 0.5  # of the machine, from one status to the next
+
+
+def status(process: str, time_s: float, **received: tuple[int, float]) -> ProcessStatus:
+    keys = {name.replace("_", "/"): value for name, value in received.items()}
+    return ProcessStatus(
+        time_ns=round(1e9 * time_s),
+        process=process,
+        ready=True,
+        ticks=0,
+        overruns=0,
+        received={key: count for key, (count, _) in keys.items()},
+        silence_us={key: round(1e6 * silence_s) for key, (_, silence_s) in keys.items()},
+    )
+
+
+def verdict_of(share: float, late_s: float, speed: float, seconds: float = 2.9) -> RealTimeFactor | None:
+    """What is said that long after the robot's first word, where one stream brings `share` and the other keeps up."""
+    now_ns = time.monotonic_ns()
+    clock = RunClock(now_ns - round(1e9 * seconds), speed=speed)
+    monitor = RealTimeMonitor(clock, robot="controller")
+    monitor.take(status("controller", 0.0))
+    for k in range(int(seconds / PERIOD_S) + 1):
+        length_s = PERIOD_S * speed
+        asked = TOPICS["policy/plan"].rate_hz * length_s
+        monitor.take(status("controller", k * length_s, policy_plan=(round(share * asked), 0.01 + late_s)))
+        monitor.take(status("policy", k * length_s, controller_state=(round(asked), 0.01)))
+    return monitor.verdict()
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.4])
+def test_within_three_seconds_it_is_known(speed: float) -> None:
+    assert verdict_of(1.0, 0.0, speed, seconds=2.0) is None
+    assert verdict_of(1.0, 0.0, speed, seconds=2.9) is not None
+
+
+@given(
+    share=st.floats(0.05, 1.0), late_s=st.floats(0.0, 1.0), speed=st.sampled_from([1.0, 0.5, 0.2]),
+)  # fmt: skip
+def test_what_keeps_up_stays_and_what_does_not_is_to_run_slower(share: float, late_s: float, speed: float) -> None:
+    factor = verdict_of(share, late_s, speed)
+    assert factor is not None
+    # A stream of few messages in half a second knows its share in steps of one message
+    step = 1.0 / (TOPICS["policy/plan"].rate_hz * PERIOD_S * speed)
+    assert factor.reached == pytest.approx(factor.share * speed)
+    if share < 0.9 - step or late_s > 0.051:
+        assert not factor.kept
+        assert factor.stream == "policy/plan to controller"
+        assert factor.share == pytest.approx(share, abs=step)
+        assert factor.speed in SPEEDS
+        assert factor.speed < speed
+        assert f"--speed {factor.speed:g}" in str(factor)
+        assert f"{factor.reached:.0%}" in str(factor)
+    elif share > 0.9 + step and late_s < 0.049:
+        assert factor.kept
+        assert factor.speed == speed
+
+
+@given(share=st.floats(0.05, 1.0), late_s=st.floats(0.06, 1.0))
+def test_a_worse_computer_is_never_told_a_higher_speed(share: float, late_s: float) -> None:
+    better, worse = verdict_of(share, late_s, 1.0), verdict_of(0.8 * share, 1.5 * late_s, 1.0)
+    assert better is not None
+    assert worse is not None
+    assert worse.speed <= better.speed
+
+
+def test_a_run_that_has_not_begun_is_not_judged() -> None:
+    clock = RunClock(time.monotonic_ns() - 10**10)
+    monitor = RealTimeMonitor(clock, robot="controller")
+    monitor.take(replace(status("policy", 9.0), ready=True))
+    assert monitor.verdict() is None
