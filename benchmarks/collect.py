@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from heightmap.closed_loop import ClosedLoop
-from heightmap.shards import Episode, write_shard
+from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.shards import Episode, write_shard
 from saltus.resources import resource as shipped
 from saltus.workers import in_order
 
@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--gpu", action="store_true", help="on a GPU instead")
     given = parser.parse_args()
     if given.gpu:
-        from heightmap.gpu_rollouts import main as on_gpu
+        from saltus.heightmap.training.gpu_rollouts import main as on_gpu
 
         with tempfile.TemporaryDirectory() as folder:
             size = ["--robots", "8192", "--batches", str(given.batches)]

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.faults import PRODUCT, judge, kill_during_run
-from saltus.messages import ControllerMode
+from saltus.runtime.faults import PRODUCT, judge, kill_during_run
+from saltus.wire.messages import ControllerMode
 
 
 def main() -> None:

@@ -17,17 +17,17 @@ import numpy as np
 from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
-from controller.estimator import Estimator, Measurement
-from controller.feedback import FeedbackConfig
-from controller.law import LegController, LegControllerConfig
-from controller.signals import Plan, Sensed, plan_from_values
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.controller.estimator import Estimator, Measurement
+from saltus.controller.feedback import FeedbackConfig
+from saltus.controller.law import LegController, LegControllerConfig
+from saltus.controller.signals import Plan, Sensed, plan_from_values
 from saltus.effects.profile import GO1
-from saltus.messages import ControllerMode
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import ControllerMode
 
 AMPLITUDE = 4.0  # [rad/s], two thirds of what motion policies may ask for
 VELOCITY_X = 0.8  # [m/s], the paper's speed on stairs

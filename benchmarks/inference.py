@@ -15,14 +15,14 @@ from functools import partial
 
 import numpy as np
 
-from heightmap.fleet import Arrival, FleetService
-from heightmap.network import HeightmapNetwork
-from heightmap.replay import AssumeLevel
-from heightmap.service import HeightmapService
-from render.stereo.model_view import sampled_model_camera
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics
-from saltus.messages import DepthFrame, RobotState
+from saltus.heightmap.service.fleet import Arrival, FleetService
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.replay import AssumeLevel
+from saltus.heightmap.service.service import HeightmapService
+from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.resources import resource
+from saltus.wire.messages import DepthFrame, RobotState
 
 TICKS = 4000
 FLEET_TICKS = 2000

@@ -14,19 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.loop import FIRST_STAND_S, ControlLoop
-from controller.robot.mujoco import MujocoRobot
-from policy.planner import Planner, make_planner
-from policy.process import PlannerProcess
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.controller.loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import rotation_matrix
-from saltus.messages import ControllerMode, Floats, Heightmap, HeightmapStatus, MotionPlan
+from saltus.policy.planner import Planner, make_planner
+from saltus.policy.process import PlannerProcess
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode, Floats, Heightmap, HeightmapStatus, MotionPlan
 
 TICK_NS = round(1e9 * go1.PHYSICS_DT)
 CYCLE_S = 0.3  # of the gait, about: 3 to 3.5 bounds a second

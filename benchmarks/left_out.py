@@ -5,7 +5,7 @@
 LOGS and TRUTH are folders of `benchmarks.hidden_effects generate`. Runs with one effect of the library at three times
 the one-sigma size or more are searched. Counted are "unexplained", "no gap", and, where another effect is named instead
 of the true one, whether the finding is marked with a remainder: more of the gap is left than two right simulations of
-one robot leave (`real2sim.search.decide.REMAINDER_RMS`).
+one robot leave (`saltus.real2sim.search.decide.REMAINDER_RMS`).
 """
 
 import argparse
@@ -14,9 +14,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from real2sim.log import load
-from real2sim.pipeline import Examined, examine, judge
-from real2sim.search.decide import REMAINDER_RMS
+from saltus.real2sim.pipeline import Examined, examine, judge
+from saltus.real2sim.problem.log import load
+from saltus.real2sim.search.decide import REMAINDER_RMS
 
 LARGE = 3.0
 """Times the size at which an effect's residual is one sigma: from here on it must be found."""

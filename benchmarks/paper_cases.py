@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments.menu import experiment_named
-from real2sim.experiments.run import run
-from real2sim.pipeline import Judgement, find
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
-from saltus.run_log import write_run_log
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.pipeline import Judgement, find
+from saltus.recordings.run_log import write_run_log
 
 LATENCY_S = 0.050  # paper
 FARTHEST_NM = 35.0

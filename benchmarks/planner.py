@@ -13,12 +13,12 @@ import time
 
 import numpy as np
 
-from policy.evaluate import HEIGHTS, Evaluation, collect, evaluate
-from policy.observation import observe
-from policy.scripted import ScriptedPlanner
 from saltus import go1
 from saltus.cli.output import finite
 from saltus.config import TerrainConfig
+from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
+from saltus.policy.observation import observe
+from saltus.policy.scripted import ScriptedPlanner
 
 STAIRS = TerrainConfig(terrain="stairs", steps=14, rise_m=0.06, run_m=0.25)
 ROWS = {

@@ -17,11 +17,11 @@ import numpy as np
 import quadprog
 from numpy.typing import NDArray
 
-from controller.estimator import Estimator, Measurement
-from controller.law import LegController
-from controller.signals import Plan, Sensed, observe, plan_from_values
-from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus import go1
+from saltus.controller.estimator import Estimator, Measurement
+from saltus.controller.law import LegController
+from saltus.controller.signals import Plan, Sensed, observe, plan_from_values
+from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 
 PROBLEMS = 1000

@@ -33,21 +33,21 @@ from typing import Any
 import numpy as np
 import torch
 
-from heightmap.closed_loop import ClosedLoop
-from heightmap.dataset import NO_NOISE, TRAINING_NOISE
-from heightmap.delivery import DELIVERIES, TICK_S, DeliveryName
-from heightmap.export import Origin, export
-from heightmap.features import PROPRIOCEPTION
-from heightmap.held_out import HeldOutRuns
-from heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
-from heightmap.network import HeightmapNetwork
-from heightmap.scores import scores
-from heightmap.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
-from heightmap.train import TrainConfig, load_checkpoint, split, train
-from heightmap.validate import MIN_WARMUP, accuracy
 from saltus.config import Camera
-from saltus.messages import Floats
+from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.delivery import DELIVERIES, TICK_S, DeliveryName
+from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
+from saltus.heightmap.evaluation.held_out import HeldOutRuns
+from saltus.heightmap.evaluation.scores import scores
+from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE
+from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.train import TrainConfig, load_checkpoint, split, train
+from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
+from saltus.wire.messages import Floats
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round

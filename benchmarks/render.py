@@ -25,14 +25,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # before this folder, whose render.py is this file
 
-from render.backends import make_renderer, present
-from render.stereo.model_view import COLUMNS, ROWS
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import DepthFrame, Floats
+from saltus.render.backends import make_renderer, present
+from saltus.render.stereo.model_view import COLUMNS, ROWS
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import DepthFrame, Floats
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
 WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
@@ -111,7 +111,7 @@ def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
 
 def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
     """The chain of the sensor's own pixels, or that for training, with a process on each core."""
-    from render.stereo_processes import StereoProcesses
+    from saltus.render.stereo_processes import StereoProcesses
 
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
     rng = np.random.default_rng(0)
@@ -127,11 +127,11 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
     import torch
     import warp
 
-    from render.stereo.camera import StereoConfig
-    from render.stereo.model_view import sampled_model_camera
-    from render.stereo.optics import Optics
-    from render.stereo_torch import TorchStereo
-    from render.warp import WarpRenderer
+    from saltus.render.stereo.camera import StereoConfig
+    from saltus.render.stereo.model_view import sampled_model_camera
+    from saltus.render.stereo.optics import Optics
+    from saltus.render.stereo_torch import TorchStereo
+    from saltus.render.warp import WarpRenderer
 
     view = case.camera if case.noise == "none" else sampled_model_camera(ROWS, COLUMNS)
     caster = WarpRenderer(TERRAIN, view, legs=case.legs).caster

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from render.fit import fit
-from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus import go1
 from saltus.depth import D435I, MILLIMETRE, depth_in_millimetres
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import DepthFrame
+from saltus.render.fit import fit
+from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
+from saltus.wire.messages import DepthFrame
 
 PERIOD_S = 1.0 / 30.0  # rate of a D435i at 424x240 as it comes out of the box
 STEPS_PX = (1 / 16, 1 / 32, 1 / 64)

@@ -14,19 +14,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from render.fit import fit, load_frames
-from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from render.stereo.image import stereo_image
-from render.stereo.model_view import pooled, sampled_model_camera
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.signals import DepthImage
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import Floats
+from saltus.render.fit import fit, load_frames
+from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
+from saltus.render.stereo.image import stereo_image
+from saltus.render.stereo.model_view import pooled, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import Floats
 
 NATIVE = sampled_model_camera(5, 5)
 HD = Intrinsics(width=1280, height=180, fx=640.0, fy=640.0, cx=640.0, cy=90.0)

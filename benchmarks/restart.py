@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from heightmap.delivery import TICK_S, TRAINING
-from heightmap.network import HeightmapNetwork
-from heightmap.shards import Episode, read_dataset
-from heightmap.validate import run_episode
+from saltus.heightmap.data.delivery import TICK_S, TRAINING
+from saltus.heightmap.data.shards import Episode, read_dataset
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.validate import run_episode
 
 AFTER_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SPAN = round(0.1 / TICK_S)  # ticks that are averaged

@@ -17,14 +17,14 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
 
-from heightmap.comparison import Run, read_run
-from heightmap.network import HeightmapNetwork
-from heightmap.service import HeightmapService
 from saltus.config import RunConfig, TerrainConfig
-from saltus.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
-from saltus.recording import read_recording
+from saltus.heightmap.evaluation.comparison import Run, read_run
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.service import HeightmapService
+from saltus.recordings.recording import read_recording
 from saltus.resources import resource
-from saltus.stack import Stack
+from saltus.runtime.stack import Stack
+from saltus.wire.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
 
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
 TICK_S = 0.01

@@ -12,9 +12,9 @@ import tempfile
 from pathlib import Path
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.messages import ProcessStatus
-from saltus.recording import Recording, rates_and_ages, read_recording
-from saltus.stack import Stack
+from saltus.recordings.recording import Recording, rates_and_ages, read_recording
+from saltus.runtime.stack import Stack
+from saltus.wire.messages import ProcessStatus
 
 
 def main() -> None:

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
-from controller.stance_batched import BatchedSolver
-from policy.env import EnvConfig, JumpEnv
-from policy.learner import FIRST_ACTION
-from saltus.messages import Floats
+from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance_batched import BatchedSolver
+from saltus.policy.env.env import EnvConfig, JumpEnv
+from saltus.policy.training.learner import FIRST_ACTION
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
+from saltus.wire.messages import Floats
 
 ROBOTS, STEPS = 100, 60
 

@@ -22,20 +22,20 @@ from mujoco.sysid._src import optimize
 from mujoco.sysid._src.parameter import Parameter, ParameterDict
 from scipy import stats
 
-from real2sim.experiments.instruments import SensorNoise
-from real2sim.experiments.menu import experiment_named
-from real2sim.experiments.run import run
-from real2sim.pipeline import find
 from saltus import go1
 from saltus.effects.armature import Armature
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import Profile
 from saltus.effects.viscous_friction import ViscousFriction
-from saltus.messages import Floats
-from saltus.run_log import RunLog, write_run_log
+from saltus.real2sim.experiments.instruments import SensorNoise
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.pipeline import find
+from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.sim import scene
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
+from saltus.wire.messages import Floats
 
 CALVES = np.arange(12) % 3 == 2
 HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}

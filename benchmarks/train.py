@@ -15,11 +15,11 @@ from typing import Any
 
 import torch
 
-from policy.env import JumpEnv
-from policy.learner import Learner
-from policy.settings import TrainConfig, for_cpu, for_gpu
-from policy.train import device_of_this_process, make_engine
 from saltus import go1
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
+from saltus.policy.training.learner import Learner
+from saltus.policy.training.train import device_of_this_process, make_engine
 
 _WARM_UPS = 2  # iterations: the first ones allocate, and on a GPU choose their kernels
 _REPEATS = 50  # of a stage

@@ -20,8 +20,8 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from policy.evaluation_table import Row, read_rows
-from policy.standard_evaluation import COURSES
+from saltus.policy.training.evaluation_table import Row, read_rows
+from saltus.policy.training.standard_evaluation import COURSES
 from saltus.terrain.batch import KINDS
 
 Column = NDArray[np.float64]

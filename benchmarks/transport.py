@@ -33,19 +33,19 @@ from typing import Any
 import numpy as np
 import psutil
 
-from heightmap.replay import AssumeLevel
-from render.stereo.model_view import sampled_model_camera
 from saltus import go1
-from saltus.bus import Bell, ZenohBus
-from saltus.child import ENVIRONMENT
 from saltus.cli.output import print_json
-from saltus.codec import decode, encode
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE
-from saltus.messages import ControllerMode, DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
-from saltus.process import PEER_FLAG, RUN_FILE
-from saltus.stack import open_router
-from saltus.ticker import Ticker
+from saltus.heightmap.service.replay import AssumeLevel
+from saltus.render.stereo.model_view import sampled_model_camera
+from saltus.runtime.child import ENVIRONMENT
+from saltus.runtime.process import PEER_FLAG, RUN_FILE
+from saltus.runtime.stack import open_router
+from saltus.runtime.ticker import Ticker
+from saltus.wire.bus import Bell, ZenohBus
+from saltus.wire.codec import decode, encode
+from saltus.wire.messages import ControllerMode, DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
 
 PREFIX = "bench"
 RATE_HZ = 100.0
@@ -239,7 +239,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, **ENVIRONMENT}
-        service = subprocess.Popen([sys.executable, "-m", "heightmap", *arguments], env=environment)
+        service = subprocess.Popen([sys.executable, "-m", "saltus.heightmap", *arguments], env=environment)
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")

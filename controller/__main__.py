@@ -8,18 +8,18 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from controller.course import Course, CourseState
-from controller.lockstep import Lockstep
-from controller.loop import ControlLoop
-from controller.plans import Plans
-from controller.robot.mujoco import MujocoRobot
 from saltus import go1
+from saltus.controller.course import Course, CourseState
+from saltus.controller.lockstep import Lockstep
+from saltus.controller.loop import ControlLoop
+from saltus.controller.plans import Plans
+from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import load_profile
-from saltus.messages import ControllerMode
-from saltus.process import ProcessContext, run_process
+from saltus.runtime.process import ProcessContext, run_process
+from saltus.runtime.ticker import Ticker
 from saltus.terrain.curriculum import make_terrain
-from saltus.ticker import Ticker
 from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode
 
 TICK_NS = round(1e9 * go1.PHYSICS_DT)
 STEP_NS = TICK_NS * go1.POLICY_STEPS

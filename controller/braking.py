@@ -8,12 +8,12 @@ the ground is taken to be the plane through the places where its feet last stood
 
 from dataclasses import dataclass, replace
 
-from controller.gait import GaitConfig
-from controller.law import Diagnostics
-from controller.signals import Plan, plan_from_values
-from controller.swing import SwingConfig
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.gait import GaitConfig
+from saltus.controller.law import Diagnostics
+from saltus.controller.signals import Plan, plan_from_values
+from saltus.controller.swing import SwingConfig
 
 _FRONT, _REAR = 0, 2  # a leg of each pair
 _SHORTEST_BASE = 0.2  # distance of the pairs' footholds along x below which a slope is not read from them [m]

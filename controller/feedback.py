@@ -7,9 +7,9 @@ Source: paper ("Feedback Velocity Tracking").
 
 from dataclasses import dataclass
 
-from controller.signals import Body
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.signals import Body
 from saltus.kinematics import skew
 
 

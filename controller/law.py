@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controller.feedback import FeedbackConfig, VelocityFeedback
-from controller.gait import Gait, GaitConfig, GaitSignal, GaitState
-from controller.signals import Body, Plan, Sensed, observe
-from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
-from controller.swing import SwingConfig, SwingLegs
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
+from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
+from saltus.controller.signals import Body, Plan, Sensed, observe
+from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
+from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position
-from saltus.messages import ControllerMode, JointCommand
+from saltus.wire.messages import ControllerMode, JointCommand
 
 _STAND_POSE = Constant(go1.STAND_POSE)
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
@@ -48,7 +48,7 @@ class LegControllerConfig:
     landing_kd: float = 4.0
     """Of all joints while landing: softer than standing, and well damped. Measured at 20 phases of the gait: out of
     bounding at 0.9 m/s they catch 40 of 40 robots; at 1.7 m/s 12 of 40 told to stop, 4 of 40 left without plans. So a
-    fast robot brakes first (`controller.braking`)."""
+    fast robot brakes first (`saltus.controller.braking`)."""
     settled_speed_mps: float = 0.3
     """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
     damp_kd: float = 3.0

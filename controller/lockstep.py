@@ -3,10 +3,10 @@
 import time
 from collections.abc import Callable
 
-from controller.plans import Plans
+from saltus.controller.plans import Plans
 from saltus.errors import StackError
-from saltus.messages import GroundTruth, RobotState
-from saltus.process import ProcessContext
+from saltus.runtime.process import ProcessContext
+from saltus.wire.messages import GroundTruth, RobotState
 
 RESEND_S = 0.5
 SILENCE_LIMIT_S = 5.0

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.braking import Braking
-from controller.estimator import Estimator
-from controller.law import Diagnostics, LegController
-from controller.robot.backend import Reading
-from controller.signals import Plan, Sensed, plan_from_message
-from controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus import go1
+from saltus.controller.braking import Braking
+from saltus.controller.estimator import Estimator
+from saltus.controller.law import Diagnostics, LegController
+from saltus.controller.robot.backend import Reading
+from saltus.controller.signals import Plan, Sensed, plan_from_message
+from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix
-from saltus.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
 
 FIRST_STAND_S = 1.0
 """Time for estimator, camera and heightmap to settle before the first GO is obeyed."""

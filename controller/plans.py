@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from controller.watchdog import WatchdogConfig
-from saltus.messages import MotionPlan, PlanStatus
-from saltus.process import ProcessContext
+from saltus.controller.watchdog import WatchdogConfig
+from saltus.runtime.process import ProcessContext
+from saltus.wire.messages import MotionPlan, PlanStatus
 
 
 class Plans:

@@ -7,7 +7,7 @@ import numpy as np
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
-from saltus.messages import MotionPlan
+from saltus.wire.messages import MotionPlan
 
 _OUTWARD = Constant(np.stack([np.ones(4), go1.SIDE, np.ones(4)], -1))
 

@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.signals import Body
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.signals import Body
 from saltus.errors import SaltusError
 from saltus.kinematics import SKEW
 

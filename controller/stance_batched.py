@@ -9,8 +9,8 @@ limits hold exactly whatever the number of steps; what is approximate is the cos
 Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning via ADMM" (2011), 3.4.3 and 5.
 """
 
-from controller.stance import StanceConfig, StanceQP
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.stance import StanceConfig, StanceQP
 
 # Measured over random demands (tests/controller/test_stance_batched.py): a stiffer spring settles the cost sooner and
 # the forces later. Over-relaxation: Boyd et al. recommend 1.5 to 1.8.
@@ -23,7 +23,7 @@ class BatchedSolver:
     """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64.
 
     Args:
-        config: The same as that of `controller.stance.StanceLegs`.
+        config: The same as that of `saltus.controller.stance.StanceLegs`.
         steps: Of ADMM.
     """
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.signals import Body
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.controller.signals import Body
 from saltus.kinematics import inverse_kinematics, skew
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite, radians
 
-from saltus.messages import ControllerMode, PlanStatus
+from saltus.wire.messages import ControllerMode, PlanStatus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,7 +13,7 @@ class WatchdogConfig:
     coast_age_s: float = 0.030
     """Two plans of 10 ms lost and the third late."""
     lost_age_s: float = 0.100
-    """The planner is gone: `saltus.topics.MAX_EXTRA_AGE_S`."""
+    """The planner is gone: `saltus.wire.topics.MAX_EXTRA_AGE_S`."""
     tilt_limit_rad: float = radians(60.0)
     """Beyond this a robot is not upright: the definition of a failed trial."""
     landing_limit_s: float = 1.1

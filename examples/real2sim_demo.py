@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from real2sim.demonstration import Demonstration, demonstrate
-from real2sim.experiments.instruments import SensorNoise
-from real2sim.experiments.motions import Floats
-from real2sim.experiments.run import run
-from real2sim.reporting.words import sentence
 from saltus import go1
 from saltus.effects.profile import IDEAL, Profile, profile_to_toml
-from saltus.run_log import RunLog, read_run_log
+from saltus.real2sim.demonstration import Demonstration, demonstrate
+from saltus.real2sim.experiments.instruments import SensorNoise
+from saltus.real2sim.experiments.motions import Floats
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.reporting.words import sentence
+from saltus.recordings.run_log import RunLog, read_run_log
 
 
 def main() -> None:

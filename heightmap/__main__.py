@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from heightmap.process import HeightmapProcess
-from saltus.bus import ZenohBus
-from saltus.process import PEER_FLAG, ProcessContext, run_process
+from saltus.heightmap.service.process import HeightmapProcess
+from saltus.runtime.process import PEER_FLAG, ProcessContext, run_process
+from saltus.wire.bus import ZenohBus
 
 
 def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:
-    """Runs the process; see `saltus.process`.
+    """Runs the process; see `saltus.runtime.process`.
 
     Args:
         context: With the bus of run.toml's robot.

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from heightmap.features import PROPRIOCEPTION
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.service.features import PROPRIOCEPTION
 
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
@@ -62,7 +62,7 @@ class Estimate(NamedTuple):
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""
     log_std: Tensor
-    """Logarithm of the standard deviation in metres, see `heightmap.quantiles`, shape (..., 30)."""
+    """Logarithm of the standard deviation in metres, see `saltus.heightmap.service.quantiles`, shape (..., 30)."""
 
 
 class HeightmapModel(nn.Module):
@@ -110,7 +110,7 @@ class HeightmapModel(nn.Module):
             encoded: `encode` of the image in use at each tick, shape (time, batch, features).
             age: of that image [s], shape (time, batch).
             new: 1 where it was not in use a tick ago, shape (time, batch).
-            proprioception: see `heightmap.features`, shape (time, batch, n).
+            proprioception: see `saltus.heightmap.service.features`, shape (time, batch, n).
             hidden: memory before the window, shape (batch, hidden); zero after a reset.
 
         Returns:

@@ -2,12 +2,12 @@
 
 import sys
 
-from policy.planner import Planner, make_planner, warm_up
-from policy.process import PlannerProcess
-from saltus.bus import Sample
-from saltus.messages import Done, Heightmap, RobotState
-from saltus.process import ProcessContext, run_process
-from saltus.ticker import freshness
+from saltus.policy.planner import Planner, make_planner, warm_up
+from saltus.policy.process import PlannerProcess
+from saltus.runtime.process import ProcessContext, run_process
+from saltus.runtime.ticker import freshness
+from saltus.wire.bus import Sample
+from saltus.wire.messages import Done, Heightmap, RobotState
 
 WAIT_S = 0.1
 HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of this state
@@ -86,7 +86,7 @@ class PlannerLoop:
 
 
 def body(context: ProcessContext) -> None:
-    """Runs the process; see `saltus.process`."""
+    """Runs the process; see `saltus.runtime.process`."""
     planner = make_planner(context.config.planner)
     warm_up(planner)
     loop = PlannerLoop(context, planner)

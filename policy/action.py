@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Constant, namespace
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 # Bounds of the action: original, but for the residual's lower bound in z, which is 0 there: the nominal swing stays at
 # the height of the feet that stand, and on stairs the rear feet must land below the front feet, by at most 0.38 m
@@ -20,7 +20,7 @@ _LOW, _HIGH = Constant(RESIDUAL_LOW), Constant(RESIDUAL_HIGH)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Action:
-    """The values of a motion plan, for a batch of robots; meaning and frames as in `saltus.messages.MotionPlan`."""
+    """The values of a motion plan, for a batch of robots; meaning and frames as in `saltus.wire.messages.MotionPlan`."""
 
     stepping_frequency_hz: Floats
     """Shape (...)."""

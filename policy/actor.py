@@ -4,16 +4,16 @@ from pathlib import Path
 
 import numpy as np
 
-from policy.action import Action
-from policy.bounds import ACTIONS, action_from_values
-from policy.features import LAYOUT, SIZE, features
-from policy.observation import Observation
 from saltus import go1
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats, MotionPlan
 from saltus.model_file import ModelFile
-from saltus.schemas import FIELDS
+from saltus.policy.action import Action
+from saltus.policy.bounds import ACTIONS, action_from_values
+from saltus.policy.features import LAYOUT, SIZE, features
+from saltus.policy.observation import Observation
+from saltus.wire.messages import Floats, MotionPlan
+from saltus.wire.schemas import FIELDS
 
 FORMAT = "saltus-policy-1"
 _TOLERANCE = 1e-6  # of a number that went through text
@@ -25,7 +25,7 @@ class PolicyActor:
     One thread that sleeps between calls; a plan follows from one observation and one heightmap.
 
     Args:
-        path: A file written by `policy.export`.
+        path: A file written by `saltus.policy.training.export`.
 
     Raises:
         ModelError: the file is unreadable or made for other features or actions; the message names which.
@@ -50,7 +50,7 @@ class PolicyActor:
         return action_from_values(self.values(features(observation, heights)))
 
     def values(self, given: Floats) -> Floats:
-        """Values of `policy.bounds.ACTIONS`, shape (..., 10), for `policy.features`, shape (..., SIZE)."""
+        """Values of `saltus.policy.bounds.ACTIONS`, shape (..., 10), for `saltus.policy.features`, shape (..., SIZE)."""
         flat = np.ascontiguousarray(given.reshape(-1, SIZE), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))

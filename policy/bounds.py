@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from policy.action import Action
 from saltus.arrays import Array, Constant, namespace
+from saltus.policy.action import Action
 
 ACTIONS = (
     "stepping_frequency_hz",

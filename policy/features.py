@@ -4,9 +4,9 @@ Everything in it is known to a robot without its position: attitude from the IMU
 estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
 """
 
-from policy.observation import Observation
 from saltus.arrays import Array, namespace
 from saltus.grid import HEIGHTMAP_X
+from saltus.policy.observation import Observation
 
 LAYOUT: dict[str, int] = {
     "contact": 4,

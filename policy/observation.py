@@ -6,7 +6,7 @@ import numpy as np
 
 from saltus.arrays import Array
 from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.messages import RobotState
+from saltus.wire.messages import RobotState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,14 +5,14 @@ from typing import Protocol
 
 import numpy as np
 
-from policy.action import Action
-from policy.observation import Observation, observe
 from saltus import go1
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
+from saltus.policy.action import Action
+from saltus.policy.observation import Observation, observe
 from saltus.resources import resource
+from saltus.wire.messages import Floats
 
 
 class Planner(Protocol):
@@ -39,12 +39,12 @@ def make_planner(name: PlannerName, model: Path | None = None) -> Planner:
         ModelError: the policy is damaged, or made for another program.
     """
     if name == "learned":
-        from policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
+        from saltus.policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
         return PolicyActor(model or resource("models/policy.onnx"))
     if model is not None:
         raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
-    from policy.scripted import ScriptedPlanner
+    from saltus.policy.scripted import ScriptedPlanner
 
     return ScriptedPlanner()
 

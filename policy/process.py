@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from policy.action import Action
-from policy.observation import observe_message
-from policy.planner import Planner
-from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
-from saltus.topics import TOPICS
+from saltus.policy.action import Action
+from saltus.policy.observation import observe_message
+from saltus.policy.planner import Planner
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.wire.topics import TOPICS
 
 STAND_NS = 500_000_000
 """Time that the robot stands before the first jump: ten images, and the estimator settles."""

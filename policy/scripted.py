@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from policy.action import Action
-from policy.observation import Observation
-from policy.profile import height_at, highest_between, slope
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.policy.action import Action
+from saltus.policy.observation import Observation
+from saltus.policy.profile import height_at, highest_between, slope
 
 STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
 LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
@@ -32,10 +32,10 @@ Value = float | Array
 class ScriptedParameters:
     """All numbers of the planner.
 
-    The defaults were found by CMA-ES (`policy.search`) in the batched plant, with the effects of the "go1" profile and
-    everything that a trial draws: 62 generations of 60 candidates, each on six trials (flat ground and stairs of 6, 6,
-    6, 7 and 8 cm, with seeds from 3,100,000 on), from earlier numbers that were tuned by hand, in 7 minutes on 16
-    cores. `benchmarks/planner.py` measures what they are worth.
+    The defaults were found by CMA-ES (`saltus.policy.evaluation.search`) in the batched plant, with the effects of the
+    "go1" profile and everything that a trial draws: 62 generations of 60 candidates, each on six trials (flat ground
+    and stairs of 6, 6, 6, 7 and 8 cm, with seeds from 3,100,000 on), from earlier numbers that were tuned by hand, in 7
+    minutes on 16 cores. `benchmarks/planner.py` measures what they are worth.
     """
 
     stepping_frequency_hz: Value = 3.46

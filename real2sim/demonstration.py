@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments.menu import Experiment, experiment_named
-from real2sim.experiments.run import run
-from real2sim.pipeline import Judgement, Progress, find
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.armature import Armature
 from saltus.effects.battery_sag import BatterySag
@@ -27,7 +24,10 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import SaltusError
-from saltus.run_log import write_run_log
+from saltus.real2sim.experiments.menu import Experiment, experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.pipeline import Judgement, Progress, find
+from saltus.recordings.run_log import write_run_log
 
 FIRST = "joint_tour"
 ROUNDS = 2

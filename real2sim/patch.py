@@ -28,10 +28,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from real2sim.camera.image_pixels import to_robot
-from real2sim.joints.torque_curve import as_knee, with_curve
-from real2sim.search.findings import FoundEffect
-from real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus import go1
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
@@ -39,7 +35,11 @@ from saltus.effects.profile import PARTS, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError, nearest_hint
-from saltus.run_log import RunLog
+from saltus.real2sim.problem.camera.image_pixels import to_robot
+from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
+from saltus.real2sim.search.findings import FoundEffect
+from saltus.real2sim.verdict import effect_from_dict, effect_to_dict
+from saltus.recordings.run_log import RunLog
 
 SCHEMA = "saltus-patch/1"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")

@@ -10,27 +10,27 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from real2sim.camera.image_pixels import to_images
-from real2sim.experiments.next_experiment import next_experiment
-from real2sim.joints.problem import JointProblem
-from real2sim.joints.saturation_curve import with_curves
-from real2sim.log import SHARED_CLAIMS, in_sequence, load, shifts_s
-from real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
-from real2sim.problem import Problem
-from real2sim.rebased import Rebased
-from real2sim.resolve import resolved
-from real2sim.screening.align import ClockOffset, align
-from real2sim.screening.fault import Fault
-from real2sim.screening.screen import screen
-from real2sim.search.findings import Findings, FoundEffect
-from real2sim.search.narrowed import Narrowed
-from real2sim.search.search import search
-from real2sim.sensors import SENSORS, Sensor
-from real2sim.stacked import Stacked, stackable
-from real2sim.verdict import Verdict, merge
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
-from saltus.run_log import RunLog
+from saltus.real2sim.experiments.next_experiment import next_experiment
+from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
+from saltus.real2sim.problem.camera.image_pixels import to_images
+from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.log import SHARED_CLAIMS, in_sequence, load, shifts_s
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.rebased import Rebased
+from saltus.real2sim.resolve import resolved
+from saltus.real2sim.screening.align import ClockOffset, align
+from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.search.findings import Findings, FoundEffect
+from saltus.real2sim.search.narrowed import Narrowed
+from saltus.real2sim.search.saturation_curve import with_curves
+from saltus.real2sim.search.search import search
+from saltus.real2sim.sensors import SENSORS, Sensor
+from saltus.real2sim.stacked import Stacked, stackable
+from saltus.real2sim.verdict import Verdict, merge
+from saltus.recordings.run_log import RunLog
 
 SIMULATIONS = 250
 """Sets of unknowns that a search of an ordinary log tries, for the progress bar."""
@@ -106,7 +106,7 @@ def find(
     judgement = judge(examined, tuple(evidence_of(run) for run in runs))
     _write(judgement, out)
     if report:
-        from real2sim.reporting.report import write_report
+        from saltus.real2sim.reporting.report import write_report
 
         write_report(judgement, out / "report.html", profile=profile, seed=seed)
     return judgement

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from real2sim.joints.problem import JointProblem
-from real2sim.problem import Candidate, Estimate, Floats, Problem, Unknown
-from real2sim.reporting.localise import Driver
 from saltus import go1
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
+from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem, Unknown
+from saltus.real2sim.reporting.localise import Driver
 
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""

@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from real2sim.problem import Estimate
-from real2sim.search.findings import Findings, FoundEffect
 from saltus.effects.registry import EFFECTS
+from saltus.real2sim.problem.problem import Estimate
+from saltus.real2sim.search.findings import Findings, FoundEffect
 
 MARGIN = 1.5
 """An effect is ruled out where it would need so many times the size that would be found: twice the nats that count."""

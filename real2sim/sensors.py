@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from real2sim.body.support import LEAST_SHARE, carried_by
-from real2sim.problem import Problem
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
 from saltus.go1 import JOINTS
-from saltus.run_log import RunLog
+from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
+from saltus.real2sim.problem.problem import Problem
+from saltus.recordings.run_log import RunLog
 
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 """Registered, but properties of how a robot is run."""
@@ -66,25 +66,25 @@ def _no_imu(log: RunLog) -> str:
 
 
 def _joints(log: RunLog) -> Problem:
-    from real2sim.joints.problem import JointProblem
+    from saltus.real2sim.problem.joints.problem import JointProblem
 
     return JointProblem(log)
 
 
 def _camera(log: RunLog) -> Problem:
-    from real2sim.camera.problem import CameraProblem
+    from saltus.real2sim.problem.camera.problem import CameraProblem
 
     return CameraProblem(log)
 
 
 def _body(log: RunLog) -> Problem:
-    from real2sim.body.problem import BodyProblem
+    from saltus.real2sim.problem.body.problem import BodyProblem
 
     return BodyProblem(log)
 
 
 def _imu(log: RunLog) -> Problem:
-    from real2sim.imu.problem import ImuProblem
+    from saltus.real2sim.problem.imu.problem import ImuProblem
 
     return ImuProblem(log)
 

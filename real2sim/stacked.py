@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem, Segment
-from real2sim.reporting.localise import Driver
-from real2sim.search.fit import Evaluator, Fit, refine, slopes
-from real2sim.search.layout import Layout
-from real2sim.search.split import split
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem, Segment
+from saltus.real2sim.reporting.localise import Driver
+from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
+from saltus.real2sim.search.layout import Layout
+from saltus.real2sim.search.split import split
 
 Place = tuple[str, str]
 """Effect and where; the effect of a nuisance bears the number of its log."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from real2sim.problem import Estimate
-from real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.real2sim.problem.problem import Estimate
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 
 Ruling = Literal["named", "set", "unexplained", "no_gap", "bad_log"]
 

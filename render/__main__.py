@@ -1,20 +1,20 @@
-"""The camera process: python -m render --run-dir DIR --endpoint ENDPOINT."""
+"""The camera process: python -m saltus.render --run-dir DIR --endpoint ENDPOINT."""
 
 import sys
 
 import numpy as np
 
-from render.backends import make_renderer
-from render.camera import moved_camera
-from render.exposure import Exposure, PerfectExposure
-from render.process import CameraProcess
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.profile import load_profile
-from saltus.messages import Done
-from saltus.process import ProcessContext, run_process
+from saltus.render.backends import make_renderer
+from saltus.render.camera import moved_camera
+from saltus.render.exposure import Exposure, PerfectExposure
+from saltus.render.process import CameraProcess
+from saltus.runtime.process import ProcessContext, run_process
+from saltus.runtime.ticker import freshness
 from saltus.terrain.curriculum import make_terrain
-from saltus.ticker import freshness
 from saltus.trial import Trial
+from saltus.wire.messages import Done
 
 WAIT_S = 0.1  # how often an idle process gives proof of life
 NOTHING_DUE = -1
@@ -29,7 +29,7 @@ def build(context: ProcessContext) -> CameraProcess:
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
     exposure: Exposure
     if config.camera == "d435i":
-        from render.stereo_exposure import (
+        from saltus.render.stereo_exposure import (
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 

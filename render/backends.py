@@ -3,11 +3,11 @@
 import ctypes.util
 from collections.abc import Callable
 
-from render.camera import Mount
-from render.renderer import Renderer as Renderer
 from saltus.config import Renderer as RendererName
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError, nearest_hint
+from saltus.render.camera import Mount
+from saltus.render.renderer import Renderer as Renderer
 from saltus.terrain.terrain import Terrain
 
 NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender", "warp")
@@ -79,21 +79,21 @@ def has_gpu() -> bool:
 
 
 def _embree() -> type[Renderer]:
-    from render.embree import EmbreeRenderer
+    from saltus.render.embree import EmbreeRenderer
 
     return EmbreeRenderer
 
 
 def _pyrender() -> type[Renderer]:
-    from render._gl import load_pyrender
-    from render.pyrender_osmesa import PyrenderRenderer
+    from saltus.render._gl import load_pyrender
+    from saltus.render.pyrender_osmesa import PyrenderRenderer
 
     load_pyrender()
     return PyrenderRenderer
 
 
 def _warp() -> type[Renderer]:
-    from render.warp import WarpRenderer
+    from saltus.render.warp import WarpRenderer
 
     return WarpRenderer
 

@@ -17,7 +17,7 @@ from saltus.effects.signals import CameraView
 from saltus.errors import SaltusError
 from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
 from saltus.kinematics import rotation_matrix
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

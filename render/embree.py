@@ -7,15 +7,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from render._open3d import load_open3d
-from render.camera import Mount, camera_pose, ray_directions
-from render.capsules import capsules_in_camera, draw_capsules
-from render.legs import leg_capsules
-from render.renderer import Renderer
-from render.surface import terrain_triangles
 from saltus.depth import MODEL_CAMERA, Intrinsics
-from saltus.messages import Floats
+from saltus.render._open3d import load_open3d
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.capsules import capsules_in_camera, draw_capsules
+from saltus.render.legs import leg_capsules
+from saltus.render.renderer import Renderer
+from saltus.render.surface import terrain_triangles
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 open3d = load_open3d()
 

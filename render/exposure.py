@@ -1,10 +1,10 @@
-"""What an exposure yields: true depth here, what a stereo camera makes of it in `render.stereo_exposure`."""
+"""What an exposure yields: true depth here, what a stereo camera makes of it in `saltus.render.stereo_exposure`."""
 
 from typing import Protocol
 
-from render.renderer import Renderer
 from saltus.depth import Intrinsics
-from saltus.messages import Floats, GroundTruth
+from saltus.render.renderer import Renderer
+from saltus.wire.messages import Floats, GroundTruth
 
 
 class Exposure(Protocol):

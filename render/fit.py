@@ -8,12 +8,16 @@ from typing import Any
 
 import tomli_w
 
-from render.stereo.camera import UNFILTERED, StereoConfig
-from render.stereo.depth_unit import DepthUnit
-from render.stereo.estimate import Estimate, measured, untestable
-from render.stereo.fit_baseline import fit_baseline
-from render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction
-from render.stereo.fit_noise import (
+from saltus.config import to_toml
+from saltus.errors import RecordingError
+from saltus.recordings.realsense import read_realsense
+from saltus.recordings.recording import read_recording
+from saltus.render.stereo.camera import UNFILTERED, StereoConfig
+from saltus.render.stereo.depth_unit import DepthUnit
+from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.fit_baseline import fit_baseline
+from saltus.render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction
+from saltus.render.stereo.fit_noise import (
     NoiseCurves,
     correlation_px,
     noise_curves,
@@ -21,14 +25,10 @@ from render.stereo.fit_noise import (
     range_exponent,
     sigma_inverse,
 )
-from render.stereo.fit_step import fit_step
-from render.stereo.optics import BASELINE_M, Optics
-from render.stereo.static_scene import StaticScene, static_scene
-from saltus.config import to_toml
-from saltus.errors import RecordingError
-from saltus.messages import DepthFrame
-from saltus.realsense import read_realsense
-from saltus.recording import read_recording
+from saltus.render.stereo.fit_step import fit_step
+from saltus.render.stereo.optics import BASELINE_M, Optics
+from saltus.render.stereo.static_scene import StaticScene, static_scene
+from saltus.wire.messages import DepthFrame
 
 FEW_FRAMES = 10  # below, a hole at an edge may be there in all of them
 WIDENED = "from few frames: holes at edges that never closed count as shadow and widen it"

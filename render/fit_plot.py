@@ -8,10 +8,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from render.fit import FitResult
-from render.stereo.estimate import Estimate
-from render.stereo.fit_baseline import Shadows, edge_shadows, left_bands
-from saltus.messages import Floats
+from saltus.render.fit import FitResult
+from saltus.render.stereo.estimate import Estimate
+from saltus.render.stereo.fit_baseline import Shadows, edge_shadows, left_bands
+from saltus.wire.messages import Floats
 
 Curve = tuple[Floats, Floats]
 """Points, each of shape (n,)."""

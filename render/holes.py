@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from render.devices import on_host
 from saltus.arrays import namespace
+from saltus.render.devices import on_host
 
 
 def filled_from_around(depth: Any) -> Any:

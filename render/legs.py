@@ -11,7 +11,7 @@ import numpy as np
 from saltus.arrays import Array, Constant, namespace
 from saltus.go1 import ABDUCTION_LENGTH, FOOT_RADIUS, HIP_ANCHOR, SIDE, THIGH_LENGTH
 from saltus.kinematics import foot_position
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 THIGH_RADIUS = 0.020  # unitree_ros: the collision box is 0.0245 by 0.034 m
 CALF_RADIUS = 0.015  # unitree_ros: the collision box is 0.016 m wide; the visual shell nearly twice that

@@ -11,12 +11,12 @@ smoothing. Only holes are filled.
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
-from render.devices import on_host
-from render.holes import filled_along_rows, filled_from_around
 from saltus.arrays import namespace
 from saltus.depth import MILLIMETRE
 from saltus.effects.effect import Effect, Site, parameter
 from saltus.effects.signals import DepthImage
+from saltus.render.devices import on_host
+from saltus.render.holes import filled_along_rows, filled_from_around
 
 ROUNDED_AWAY = 0.5  # a change below half a unit
 HALF = 0.5  # depths are whole units, so that "less than n units" is "less than n - 1/2"

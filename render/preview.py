@@ -11,16 +11,16 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from render.camera import camera_pose, ray_directions
-from render.stereo.camera import StereoCamera, StereoConfig
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus import go1
 from saltus.depth import D435I, MILLIMETRE, MODEL_CAMERA, RANGE_M, Intrinsics, depth_in_millimetres, model_image
 from saltus.errors import SaltusError
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import DepthFrame, Floats
+from saltus.render.camera import camera_pose, ray_directions
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import DepthFrame, Floats
 
 Depth = NDArray[np.float32]
 Poses = tuple[Floats, Floats, Floats]

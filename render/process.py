@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from render.exposure import Exposure
 from saltus.depth import MILLIMETRE, depth_in_millimetres
 from saltus.effects.camera import CameraChain
 from saltus.effects.signals import DepthImage
-from saltus.messages import DepthFrame, GroundTruth
+from saltus.render.exposure import Exposure
+from saltus.wire.messages import DepthFrame, GroundTruth
 
 EXPOSURE_STEPS = 2  # policy steps at 100 Hz: 50 Hz
 

@@ -6,17 +6,17 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from render._gl import gl_platform, load_pyrender
-from render.camera import Mount, camera_pose
-from render.capsules import capsules_in_camera, windows
-from render.legs import RADIUS, Capsules, leg_capsules
-from render.renderer import Renderer
-from render.surface import terrain_triangles
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.go1 import CALF_LENGTH, STAND_POSE, THIGH_LENGTH
 from saltus.kinematics import rotation_matrix
-from saltus.messages import Floats
+from saltus.render._gl import gl_platform, load_pyrender
+from saltus.render.camera import Mount, camera_pose
+from saltus.render.capsules import capsules_in_camera, windows
+from saltus.render.legs import RADIUS, Capsules, leg_capsules
+from saltus.render.renderer import Renderer
+from saltus.render.surface import terrain_triangles
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 # With 24 bits of depth the error at depth z is z^2 / (near 2^24): 0.03 mm at 3 m. No leg comes nearer to the camera.
 NEAR = 0.02

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from render.camera import Mount
-from render.stereo.camera import StereoConfig
-from render.stereo.sensor_freeze import SensorFreeze
 from saltus.depth import Intrinsics
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.frame_drop import FrameDrop
 from saltus.errors import ConfigError
 from saltus.kinematics import rotation_matrix
-from saltus.messages import Floats
+from saltus.render.camera import Mount
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.sensor_freeze import SensorFreeze
+from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

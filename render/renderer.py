@@ -6,12 +6,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Mount, check_camera, check_mount
-from render.surface import check_terrain
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.messages import Floats
+from saltus.render.camera import Mount, check_camera, check_mount
+from saltus.render.surface import check_terrain
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 
 class Renderer(ABC):

@@ -3,17 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from render._open3d import load_open3d
-from render.camera import Mount, camera_pose
-from render.capsules import Quadrics, capsules_in_camera, windows
-from render.embree import RAYS_PER_CAST, EmbreeRenderer
-from render.legs import Capsules, leg_capsules
-from render.stereo.doubt import doubtful
-from render.stereo.optics import Optics
-from render.stereo.second_view import right_camera
 from saltus.depth import MODEL_CAMERA, Intrinsics
-from saltus.messages import Floats
+from saltus.render._open3d import load_open3d
+from saltus.render.camera import Mount, camera_pose
+from saltus.render.capsules import Quadrics, capsules_in_camera, windows
+from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer
+from saltus.render.legs import Capsules, leg_capsules
+from saltus.render.stereo.doubt import doubtful
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.second_view import right_camera
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 open3d = load_open3d()
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from render.camera import moved_camera
-from render.stereo.camera import StereoCamera, StereoConfig
-from render.stereo.model_view import sampled_model_camera
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus.effects.camera import ViewChain
-from saltus.messages import Floats, GroundTruth
+from saltus.render.camera import moved_camera
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.model_view import sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats, GroundTruth
 
 CLAIMED_VIEW = ViewChain()
 NATIVE_PIXELS = 5  # of the D435i at 424x240, in each direction, for one pixel of the model
@@ -39,7 +39,7 @@ class StereoExposure:
         self._state = self._camera.init((), rng)
 
     def expose(self, truth: GroundTruth) -> Floats:
-        """See `render.exposure.Exposure`."""
+        """See `saltus.render.exposure.Exposure`."""
         depth, hidden = self._views.render_pair(
             truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
         )

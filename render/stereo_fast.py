@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Mount
-from render.renderer import check_poses
-from render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus.depth import MODEL_CAMERA
-from saltus.messages import Floats
+from saltus.render.camera import Mount
+from saltus.render.renderer import check_poses
+from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 CHUNK = 64  # images that one thread works on at a time: their arrays of 600 kB stay in its cache
 
@@ -38,7 +38,7 @@ class FastStereo:
         config: of the cameras; parameters may be arrays with one value a camera.
         mount: on the trunk.
         legs: whether the robots' legs can be seen.
-        threads: to work with; several processes do more (`render.stereo_processes`).
+        threads: to work with; several processes do more (`saltus.render.stereo_processes`).
         rows: rays for each pixel of the model, one under the other; with five rows and five columns this is the native
             chain.
         columns: of rays for each pixel.

@@ -13,14 +13,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Mount
-from render.renderer import check_poses
-from render.stereo.camera import StereoConfig
-from render.stereo.model_view import COLUMNS, ROWS
-from render.stereo_fast import FastState, FastStereo
 from saltus.errors import SaltusError
-from saltus.messages import Floats
+from saltus.render.camera import Mount
+from saltus.render.renderer import check_poses
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS
+from saltus.render.stereo_fast import FastState, FastStereo
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
 HEAP_BYTES = 1 << 28  # more than a process ever has free: the arrays of a chunk of cameras take 30 MB

@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from kornia.morphology import dilation, erosion
 
-from render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from render.stereo.model_view import pooled
-from render.stereo.optics import Optics
 from saltus.effects.effect import map_arrays
+from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
+from saltus.render.stereo.model_view import pooled
+from saltus.render.stereo.optics import Optics
 
 
 @dataclass(frozen=True)
 class KorniaWindows:
-    """`render.stereo.windows.Windows` for images of three dimensions.
+    """`saltus.render.stereo.windows.Windows` for images of three dimensions.
 
     Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a CPU, take 8 to 49
     times as long there as sums over windows of 1, 2, 4, ... samples.

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.errors import SaltusError
-from saltus.messages import Floats
 from saltus.terrain.terrain import BOTTOM, Terrain
+from saltus.wire.messages import Floats
 
 
 def terrain_triangles(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

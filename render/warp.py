@@ -6,16 +6,16 @@ import numpy as np
 import warp
 from numpy.typing import NDArray
 
-from render.camera import Mount, camera_pose, check_camera, check_mount
-from render.capsules import capsules_in_camera
-from render.legs import RADIUS, leg_capsules
-from render.renderer import Renderer
-from render.warp_kernels import cast_kernel, hide_kernel
 from saltus.arrays import Array
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.messages import Floats
+from saltus.render.camera import Mount, camera_pose, check_camera, check_mount
+from saltus.render.capsules import capsules_in_camera
+from saltus.render.legs import RADIUS, leg_capsules
+from saltus.render.renderer import Renderer
+from saltus.render.warp_kernels import cast_kernel, hide_kernel
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on

@@ -1,6 +1,6 @@
 """Ray casts in Warp, on a GPU or on the CPU: boxes and capsules, one thread a pixel.
 
-The camera frame is that of `render.camera`; a ray's parameter is its depth along the optical axis.
+The camera frame is that of `saltus.render.camera`; a ray's parameter is its depth along the optical axis.
 """
 
 import math
@@ -41,7 +41,7 @@ def first_root(a: float, b: float, c: float) -> float:
 
 @wp.func
 def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: float) -> float:
-    """Depth at which a ray from the origin enters a capsule; the same quadratics as `render.capsules`."""
+    """Depth at which a ray from the origin enters a capsule; the same quadratics as `saltus.render.capsules`."""
     axis = end - start
     speed_squared = wp.dot(direction, direction)
     to_start = wp.dot(direction, start)

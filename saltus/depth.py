@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.messages import DepthFrame, Floats
+from saltus.wire.messages import DepthFrame, Floats
 
 RANGE_M = 3.0
 """What is farther is as far as this (original)."""

@@ -12,9 +12,9 @@ from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.profile import Profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
-from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
-from saltus.topics import CAMERA_LATENCY_S
+from saltus.wire.messages import Floats
+from saltus.wire.topics import CAMERA_LATENCY_S
 
 Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
 

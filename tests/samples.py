@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from saltus import messages, schemas
-from saltus.messages import Message
+from saltus.wire import messages, schemas
+from saltus.wire.messages import Message
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Trains the motion policy on a machine with GPUs that reaches no package index.
-# usage: tools/gpu_train.sh WHEELS OUT [arguments of policy.train]
+# usage: tools/gpu_train.sh WHEELS OUT [arguments of saltus.policy.training.train]
 # WHEELS: a folder of wheels to put beside what python3 has, or "" where they are installed: mujoco, mujoco-core,
 # mujoco-warp, warp-lang, etils, absl-py, glfw, pyopengl, rsl-rl-lib, tensordict, pyvers, cloudpickle,
 # array-api-compat, tomli-w; and daqp, without which the training is not evaluated with the deployed stack.
@@ -18,9 +18,9 @@ fi
 export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
 export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
 if [ "${GPUS:-1}" -gt 1 ]; then
-  run=(python3 -m torch.distributed.run --standalone --nproc_per_node "$GPUS" -m policy.train)
+  run=(python3 -m torch.distributed.run --standalone --nproc_per_node "$GPUS" -m saltus.policy.training.train)
 else
-  run=(python3 -m policy.train)
+  run=(python3 -m saltus.policy.training.train)
 fi
 mkdir -p "$out"
 "${run[@]}" --out "$out" "$@" 2>&1 | tee "$out/log.txt"

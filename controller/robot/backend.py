@@ -3,8 +3,8 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from controller.estimator import Measurement
-from saltus.messages import Floats, JointCommand
+from saltus.controller.estimator import Measurement
+from saltus.wire.messages import Floats, JointCommand
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

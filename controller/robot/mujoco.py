@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from controller.estimator import Measurement
-from controller.robot.backend import Reading, RobotBackend
+from saltus.controller.estimator import Measurement
+from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import GroundTruth, JointCommand
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
+from saltus.wire.messages import GroundTruth, JointCommand
 
 
 class MujocoRobot(RobotBackend):

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.camera.image_pixels import to_images
-from render.camera import Mount, moved_camera
-from render.embree import EmbreeRenderer
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
-from saltus.run_log import DepthTable
+from saltus.real2sim.problem.camera.image_pixels import to_images
+from saltus.recordings.run_log import DepthTable
+from saltus.render.camera import Mount, moved_camera
+from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.terrain import Terrain
 
 Floats = NDArray[np.float64]

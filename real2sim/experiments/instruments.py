@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.experiments.motions import Commands, Floats
 from saltus.effects.imu import ImuReading
-from saltus.run_log import JointTable, Table
+from saltus.real2sim.experiments.motions import Commands, Floats
+from saltus.recordings.run_log import JointTable, Table
 from saltus.sim.state import PlantState
 
 

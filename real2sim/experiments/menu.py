@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from itertools import chain as joined
 from typing import Literal
 
-from real2sim.experiments import motions
-from real2sim.experiments.motions import Section, repeated
-from real2sim.experiments.safety import Limits
 from saltus import go1
 from saltus.errors import ConfigError, nearest_hint
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.motions import Section, repeated
+from saltus.real2sim.experiments.safety import Limits
 from saltus.terrain import flat, step
 from saltus.terrain.terrain import Terrain
 

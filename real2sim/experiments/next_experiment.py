@@ -1,10 +1,10 @@
 """Which experiment would tell the effects of a set apart.
 
 How well each experiment of the menu does it was measured once, on a robot without effects
-(`real2sim.experiments.separations` measures it again): what one unit of every effect does to the whitened residuals of
-its log, and how alike two effects look there. What two fitted rivals are expected to be apart follows from that without
-any simulation. Cameras are not alike, though - one that looks down hardly sees a wall: for effects of a camera the
-experiments are measured anew with the camera that the log claims.
+(`saltus.real2sim.experiments.separations` measures it again): what one unit of every effect does to the whitened
+residuals of its log, and how alike two effects look there. What two fitted rivals are expected to be apart follows from
+that without any simulation. Cameras are not alike, though - one that looks down hardly sees a wall: for effects of a
+camera the experiments are measured anew with the camera that the log claims.
 """
 
 import json
@@ -16,11 +16,11 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from real2sim.experiments.menu import EXPERIMENTS
-from real2sim.resolve import largest
-from real2sim.search.findings import FoundEffect
-from real2sim.sensors import SENSORS
-from real2sim.verdict import NextExperiment
+from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.resolve import largest
+from saltus.real2sim.search.findings import FoundEffect
+from saltus.real2sim.sensors import SENSORS
+from saltus.real2sim.verdict import NextExperiment
 
 TABLE = Path(__file__).parent / "separations.json"
 
@@ -106,8 +106,8 @@ def _table(members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, 
     of_camera = next(sensor.effects for sensor in SENSORS if sensor.name == "camera")
     if camera is None or not set(members) <= set(of_camera):
         return table
-    from real2sim.experiments.footage import Camera
-    from real2sim.experiments.separations import measure
+    from saltus.real2sim.experiments.footage import Camera
+    from saltus.real2sim.experiments.separations import measure
 
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
     return {name: _separations(measure(EXPERIMENTS[name], Camera.of(camera))) for name in seeing}

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.experiments.footage import Camera, film
-from real2sim.experiments.instruments import Instruments, SensorNoise
-from real2sim.experiments.menu import Experiment
-from real2sim.experiments.motions import Floats, Section
 from saltus import go1
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
-from saltus.messages import JointCommand
-from saltus.run_log import SCHEMA, DepthTable, RunLog
+from saltus.real2sim.experiments.footage import Camera, film
+from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
+from saltus.real2sim.experiments.menu import Experiment
+from saltus.real2sim.experiments.motions import Floats, Section
+from saltus.recordings.run_log import SCHEMA, DepthTable, RunLog
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import JointCommand
 
 SETTLE_S = 0.6  # a robot that was put on its feet has come to rest: three time constants of its slowest mode
 CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the robot elsewhere

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.experiments.motions import Commands, Floats
 from saltus import go1
 from saltus.errors import SaltusError
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.real2sim.experiments.motions import Commands, Floats
 
 RUNAWAY = 1.5
 """Share of a joint's published speed limit at which a robot is stopped: a drive that works cannot exceed its limit by

@@ -1,10 +1,10 @@
 """Measures what each experiment of the menu shows of each effect, and how alike effects look there.
 
-    python -m real2sim.experiments.separations [experiment ...]
+    python -m saltus.real2sim.experiments.separations [experiment ...]
 
-writes `separations.json`, which `real2sim.experiments.next_experiment` reads: each experiment is run once on a robot
-without effects, and every effect is added to the simulator in an amount that matters, at all of its places at once. Not
-in a small one: in the limit a filter and a delay are the same.
+writes `separations.json`, which `saltus.real2sim.experiments.next_experiment` reads: each experiment is run once on a
+robot without effects, and every effect is added to the simulator in an amount that matters, at all of its places at
+once. Not in a small one: in the limit a filter and a delay are the same.
 """
 
 import json
@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from real2sim.experiments.footage import Camera
-from real2sim.experiments.instruments import SensorNoise
-from real2sim.experiments.menu import EXPERIMENTS, Experiment
-from real2sim.experiments.next_experiment import TABLE
-from real2sim.experiments.run import run
-from real2sim.problem import Candidate, Floats, Problem, Unknown
-from real2sim.sensors import SENSORS
 from saltus.effects.profile import IDEAL
+from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.instruments import SensorNoise
+from saltus.real2sim.experiments.menu import EXPERIMENTS, Experiment
+from saltus.real2sim.experiments.next_experiment import TABLE
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.problem.problem import Candidate, Floats, Problem, Unknown
+from saltus.real2sim.sensors import SENSORS
 
 SEED = 20
 STEADY = SensorNoise(base_position_m=1e-6, base_orientation_rad=1e-6)
@@ -135,7 +135,7 @@ def main(names: list[str]) -> None:
         measured[name] = measure(EXPERIMENTS[name])
         order = [known for known in EXPERIMENTS if known in measured]
         table = {
-            "source": "python -m real2sim.experiments.separations",
+            "source": "python -m saltus.real2sim.experiments.separations",
             "experiments": {known: measured[known] for known in order},
         }
         TABLE.write_text(json.dumps(table, indent=1) + "\n")

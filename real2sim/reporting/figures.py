@@ -6,12 +6,12 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from real2sim.problem import Floats
-from real2sim.reporting.localise import Channel, Driver
-from real2sim.reporting.regimes import TIME
-from real2sim.reporting.text import LEAST_NATS
-from real2sim.search.findings import Confusion, Rung, SignalGap
-from saltus.report import BLUE, GREEN, GREY, RED
+from saltus.real2sim.problem.problem import Floats
+from saltus.real2sim.reporting.localise import Channel, Driver
+from saltus.real2sim.reporting.regimes import TIME
+from saltus.real2sim.reporting.text import LEAST_NATS
+from saltus.real2sim.search.findings import Confusion, Rung, SignalGap
+from saltus.recordings.report import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
 WIDE, THIN = 3.5, 1.5  # px: where both agree, both can be seen

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.problem import Problem
-from real2sim.reporting.localise import Channel, Driver
-from saltus.run_log import JointTable, RunLog
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.reporting.localise import Channel, Driver
+from saltus.recordings.run_log import JointTable, RunLog
 
 Floats = NDArray[np.float64]
 

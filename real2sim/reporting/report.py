@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from real2sim.camera.problem import COLUMN, ROW
-from real2sim.problem import Problem
-from real2sim.reporting import figures, text
-from real2sim.reporting.localise import Channel, localise
-from real2sim.reporting.regimes import channels_of
-from real2sim.search.findings import Findings, Residuals
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
-from saltus.report import STYLE
-from saltus.run_log import RunLog
+from saltus.real2sim.problem.camera.problem import COLUMN, ROW
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.reporting import figures, text
+from saltus.real2sim.reporting.localise import Channel, localise
+from saltus.real2sim.reporting.regimes import channels_of
+from saltus.real2sim.search.findings import Findings, Residuals
+from saltus.recordings.report import STYLE
+from saltus.recordings.run_log import RunLog
 
 if TYPE_CHECKING:
-    from real2sim.pipeline import Compared, Examined, Judgement
+    from saltus.real2sim.pipeline import Compared, Examined, Judgement
 
 MORE_STYLE = """
 h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }

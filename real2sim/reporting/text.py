@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from real2sim.reporting.localise import Statement
-from real2sim.reporting.words import sentence
-from real2sim.search.findings import FoundEffect, Rung
-from real2sim.verdict import Gap, Verdict
 from saltus.effects.profile import Profile, profile_to_toml
 from saltus.provenance import commit, package_version
+from saltus.real2sim.reporting.localise import Statement
+from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.search.findings import FoundEffect, Rung
+from saltus.real2sim.verdict import Gap, Verdict
 
 if TYPE_CHECKING:
-    from real2sim.pipeline import Examined, Judgement
+    from saltus.real2sim.pipeline import Examined, Judgement
 
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",

@@ -1,7 +1,7 @@
 """A verdict in a sentence."""
 
-from real2sim.search.findings import FoundEffect
-from real2sim.verdict import Verdict
+from saltus.real2sim.search.findings import FoundEffect
+from saltus.real2sim.verdict import Verdict
 
 CLOSED_FROM = 0.005  # below it, a share is "nothing" when it is rounded to per cent
 

@@ -13,8 +13,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
-from real2sim.camera.view import expected_depth
-from saltus.run_log import RunLog, Table
+from saltus.real2sim.problem.camera.view import expected_depth
+from saltus.recordings.run_log import RunLog, Table
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.log import segments_of
-from real2sim.screening.fault import Fault
-from saltus.run_log import JOINT_SIGNALS, RunLog
+from saltus.real2sim.problem.log import segments_of
+from saltus.real2sim.screening.fault import Fault
+from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
 
 Floats = NDArray[np.float64]
 

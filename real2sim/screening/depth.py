@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.camera.view import expected_depth
-from real2sim.screening.fault import Fault
-from saltus.run_log import DepthTable, RunLog, Table
+from saltus.real2sim.problem.camera.view import expected_depth
+from saltus.real2sim.screening.fault import Fault
+from saltus.recordings.run_log import DepthTable, RunLog, Table
 
 Floats = NDArray[np.float64]
 

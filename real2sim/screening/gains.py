@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.screening.fault import Fault
-from saltus.run_log import JointTable, RunLog
+from saltus.real2sim.screening.fault import Fault
+from saltus.recordings.run_log import JointTable, RunLog
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.screening.fault import Fault
-from saltus.run_log import RunLog
+from saltus.real2sim.screening.fault import Fault
+from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
 
 Floats = NDArray[np.float64]

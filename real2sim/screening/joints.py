@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 
-from real2sim.screening.fault import Fault
-from real2sim.screening.gains import gain_faults
-from real2sim.screening.gravity import gravity_faults
 from saltus import go1
-from saltus.run_log import JointTable, RunLog
+from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.gains import gain_faults
+from saltus.real2sim.screening.gravity import gravity_faults
+from saltus.recordings.run_log import JointTable, RunLog
 
 Floats = NDArray[np.float64]
 

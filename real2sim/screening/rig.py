@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from real2sim.screening.fault import Fault
-from saltus.run_log import RunLog, Table
+from saltus.real2sim.screening.fault import Fault
+from saltus.recordings.run_log import RunLog, Table
 
 Floats = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ was not the drive's look like effects. Every check compares the log with itself 
 no strong effect of the library (delays to 25 ms, gains 20 % off, friction, 0.1 rad of bias) can set it off.
 """
 
-from real2sim.screening.clock import clock_faults
-from real2sim.screening.depth import depth_faults
-from real2sim.screening.fault import Fault
-from real2sim.screening.joints import joint_faults
-from real2sim.screening.rig import rig_faults
-from saltus.run_log import RunLog
+from saltus.real2sim.screening.clock import clock_faults
+from saltus.real2sim.screening.depth import depth_faults
+from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.joints import joint_faults
+from saltus.real2sim.screening.rig import rig_faults
+from saltus.recordings.run_log import RunLog
 
 
 def screen(log: RunLog) -> list[Fault]:

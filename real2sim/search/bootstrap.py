@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from real2sim.problem import Floats, Indices
-from real2sim.search.quadratic import Quadratic
-from real2sim.search.split import TEST, Mask, Split
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.real2sim.search.quadratic import Quadratic
+from saltus.real2sim.search.split import TEST, Mask, Split
 
 RESAMPLES = 400
 """The 5 and 95 % quantiles then scatter by about a tenth of the standard deviation."""

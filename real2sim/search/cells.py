@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.problem import Floats, Indices, Problem
-from real2sim.search.split import Mask
+from saltus.real2sim.problem.problem import Floats, Indices, Problem
+from saltus.real2sim.search.split import Mask
 
 CHANCE = 4.0
 """Structure of white noise in a cell of n rows scatters by 1/sqrt(n); four times that is rare among 1000 cells."""

@@ -4,15 +4,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from real2sim.problem import Estimate, Floats, Problem
-from real2sim.search import bootstrap, decide, estimates, signature
-from real2sim.search.cells import Cells
-from real2sim.search.decide import Court, Scored
-from real2sim.search.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
-from real2sim.search.fit import Evaluator, Fit
-from real2sim.search.layout import Model, model_of
-from real2sim.search.quadratic import Quadratic
-from real2sim.search.reported import reported
+from saltus.real2sim.problem.problem import Estimate, Floats, Problem
+from saltus.real2sim.search import bootstrap, decide, estimates, signature
+from saltus.real2sim.search.cells import Cells
+from saltus.real2sim.search.decide import Court, Scored
+from saltus.real2sim.search.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
+from saltus.real2sim.search.fit import Evaluator, Fit
+from saltus.real2sim.search.layout import Model, model_of
+from saltus.real2sim.search.quadratic import Quadratic
+from saltus.real2sim.search.reported import reported
 
 LADDER = 12
 """Models that the report lists."""

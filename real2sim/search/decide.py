@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.problem import Floats
-from real2sim.search import bootstrap
-from real2sim.search.cells import Cells
-from real2sim.search.findings import Confusion
-from real2sim.search.fit import Fit
-from real2sim.search.layout import Layout, Model
-from real2sim.search.split import TEST, Split
+from saltus.real2sim.problem.problem import Floats
+from saltus.real2sim.search import bootstrap
+from saltus.real2sim.search.cells import Cells
+from saltus.real2sim.search.findings import Confusion
+from saltus.real2sim.search.fit import Fit
+from saltus.real2sim.search.layout import Layout, Model
+from saltus.real2sim.search.split import TEST, Split
 
 GAIN_NATS = 10.0
 """Least held-out gain of an effect [nats], after division by the dispersion. Under no effect twice the gain of k

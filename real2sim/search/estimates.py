@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from real2sim.problem import Candidate, Estimate, Floats, Indices, Problem
-from real2sim.search import bootstrap
-from real2sim.search.decide import Court
-from real2sim.search.findings import FoundEffect, Interval
-from real2sim.search.fit import Fit
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem
+from saltus.real2sim.search import bootstrap
+from saltus.real2sim.search.decide import Court
+from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.search.fit import Fit
 
 SAME = 0.1
 """Values at several places count as one when they differ by less than this share beyond their errors: what friction

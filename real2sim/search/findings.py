@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.problem import Estimate, Floats
+from saltus.real2sim.problem.problem import Estimate, Floats
 
 ProblemRuling = Literal["named", "set", "unexplained", "no_gap"]
 
@@ -72,7 +72,7 @@ class Confusion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """What two models leave of a log, whitened; shapes as in `real2sim.problem`."""
+    """What two models leave of a log, whitened; shapes as in `saltus.real2sim.problem.problem`."""
 
     before: Floats
     """By the model without effects, shape (blocks, m)."""
@@ -98,7 +98,7 @@ class Baselines:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
-    """The result of `real2sim.search.search` for one kind of sensor."""
+    """The result of `saltus.real2sim.search.search` for one kind of sensor."""
 
     problem: str
     verdict: ProblemRuling

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from real2sim.problem import Floats, Indices, Problem
-from real2sim.search.layout import STEP, Layout, Model
-from real2sim.search.quadratic import Quadratic, bounded_minimum
-from real2sim.search.split import Split
+from saltus.real2sim.problem.problem import Floats, Indices, Problem
+from saltus.real2sim.search.layout import STEP, Layout, Model
+from saltus.real2sim.search.quadratic import Quadratic, bounded_minimum
+from saltus.real2sim.search.split import Split
 
 BATCH = 64
 """Sets of unknowns in one call of a problem: bounds its memory."""

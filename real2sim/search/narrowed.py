@@ -4,8 +4,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from real2sim.problem import Candidate, Estimate, Floats, Problem
-from real2sim.reporting.localise import Driver
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem
+from saltus.real2sim.reporting.localise import Driver
 
 
 class Narrowed(Problem):

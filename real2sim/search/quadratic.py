@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from real2sim.problem import Floats, Indices
-from real2sim.search.layout import Layout
-from real2sim.search.split import TEST, Mask, Split
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.real2sim.search.layout import Layout
+from saltus.real2sim.search.split import TEST, Mask, Split
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

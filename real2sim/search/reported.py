@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from real2sim.problem import Floats, Problem
-from real2sim.search import decide, estimates, fit
-from real2sim.search.decide import Court, Scored
-from real2sim.search.fit import Evaluator
-from real2sim.search.quadratic import bounded_minimum
+from saltus.real2sim.problem.problem import Floats, Problem
+from saltus.real2sim.search import decide, estimates, fit
+from saltus.real2sim.search.decide import Court, Scored
+from saltus.real2sim.search.fit import Evaluator
+from saltus.real2sim.search.quadratic import bounded_minimum
 
 ITERATIONS = 3
 """Of Gauss-Newton, each with fresh derivatives: values start within a few errors of where they end."""

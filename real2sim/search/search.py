@@ -1,15 +1,15 @@
 """The search for what a simulator lacks: which effects, where, how large, and whether these data can tell at all.
 
-It knows problems (`real2sim.problem`), not robots. In steps:
+It knows problems (`saltus.real2sim.problem.problem`), not robots. In steps:
 
-1. Fit the nuisances alone: the model without effects. Split the log (`real2sim.search.split`).
+1. Fit the nuisances alone: the model without effects. Split the log (`saltus.real2sim.search.split`).
 2. Derivatives by every unknown there; fit each effect alone.
 3. Derivatives by every unknown at the best single effect, where the quadratic stand-in shows which effects it lacks or
    should be swapped for: an effect that explains nothing alone may be half of the truth. Fit pairs; again at the best
    pair, for swaps and a third effect. Eliminate from the largest again, one effect at a time.
-4. Compare all fitted models on held-out data and decide (`real2sim.search.decide`).
-5. State places, values and intervals (`real2sim.search.estimates`), what looks alike (`real2sim.search.signature`), and
-   the gap on segments that no fit has seen.
+4. Compare all fitted models on held-out data and decide (`saltus.real2sim.search.decide`).
+5. State places, values and intervals (`saltus.real2sim.search.estimates`), what looks alike
+   (`saltus.real2sim.search.signature`), and the gap on segments that no fit has seen.
 """
 
 from collections.abc import Callable
@@ -18,14 +18,14 @@ from itertools import combinations
 
 import numpy as np
 
-from real2sim.problem import Floats, Problem
-from real2sim.search import conclude, decide, fit
-from real2sim.search.cells import Cells
-from real2sim.search.findings import Findings
-from real2sim.search.fit import Evaluator, Fit
-from real2sim.search.layout import Layout, Model, model_of
-from real2sim.search.quadratic import Quadratic
-from real2sim.search.split import Split, split
+from saltus.real2sim.problem.problem import Floats, Problem
+from saltus.real2sim.search import conclude, decide, fit
+from saltus.real2sim.search.cells import Cells
+from saltus.real2sim.search.findings import Findings
+from saltus.real2sim.search.fit import Evaluator, Fit
+from saltus.real2sim.search.layout import Layout, Model, model_of
+from saltus.real2sim.search.quadratic import Quadratic
+from saltus.real2sim.search.split import Split, split
 
 REFITTED = 4
 """Single effects that are fitted again with fresh derivatives; the truth is among the best four fits in practice."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from real2sim.problem import Floats, Indices
-from real2sim.search.findings import Confusion
-from real2sim.search.layout import Layout, Model
-from real2sim.search.quadratic import Quadratic
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.real2sim.search.findings import Confusion
+from saltus.real2sim.search.layout import Layout, Model
+from saltus.real2sim.search.quadratic import Quadratic
 
 TRACE = 1e-9
 """Share of a signature's power that must be left after projection; below it is rounding."""

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.problem import Floats, Indices, Problem
+from saltus.real2sim.problem.problem import Floats, Indices, Problem
 
 Mask = NDArray[np.bool_]
 

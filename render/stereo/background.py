@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)

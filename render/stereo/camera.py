@@ -6,21 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from render.postfilter import HoleFilling, SpatialFilter, TemporalFilter
-from render.stereo.background import Background
-from render.stereo.baseline_occlusion import BaselineOcclusion
-from render.stereo.depth_unit import DepthUnit
-from render.stereo.disparity_noise import DisparityNoise
-from render.stereo.disparity_step import DisparityStep
-from render.stereo.edge_holes import EdgeHoles
-from render.stereo.flying_pixels import FlyingPixels
-from render.stereo.image import depth_of, stereo_image
-from render.stereo.optics import Optics
-from render.stereo.search_range import SearchRange
-from render.stereo.weak_signal import WeakSignal
-from render.stereo.windows import ARRAY_WINDOWS, Windows
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
+from saltus.render.postfilter import HoleFilling, SpatialFilter, TemporalFilter
+from saltus.render.stereo.background import Background
+from saltus.render.stereo.baseline_occlusion import BaselineOcclusion
+from saltus.render.stereo.depth_unit import DepthUnit
+from saltus.render.stereo.disparity_noise import DisparityNoise
+from saltus.render.stereo.disparity_step import DisparityStep
+from saltus.render.stereo.edge_holes import EdgeHoles
+from saltus.render.stereo.flying_pixels import FlyingPixels
+from saltus.render.stereo.image import depth_of, stereo_image
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.search_range import SearchRange
+from saltus.render.stereo.weak_signal import WeakSignal
+from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
 
 StereoState = tuple[Any, ...]
 """States of the effects, in the order of the camera."""
@@ -91,7 +91,8 @@ class StereoCamera:
         Args:
             depth: true depth from the left imager, along the optical axis [m], infinite where nothing is hit. Shape
                 (..., height, width).
-            hidden: which of these points the right imager does not see (`render.stereo.second_view`), bool, same shape.
+            hidden: which of these points the right imager does not see (`saltus.render.stereo.second_view`), bool, same
+            shape.
             time_s: capture time [s], float64, shape (...).
             state: what `init` or the last `step` returned.
 

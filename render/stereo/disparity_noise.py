@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
 from saltus.effects.fields import gaussian, samples
+from saltus.render.stereo.image import StereoImage
 
 Memory = tuple[Any, Any, Any]
 """Keys, time of the last image, and its noise, None before the first."""

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.effect import Effect, Site, parameter
+from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import Intrinsics
-from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 SLACK_ROWS = 0.01  # for rounding
 SLACK_M = 0.01

@@ -7,12 +7,12 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import ndtri
 
-from render.stereo.discontinuity import discontinuity
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
 from saltus.effects.fields import gaussian, mean_around, samples
+from saltus.render.stereo.discontinuity import discontinuity
+from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)

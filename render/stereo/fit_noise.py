@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.stereo.estimate import Estimate, measured, untestable
-from render.stereo.static_scene import StaticScene
-from saltus.messages import Floats
+from saltus.render.stereo.estimate import Estimate, measured, untestable
+from saltus.render.stereo.static_scene import StaticScene
+from saltus.wire.messages import Floats
 
 MIN_FRAMES = 10  # for a variance over time
 MIN_PIXELS = 200

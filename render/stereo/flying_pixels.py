@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from render.devices import on_host
-from render.stereo.discontinuity import discontinuity
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
 from saltus.effects.fields import unit_uniform, unit_uniform_at
+from saltus.render.devices import on_host
+from saltus.render.stereo.discontinuity import discontinuity
+from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from render.stereo.optics import Optics
-from render.stereo.windows import ARRAY_WINDOWS, Windows
 from saltus.arrays import namespace
-from saltus.messages import Floats
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.windows import ARRAY_WINDOWS, Windows
+from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from render.camera import Mount
-from render.stereo.optics import Optics
 from saltus.arrays import namespace
 from saltus.depth import Intrinsics
+from saltus.render.camera import Mount
+from saltus.render.stereo.optics import Optics
 
 TOLERANCE_PX = 1.0  # in disparity: half a sample of the second image on a surface as steep as can be matched
 

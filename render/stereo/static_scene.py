@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from render.stereo.discontinuity import discontinuity
-from render.stereo.optics import BASELINE_M
 from saltus.depth import NOTHING
 from saltus.errors import RecordingError
-from saltus.messages import DepthFrame, Floats
+from saltus.render.stereo.discontinuity import discontinuity
+from saltus.render.stereo.optics import BASELINE_M
+from saltus.wire.messages import DepthFrame, Floats
 
 MOVED_PX = 1.0  # twelve times the noise of a D435i: a pixel that changes by more has seen something else
 MOVED_SHARE = 0.1  # of the pixels, from one frame to the next: more than edges that flicker

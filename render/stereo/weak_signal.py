@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from render.stereo.image import StereoImage
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
 from saltus.effects.fields import gaussian, samples
+from saltus.render.stereo.image import StereoImage
 
 
 @dataclass(frozen=True, kw_only=True)

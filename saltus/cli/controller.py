@@ -13,7 +13,7 @@ from saltus.cli.serve import ServeProcess
 class Serve(ServeProcess):
     """Runs the controller process against a running stack."""
 
-    module = "controller"
+    module = "saltus.controller"
 
 
 @dataclass(frozen=True, kw_only=True)

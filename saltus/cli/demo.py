@@ -9,10 +9,10 @@ from tqdm import tqdm
 
 from saltus.cli.output import follow, print_json, run_directory
 from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
-from saltus.messages import GroundTruth
+from saltus.wire.messages import GroundTruth
 
 if TYPE_CHECKING:
-    from saltus.summary import RunSummary
+    from saltus.recordings.summary import RunSummary
 
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
@@ -48,9 +48,9 @@ class Demo:
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""
         from saltus.effects.profile import load_profile
-        from saltus.recording import read_recording
-        from saltus.report import write_report
-        from saltus.summary import summarise
+        from saltus.recordings.recording import read_recording
+        from saltus.recordings.report import write_report
+        from saltus.recordings.summary import summarise
         from saltus.terrain.curriculum import make_terrain
 
         terrain = make_terrain(self.course)
@@ -87,7 +87,7 @@ class Demo:
 
 
 def _sentence(summary: "RunSummary") -> str:
-    from saltus.summary import shown
+    from saltus.recordings.summary import shown
 
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
     way = f"{shown(summary.distance_m, 2, 'm')} in {shown(summary.time_s, 2, 's')}"
@@ -97,7 +97,7 @@ def _sentence(summary: "RunSummary") -> str:
 
 def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
     """Runs the processes until the robot has finished, with a progress bar over the course on a terminal."""
-    from saltus.stack import Stack
+    from saltus.runtime.stack import Stack
 
     shown = 0.0
     with (

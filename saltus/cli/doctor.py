@@ -90,7 +90,7 @@ def _attempts(image: Path | None) -> list[Finding]:
 
 
 def _model() -> str:
-    from heightmap.service import HeightmapService
+    from saltus.heightmap.service.service import HeightmapService
     from saltus.resources import resource
 
     path = resource("models/heightmap.onnx")
@@ -99,7 +99,7 @@ def _model() -> str:
 
 
 def _policy() -> str:
-    from policy.actor import PolicyActor
+    from saltus.policy.actor import PolicyActor
     from saltus.resources import resource
 
     return f"sha256 {PolicyActor(resource('models/policy.onnx')).model_id}, loads"
@@ -108,9 +108,9 @@ def _policy() -> str:
 def _render(backend: str, image: Path | None) -> str:
     import numpy as np
 
-    from render.backends import make_renderer
     from saltus import go1
     from saltus.config import TerrainConfig
+    from saltus.render.backends import make_renderer
     from saltus.terrain.curriculum import make_terrain
 
     terrain = make_terrain(TerrainConfig(terrain="stairs"))
@@ -134,7 +134,7 @@ def _mujoco_frame() -> str:
 
 
 def _zenoh() -> str:
-    from saltus.stack import loopback_round_trip
+    from saltus.runtime.stack import loopback_round_trip
 
     return f"round trip {1e3 * loopback_round_trip():.1f} ms"
 

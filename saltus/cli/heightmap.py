@@ -10,7 +10,6 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from heightmap.delivery import DeliveryName
 from saltus import go1
 from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
@@ -19,10 +18,11 @@ from saltus.cli.policy_train import TRAINING
 from saltus.cli.serve import Peer, serve
 from saltus.config import Camera, check_at_least
 from saltus.errors import SaltusError
+from saltus.heightmap.data.delivery import DeliveryName
 
 if TYPE_CHECKING:
-    from heightmap.shards import ShardRecord
-    from heightmap.train import Progress
+    from saltus.heightmap.data.shards import ShardRecord
+    from saltus.heightmap.training.train import Progress
 
 CHECKPOINT = Path("runs/heightmap.pt")
 TRIALS = 1_000_000
@@ -61,16 +61,16 @@ class Serve:
         if self.endpoint is None or self.run_dir is None:
             raise SaltusError("heightmap serve needs --endpoint and --run-dir, or --recording")
         robots = ("--robots", *self.robots) if self.robots else ()
-        return serve("heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
+        return serve("saltus.heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace."""
-        from heightmap.replay import AssumeLevel, replay_frames
-        from saltus.bus import ZenohBus
-        from saltus.messages import HeightmapStatus
-        from saltus.realsense import read_realsense
+        from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+        from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
-        from saltus.stack import open_router
+        from saltus.runtime.stack import open_router
+        from saltus.wire.bus import ZenohBus
+        from saltus.wire.messages import HeightmapStatus
 
         frames = list(read_realsense(recording))
         if not self.assume_level:
@@ -106,7 +106,7 @@ class Give:
 
     def run(self) -> int:
         """Checks the file and puts it where the service looks."""
-        from heightmap.model_inbox import give
+        from saltus.heightmap.service.model_inbox import give
 
         print(
             f"model {give(self.model, self.run_dir)} is in {self.run_dir}: the service's events say what becomes of it"
@@ -154,8 +154,8 @@ class Collect:
 
     def _on_device(self) -> "ShardRecord":
         try:
-            from heightmap.device_rollouts import DeviceLoop
-            from heightmap.gpu_rollouts import POLICY, BatchDone, collect
+            from saltus.heightmap.data.device_rollouts import DeviceLoop
+            from saltus.heightmap.training.gpu_rollouts import POLICY, BatchDone, collect
             from saltus.resources import resource
         except ImportError as error:
             raise SaltusError(f"--source policy needs {error.name}: {TRAINING}") from error
@@ -179,10 +179,10 @@ class Collect:
         return records[camera]
 
     def _on_processor(self) -> "ShardRecord":
-        from heightmap.kinematic import KinematicBounding
-        from heightmap.planned import PlannedBounding
-        from heightmap.rollouts import MotionSource, collect
         from saltus.effects.profile import load_profile
+        from saltus.heightmap.data.kinematic import KinematicBounding
+        from saltus.heightmap.data.planned import PlannedBounding
+        from saltus.heightmap.data.rollouts import MotionSource, collect
 
         profile = load_profile(self.profile)
         planned = PlannedBounding(first_seed=TRIALS * (1 + self.seed), profile=profile)
@@ -221,9 +221,9 @@ class Train:
 
     def run(self) -> int:
         """Trains, with a progress bar."""
-        from heightmap.dataset import NO_NOISE, TRAINING_NOISE
-        from heightmap.delivery import DELIVERIES
-        from heightmap.train import FIRST_RATE, FURTHER_RATE, TrainConfig, train
+        from saltus.heightmap.data.delivery import DELIVERIES
+        from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE
+        from saltus.heightmap.training.train import FIRST_RATE, FURTHER_RATE, TrainConfig, train
 
         config = TrainConfig(
             updates=self.updates,
@@ -276,7 +276,7 @@ class Export:
 
     def run(self) -> int:
         """Writes the files and prints what was measured."""
-        from heightmap.release import card_path, release
+        from saltus.heightmap.training.release import card_path, release
 
         if self.out.suffix != ".onnx":
             raise SaltusError(f"--out {self.out}: name a file that ends in .onnx")

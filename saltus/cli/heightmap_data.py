@@ -13,8 +13,8 @@ from saltus.cli.output import print_json
 from saltus.config import Camera, check_at_least
 
 if TYPE_CHECKING:
-    from heightmap.dagger import Collected
-    from heightmap.train import Progress
+    from saltus.heightmap.training.dagger import Collected
+    from saltus.heightmap.training.train import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ class Dagger:
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
-        from heightmap.closed_loop import ClosedLoop
-        from heightmap.dagger import DaggerConfig, Observer, dagger
+        from saltus.heightmap.data.closed_loop import ClosedLoop
+        from saltus.heightmap.training.dagger import DaggerConfig, Observer, dagger
 
         check_at_least(self, episodes=1)
         loop = ClosedLoop(hardest=self.hardest, learned=self.learned, camera=self.camera)
@@ -125,7 +125,7 @@ class Info:
 
     def run(self) -> int:
         """Prints a line for each shard."""
-        from heightmap.inventory import info
+        from saltus.heightmap.data.inventory import info
 
         found = info(self.data)
         if self.json:
@@ -150,7 +150,7 @@ class Validate:
 
     def run(self) -> int:
         """0 where all is sound, else 1."""
-        from heightmap.inventory import validate
+        from saltus.heightmap.data.inventory import validate
 
         damages = validate(self.data)
         for damage in damages:
@@ -170,7 +170,7 @@ class Merge:
 
     def run(self) -> int:
         """Copies all shards."""
-        from heightmap.inventory import merge
+        from saltus.heightmap.data.inventory import merge
 
         records = merge(self.data, self.out)
         print(f"{self.out}: {len(records)} shards, {sum(record.ticks for record in records)} ticks")

@@ -49,8 +49,8 @@ class Eval:
 
     def run(self) -> int:
         """Runs them all and prints a table, in millimetres."""
-        from heightmap.held_out import HeldOutRun, HeldOutRuns
-        from heightmap.scores import scores
+        from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
+        from saltus.heightmap.evaluation.scores import scores
         from saltus.resources import resource
         from saltus.workers import in_order
 

@@ -25,9 +25,9 @@ class Report:
 
     def run(self) -> int:
         """Writes the file and prints the numbers."""
-        from heightmap.report import measure, write_report
         from saltus.errors import RecordingError
-        from saltus.recording import read_recording
+        from saltus.heightmap.evaluation.report import measure, write_report
+        from saltus.recordings.recording import read_recording
 
         if not self.recordings:
             raise RecordingError("no recording: name at least one .mcap file")

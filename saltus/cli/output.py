@@ -13,7 +13,7 @@ from tqdm import tqdm
 from saltus.errors import SaltusError
 
 if TYPE_CHECKING:
-    from saltus.stack import Stack
+    from saltus.runtime.stack import Stack
 
 PROGRESS_PERIOD_S = 0.2
 

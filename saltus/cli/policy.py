@@ -17,8 +17,8 @@ from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName, TerrainConfig, to_toml
 
 if TYPE_CHECKING:
-    from policy.evaluate import EvaluationResult
-    from policy.rollout import HeightsFactory
+    from saltus.policy.evaluation.evaluate import EvaluationResult
+    from saltus.policy.evaluation.rollout import HeightsFactory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +52,8 @@ class Eval:
 
     def run(self) -> int:
         """Runs them; 0 where all succeeded, else 1."""
-        from policy.evaluate import Evaluation, collect, evaluate
-        from policy.planner import make_planner
+        from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
+        from saltus.policy.planner import make_planner
 
         planner = partial(make_planner, self.planner, self.model)
         planner()  # what is wrong with a model is said at once
@@ -74,7 +74,7 @@ class Eval:
         _print_table(result)
         table = _as_table(self, result)
         if directory is not None:
-            from policy.evaluation_report import write_evaluation_report
+            from saltus.policy.evaluation.report import write_evaluation_report
 
             path = directory / "report.html"
             write_evaluation_report(evaluation, result, table, path)
@@ -86,10 +86,10 @@ class Eval:
     def _heights(self) -> "HeightsFactory":
         """The source of heights; the one that predicts lies above the planner, so it is handed down from here."""
         if self.heightmap == "predicted":
-            from heightmap.predicted import PredictedHeightsFactory
+            from saltus.heightmap.data.predicted import PredictedHeightsFactory
 
             return PredictedHeightsFactory(profile=self.profile)
-        from policy.evaluate import HEIGHTS
+        from saltus.policy.evaluation.evaluate import HEIGHTS
 
         return HEIGHTS[self.heightmap]
 
@@ -109,8 +109,8 @@ class Search:
 
     def run(self) -> int:
         """Searches to the end, or until it is interrupted."""
-        from policy.scripted import ScriptedParameters
-        from policy.search import SearchConfig, search
+        from saltus.policy.evaluation.search import SearchConfig, search
+        from saltus.policy.scripted import ScriptedParameters
 
         config = SearchConfig(generations=self.generations, population=self.population, seed=self.seed)
         for generation in search(config, ScriptedParameters(), self.processes or os.cpu_count() or 1):
@@ -129,7 +129,7 @@ class Search:
 class Serve(ServeProcess):
     """Runs the planner process against a running stack."""
 
-    module = "policy"
+    module = "saltus.policy"
 
 
 @dataclass(frozen=True, kw_only=True)

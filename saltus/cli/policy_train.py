@@ -34,12 +34,12 @@ class Train:
     """Time between evaluations with the deployed stack, which run beside the training; 0: none. By default 3 beside a
     GPU, and none on a CPU."""
     device: Literal["auto", "cpu"] = "auto"
-    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m policy.train."""
+    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.train."""
 
     def run(self) -> int:
         """Trains to the end of the time, with one line every ten seconds."""
         try:
-            from policy.train import main
+            from saltus.policy.training.train import main
         except ImportError as error:
             raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
         given = {name: value for name, value in vars(self).items() if value is not None}
@@ -60,7 +60,7 @@ class Export:
     def run(self) -> int:
         """Writes the file; 0 where it equals the checkpoint's network, else 1."""
         try:
-            from policy.export import export
+            from saltus.policy.training.export import export
         except ImportError as error:
             raise SaltusError(f"exporting needs {error.name}: {TRAINING}") from error
         difference = export(self.checkpoint, self.out)

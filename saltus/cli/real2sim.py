@@ -14,7 +14,7 @@ from saltus.cli.output import print_json, run_directory
 from saltus.errors import ConfigError
 
 if TYPE_CHECKING:
-    from real2sim.experiments.menu import Experiment
+    from saltus.real2sim.experiments.menu import Experiment
 
 Json = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -38,9 +38,9 @@ class Find:
 
     def run(self) -> int:
         """Prints what was found; 0, whatever it is."""
-        from real2sim.pipeline import find
-        from real2sim.reporting.words import sentence
         from saltus.effects.profile import load_profile
+        from saltus.real2sim.pipeline import find
+        from saltus.real2sim.reporting.words import sentence
 
         profile = load_profile(self.profile)
         directory = run_directory("real2sim", self.out)
@@ -93,8 +93,8 @@ class Apply:
 
     def run(self) -> int:
         """Writes profiles/NAME.toml."""
-        from real2sim.patch import load_patch
         from saltus.effects.profile import load_profile, profiles_folder, save_profile
+        from saltus.real2sim.patch import load_patch
 
         patch = load_patch(self.patch)
         exists = (profiles_folder() / f"{self.profile}.toml").is_file()
@@ -130,7 +130,7 @@ class Experiments:
 
     def run(self) -> int:
         """Runs the experiment; without one, prints the table."""
-        from real2sim.experiments.menu import EXPERIMENTS, experiment_named
+        from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
 
         if self.run_ is not None and self.list:
             raise ConfigError("--list and --run exclude each other")
@@ -150,10 +150,10 @@ class Experiments:
         return 0
 
     def _run(self, experiment: "Experiment") -> int:
-        from real2sim.experiments.footage import Camera
-        from real2sim.experiments.run import run
         from saltus.effects.profile import load_profile
-        from saltus.run_log import write_run_log
+        from saltus.real2sim.experiments.footage import Camera
+        from saltus.real2sim.experiments.run import run
+        from saltus.recordings.run_log import write_run_log
 
         profile = load_profile(self.profile)
         directory = run_directory(experiment.name, self.out)
@@ -193,9 +193,9 @@ class Demo:
 
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
-        from real2sim.demonstration import demonstrate
-        from real2sim.reporting.words import sentence
         from saltus.effects.profile import profile_to_toml
+        from saltus.real2sim.demonstration import demonstrate
+        from saltus.real2sim.reporting.words import sentence
 
         directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:

@@ -23,7 +23,7 @@ class Preview:
 
     def run(self) -> int:
         """Writes the file and says where it is."""
-        from render.preview import write_preview
+        from saltus.render.preview import write_preview
         from saltus.terrain.curriculum import make_terrain
 
         write_preview(make_terrain(self.course), self.out)
@@ -44,8 +44,8 @@ class Fit:
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
-        from render.fit import fit, load_frames
-        from render.fit_plot import write_fit_plot
+        from saltus.render.fit import fit, load_frames
+        from saltus.render.fit_plot import write_fit_plot
 
         result = fit(load_frames(self.recording))
         plot = self.out.with_suffix(".html")
@@ -68,7 +68,7 @@ class Fit:
 class Serve(ServeProcess):
     """Runs the camera process against a running stack."""
 
-    module = "render"
+    module = "saltus.render"
 
 
 @dataclass(frozen=True, kw_only=True)

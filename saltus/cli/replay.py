@@ -11,7 +11,7 @@ import tyro
 from saltus import go1
 from saltus.cli.output import print_json
 from saltus.errors import RecordingError
-from saltus.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,8 @@ class Replay:
         return 0
 
     def _bag(self, model: Path) -> dict[str, object]:
-        from heightmap.replay import AssumeLevel, replay_frames
-        from saltus.realsense import read_realsense
+        from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+        from saltus.recordings.realsense import read_realsense
 
         frames = list(read_realsense(self.recording))
         if not self.assume_level:
@@ -64,8 +64,8 @@ class Replay:
         }
 
     def _run(self, model: Path) -> dict[str, object]:
-        from heightmap.replay import AssumeLevel, replay_frames
-        from saltus.recording import read_recording
+        from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+        from saltus.recordings.recording import read_recording
 
         recording = read_recording(self.recording)
         arrivals, frames = [], []

@@ -36,7 +36,7 @@ class Up:
     def run(self) -> int:
         """Runs until the end; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.effects.profile import load_profile
-        from saltus.stack import Stack
+        from saltus.runtime.stack import Stack
         from saltus.terrain.curriculum import make_terrain
 
         make_terrain(self.course)

@@ -8,12 +8,12 @@ import numpy as np
 from tqdm import tqdm
 
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import HeightmapStatus
-from saltus.recording import Recording
-from saltus.report import RunData, collect
+from saltus.recordings.recording import Recording
+from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import HeightmapStatus
 
 PICTURE_AT = (0.42, 0.56, 0.70)
 """Shares of the run: after the start, before the end."""

@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import namespace
 from saltus.effects.effect import Effect, PerRobot, like
 from saltus.effects.order import ordered
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 NOMINAL_FRICTION = 0.8
 """Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""

@@ -10,7 +10,7 @@ from saltus.effects.backlash import Backlash
 from saltus.effects.effect import Effect, Signal
 from saltus.effects.order import ordered
 from saltus.effects.signals import Drive, JointState, Resistance
-from saltus.messages import Floats, JointCommand
+from saltus.wire.messages import Floats, JointCommand
 
 COMMAND_ORDER = ("command_delay", "feedforward_delay")
 """What happens to a packet until the drive uses it."""

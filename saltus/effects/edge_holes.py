@@ -17,8 +17,8 @@ JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from 
 class EdgeHoles(Effect[DepthImage]):
     """The `width` pixels to the left of every near edge are invalid, to the nearest pixel of the image.
 
-    One number for all edges, as a run log can tell it; `render.stereo` has the physics, in which it grows with the
-    step of disparity.
+    One number for all edges, as a run log can tell it; `saltus.render.stereo` has the physics, in which it grows with
+    the step of disparity.
     """
 
     name: ClassVar[str] = "edge_holes"

@@ -10,7 +10,7 @@ import numpy as np
 
 from saltus.errors import ConfigError
 from saltus.go1 import JOINTS
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "view"]
 

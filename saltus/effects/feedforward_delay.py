@@ -8,7 +8,7 @@ import numpy as np
 from saltus.effects.delay_line import History, delayed
 from saltus.effects.effect import Effect, Site, Values, parameter, period
 from saltus.go1 import PHYSICS_DT
-from saltus.messages import JointCommand
+from saltus.wire.messages import JointCommand
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from saltus.effects.signals import DepthImage
 class HoleFill(Effect[DepthImage]):
     """An invalid pixel takes the nearest valid value to its left within `reach` pixels, to the nearest pixel.
 
-    One number, as a run log can tell it; `render.postfilter` has librealsense's filters themselves.
+    One number, as a run log can tell it; `saltus.render.postfilter` has librealsense's filters themselves.
     """
 
     name: ClassVar[str] = "hole_fill"

@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.effects.effect import Effect
 from saltus.effects.order import ordered
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 IMU_ORDER = ("imu_bias", "imu_latency")
 """A sensor is wrong first, and then late."""

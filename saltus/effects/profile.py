@@ -32,7 +32,7 @@ from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError, nearest_hint
-from saltus.topics import CAMERA_LATENCY_S
+from saltus.wire.topics import CAMERA_LATENCY_S
 
 PARTS = {
     "command": "actuator",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from saltus.arrays import namespace
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

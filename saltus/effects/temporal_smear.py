@@ -16,7 +16,8 @@ class TemporalSmear(Effect[DepthImage]):
     """Exponential smoothing: each pixel is `alpha` times the new depth and the rest the last one given out.
 
     Pixels that are invalid, or see nothing, in either image take the new value. An image that comes again changes
-    nothing. librealsense's default is 0.4; `render.postfilter.TemporalFilter` is its filter with all its conditions.
+    nothing. librealsense's default is 0.4; `saltus.render.postfilter.TemporalFilter` is its filter with all its
+    conditions.
     """
 
     name: ClassVar[str] = "temporal_smear"

@@ -12,7 +12,7 @@ from saltus.effects.effect import Effect, Site, Values, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 GO1_CURVE = (
     (3.0, 3.0),

@@ -15,13 +15,13 @@ from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import JointState, Resistance
 from saltus.kinematics import foot_position, rotation_matrix
-from saltus.messages import JointCommand
 from saltus.sim import scene
 from saltus.sim.bounds import terrain_nodes, tree_bounds
 from saltus.sim.plant import CLEARANCE, specific_force, standing_pose
 from saltus.sim.state import Floats, PlantState
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import JointCommand
 
 Indices = NDArray[np.integer]
 

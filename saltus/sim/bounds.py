@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.messages import Floats
+from saltus.wire.messages import Floats
 
 WORLD = 0  # the body that terrain belongs to
 

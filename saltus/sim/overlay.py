@@ -7,8 +7,8 @@ import numpy as np
 
 from saltus import go1
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.messages import Floats
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
 POINT_RADIUS, LINE_RADIUS = 0.012, 0.005  # [m]

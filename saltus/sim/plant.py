@@ -14,11 +14,11 @@ from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import Resistance
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.messages import JointCommand
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import JointCommand
 
 GRAVITY = 9.81  # the engine's default, original
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from saltus import go1
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
 from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.sim.plant import standing_pose
 from saltus.terrain import stairs
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 Frame = NDArray[np.uint8]
 

@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from benchmarks.realism import check_twins, with_age_held
-from heightmap.dataset import NO_NOISE, EpisodeStore, run_window
-from heightmap.delivery import DeliveryModel
-from heightmap.kinematic import KinematicBounding
-from heightmap.model import HeightmapModel, ModelConfig
-from heightmap.rollouts import episodes
-from heightmap.shards import DatasetError, Episode
+from saltus.heightmap.data.delivery import DeliveryModel
+from saltus.heightmap.data.kinematic import KinematicBounding
+from saltus.heightmap.data.rollouts import episodes
+from saltus.heightmap.data.shards import DatasetError, Episode
+from saltus.heightmap.model import HeightmapModel, ModelConfig
+from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controller.signals import Plan, Sensed, plan_from_values
 from saltus import go1
+from saltus.controller.signals import Plan, Sensed, plan_from_values
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 
 Draw = Callable[[np.random.Generator, tuple[int, ...]], tuple[Plan, Sensed]]

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 import torch
 
-from controller.braking import Braking, BrakingState
-from controller.law import LegController
-from controller.loop import FIRST_STAND_S, ControlLoop
-from controller.robot.mujoco import MujocoRobot
-from policy.observation import observe_message
-from policy.process import REST
-from policy.scripted import ScriptedPlanner
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.controller.braking import Braking, BrakingState
+from saltus.controller.law import LegController
+from saltus.controller.loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
-from saltus.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.policy.observation import observe_message
+from saltus.policy.process import REST
+from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
 
 BRAKING = Braking()
 LAW = LegController()

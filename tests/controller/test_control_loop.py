@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.estimator import Measurement
-from controller.loop import FIRST_STAND_S, ControlLoop
-from controller.robot.backend import Reading
-from controller.robot.mujoco import MujocoRobot
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.controller.estimator import Measurement
+from saltus.controller.loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.robot.backend import Reading
+from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
-from saltus.messages import ControllerMode, MotionPlan, PlanStatus
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
 
 FREQUENCY_HZ = 2.75
 LIFT = np.array([0.0, 0.0, 0.09])

@@ -7,14 +7,15 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from controller import __main__ as process
-from controller import lockstep
-from controller.plans import Plans
-from saltus.bus import topic_of, unpack
 from saltus.config import RunConfig, TerrainConfig
+from saltus.controller import __main__ as process
+from saltus.controller import lockstep
+from saltus.controller.plans import Plans
 from saltus.errors import StackError
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import (
+from saltus.runtime.process import ProcessContext
+from saltus.wire.bus import topic_of, unpack
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import (
     ControllerMode,
     Done,
     Event,
@@ -24,7 +25,6 @@ from saltus.messages import (
     PlanStatus,
     RobotState,
 )
-from saltus.process import ProcessContext
 
 PREFIX = "go1/0"
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from controller.course import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, Course
 from saltus.config import TerrainConfig
-from saltus.messages import ControllerMode
+from saltus.controller.course import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, Course
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import ControllerMode
 
 TERRAIN = make_terrain(TerrainConfig(terrain="flat"))
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])

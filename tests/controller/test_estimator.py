@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from controller.estimator import Estimator, EstimatorState, Measurement
 from saltus import go1
+from saltus.controller.estimator import Estimator, EstimatorState, Measurement
 from saltus.kinematics import foot_kinematics, quaternion_from_roll_pitch_yaw, rotation_matrix
 
 DT = go1.PHYSICS_DT

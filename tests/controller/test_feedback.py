@@ -1,8 +1,8 @@
 import numpy as np
 
-from controller.feedback import FeedbackConfig, VelocityFeedback
-from controller.signals import observe
 from saltus import go1
+from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
+from saltus.controller.signals import observe
 from saltus.kinematics import inverse_kinematics
 
 FEEDBACK = VelocityFeedback(FeedbackConfig())

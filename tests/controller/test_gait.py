@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from controller.gait import Gait, GaitConfig, GaitState
+from saltus.controller.gait import Gait, GaitConfig, GaitState
 
 GAIT = Gait(GaitConfig())
 TICK_S = 0.002

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from controller.law import LegController
-from controller.signals import plan_from_message
 from saltus import go1
-from saltus.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.controller.law import LegController
+from saltus.controller.signals import plan_from_message
+from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
 
 LAW = LegController()
 COMMAND = ("position", "velocity", "kp", "kd", "torque")

@@ -3,9 +3,9 @@ import pytest
 import quadprog
 import torch
 
-from controller.signals import observe
-from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus import go1
+from saltus.controller.signals import observe
+from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 
 CONFIG = StanceConfig()
 STANCE = StanceLegs(CONFIG)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import torch
 
-from controller.signals import Sensed, observe
-from controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
-from controller.stance_batched import BatchedSolver, invert
 from saltus import go1
+from saltus.controller.signals import Sensed, observe
+from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance_batched import BatchedSolver, invert
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 
 CONFIG = StanceConfig()

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from controller.signals import observe
-from controller.swing import SwingConfig, SwingLegs
 from saltus import go1
+from saltus.controller.signals import observe
+from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position
 
 SWING = SwingLegs(SwingConfig())

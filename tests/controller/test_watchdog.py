@@ -3,8 +3,8 @@ import math
 
 import pytest
 
-from controller.watchdog import WatchdogInput, WatchdogState, watch
-from saltus.messages import ControllerMode, PlanStatus
+from saltus.controller.watchdog import WatchdogInput, WatchdogState, watch
+from saltus.wire.messages import ControllerMode, PlanStatus
 
 DT = 0.002
 AGES = (0.0, 0.030, 0.031, 0.100, 0.101, math.inf, math.nan)

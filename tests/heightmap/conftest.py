@@ -5,10 +5,10 @@ import pytest
 import torch
 from heightmap_inputs import WARMUP
 
-from heightmap import calibration
-from heightmap.export import Origin, export
-from heightmap.features import PROPRIOCEPTION
-from heightmap.model import HeightmapModel, ModelConfig, Normalisation
+from saltus.heightmap.model import HeightmapModel, ModelConfig, Normalisation
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.training import calibration
+from saltus.heightmap.training.export import Origin, export
 
 
 @pytest.fixture(scope="session")

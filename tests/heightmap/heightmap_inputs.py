@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from heightmap.replay import AssumeLevel
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
-from saltus.messages import DepthFrame, RobotState
+from saltus.heightmap.service.replay import AssumeLevel
+from saltus.wire.messages import DepthFrame, RobotState
 
 MS = 1_000_000
 WARMUP = 4

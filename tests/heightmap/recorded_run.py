@@ -6,17 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from render.embree import EmbreeRenderer
-from saltus import codec, go1, kinematics
-from saltus.bus import RawSample
-from saltus.codec import Envelope
+from saltus import go1, kinematics
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, Message, RobotState
-from saltus.recorder import Recorder
-from saltus.recording import Recording, read_recording
+from saltus.recordings.recorder import Recorder
+from saltus.recordings.recording import Recording, read_recording
+from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire import codec
+from saltus.wire.bus import RawSample
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, Message, RobotState
 
 MS = 1_000_000
 LATENCY_NS = 50 * MS

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heightmap.closed_loop import ClosedLoop, MixedPlanner
-from heightmap.dagger import Collected, DaggerConfig, Observer, dagger
-from heightmap.features import PROPRIOCEPTION
-from heightmap.runs import MIN_TICKS
-from heightmap.shards import DatasetError, read_manifest
-from heightmap.train import Progress
-from policy.observation import observe
-from policy.planner import make_planner
-from policy.rollout import STAND_STEPS
 from saltus import go1
 from saltus.cli.main import main
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.closed_loop import ClosedLoop, MixedPlanner
+from saltus.heightmap.data.runs import MIN_TICKS
+from saltus.heightmap.data.shards import DatasetError, read_manifest
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.training.dagger import Collected, DaggerConfig, Observer, dagger
+from saltus.heightmap.training.train import Progress
+from saltus.policy.evaluation.rollout import STAND_STEPS
+from saltus.policy.observation import observe
+from saltus.policy.planner import make_planner
 from saltus.workers import in_order
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -87,7 +87,7 @@ def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, 
 def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_data(whole: Path, tmp_path: Path) -> None:
     code = (
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of it
-        "    import sys; from pathlib import Path; from heightmap.dagger import *\n"
+        "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         f"    told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
         f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel, DeliveryName, deliver
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, DeliveryName, deliver
 
 TICKS = 400
 TAKEN = np.arange(0, TICKS, 2, dtype=np.int32)

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 import torch
 
-from heightmap.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
-from heightmap.device_heights import DeviceHeights, LateImages
-from heightmap.device_rollouts import DeviceLoop
-from heightmap.features import PROPRIOCEPTION
-from heightmap.gpu_rollouts import main
-from heightmap.inventory import validate
-from heightmap.model import HeightmapModel
-from heightmap.network import HeightmapNetwork
-from heightmap.runs import MIN_TICKS
-from heightmap.shards import Episode, read_dataset, read_manifest
-from heightmap.validate import run_episode
-from policy.bounds import ACTIONS
-from policy.env import JumpEnv, Transition
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError
+from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
+from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
+from saltus.heightmap.data.device_rollouts import DeviceLoop
+from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.runs import MIN_TICKS
+from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
+from saltus.heightmap.model import HeightmapModel
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.gpu_rollouts import main
+from saltus.heightmap.training.validate import run_episode
+from saltus.policy.bounds import ACTIONS
+from saltus.policy.env.env import JumpEnv, Transition
 from saltus.terrain.batch import KINDS
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
@@ -171,7 +171,9 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
 
 def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> None:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({NOT_ON_GPU_MACHINES!r}))"
-    program = f"{blocked}; import heightmap.gpu_rollouts, heightmap.train, saltus.sim.warp"
+    program = (
+        f"{blocked}; import saltus.heightmap.training.gpu_rollouts, saltus.heightmap.training.train, saltus.sim.warp"
+    )
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 
 

@@ -6,9 +6,9 @@ import onnx
 import pytest
 import torch
 
-from heightmap.export import parity, random_inputs
-from heightmap.model import HeightmapModel
-from heightmap.network import HeightmapNetwork
+from saltus.heightmap.model import HeightmapModel
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.export import parity, random_inputs
 
 
 def test_file_equals_torch_over_1000_recurrent_steps_with_resets(model: HeightmapModel, model_path: Path) -> None:

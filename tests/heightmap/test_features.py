@@ -7,8 +7,8 @@ from heightmap_inputs import states
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heightmap.features import PROPRIOCEPTION, proprioception, proprioception_of
 from saltus import go1, kinematics
+from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception, proprioception_of
 
 INDEX = {name: i for i, name in enumerate(PROPRIOCEPTION)}
 ANGLE = st.floats(-1.2, 1.2)

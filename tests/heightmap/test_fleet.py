@@ -9,10 +9,10 @@ import pytest
 from heightmap_inputs import WARMUP, frame, on_time, states
 from test_service import Faulty, bad_tick
 
-from heightmap.fleet import TRIAL_NS, Arrival, FleetService
-from heightmap.network import HeightmapNetwork, Tick
-from heightmap.service import HeightmapService
-from saltus.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
+from saltus.heightmap.service.fleet import TRIAL_NS, Arrival, FleetService
+from saltus.heightmap.service.network import HeightmapNetwork, Tick
+from saltus.heightmap.service.service import HeightmapService
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 STEPS = 80
 CAMERA, ROBOT = b"camera", b"robot"

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from recorded_run import LATENCY_NS, MS, Glide, glide
 
-from heightmap.edges import edge_errors
-from heightmap.geometric import FOOT_GAIN, UNKNOWN_STD_M, GeometricHeightmap
-from heightmap.replay import replay_predictor
 from saltus import go1, kinematics
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
+from saltus.heightmap.evaluation.edges import edge_errors
+from saltus.heightmap.evaluation.geometric import FOOT_GAIN, UNKNOWN_STD_M, GeometricHeightmap
+from saltus.heightmap.service.replay import replay_predictor
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 FINE = Intrinsics(width=80, height=240, fx=211.4, fy=211.4, cx=40.0, cy=120.0)
 """The crop of a D435i that the camera process sends."""

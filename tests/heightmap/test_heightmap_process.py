@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
 
-from heightmap.process import HeightmapProcess
-from heightmap.service import HeightmapService
-from saltus.bus import Publisher
 from saltus.config import Pace, RunConfig
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import DepthFrame, Heightmap, RobotState
-from saltus.process import ProcessContext
+from saltus.heightmap.service.process import HeightmapProcess
+from saltus.heightmap.service.service import HeightmapService
+from saltus.runtime.process import ProcessContext
+from saltus.wire.bus import Publisher
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 PATIENCE_S = 5.0
 

@@ -6,13 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heightmap.held_out import COURSES, FIRST_SEED, HARD, KINDS, MASTERED, NETWORK, HeldOutRun, HeldOutRuns, Prediction
-from heightmap.quantiles import INTERVAL90
-from heightmap.scores import score, scores
-from heightmap.sight import REMEMBERED, UNSEEN, VISIBLE
 from saltus.cli.main import main
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.evaluation.held_out import (
+    COURSES,
+    FIRST_SEED,
+    HARD,
+    KINDS,
+    MASTERED,
+    NETWORK,
+    HeldOutRun,
+    HeldOutRuns,
+    Prediction,
+)
+from saltus.heightmap.evaluation.scores import score, scores
+from saltus.heightmap.evaluation.sight import REMEMBERED, UNSEEN, VISIBLE
+from saltus.heightmap.service.quantiles import INTERVAL90
 
 POINTS = len(HEIGHTMAP_X)
 STEPS = 400

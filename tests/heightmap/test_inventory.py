@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from test_shards import episodes
 
-from heightmap.inventory import info, merge, validate
-from heightmap.shards import (
+from saltus.cli.main import main
+from saltus.heightmap.data.inventory import info, merge, validate
+from saltus.heightmap.data.shards import (
     LAYOUT,
     DatasetError,
     dataset_hash,
@@ -19,7 +20,6 @@ from heightmap.shards import (
     write_manifest,
     write_shard,
 )
-from saltus.cli.main import main
 
 
 def dataset(directory: Path, *seeds: int) -> Path:

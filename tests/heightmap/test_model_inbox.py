@@ -14,10 +14,10 @@ import numpy as np
 import onnx
 import pytest
 
-from heightmap.model_inbox import FILE, ModelInbox, give
-from heightmap.network import HeightmapNetwork
 from saltus.cli.main import main
 from saltus.errors import ModelError
+from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
 
 PATIENCE_S = 60.0

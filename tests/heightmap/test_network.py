@@ -8,8 +8,8 @@ import numpy as np
 import onnx
 import pytest
 
-from heightmap.network import HeightmapNetwork
 from saltus.errors import ModelError
+from saltus.heightmap.service.network import HeightmapNetwork
 
 
 def mutated(model_path: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:

@@ -4,21 +4,21 @@ from pathlib import Path
 
 import numpy as np
 
-from heightmap.predicted import PredictedHeights, PredictedHeightsFactory
-from heightmap.service import HeightmapService
-from policy.heights import HeightSource
-from policy.planner import make_planner
-from policy.rollout import Rollout, RolloutStep
-from render.__main__ import RANDOM_STREAM
-from render.embree import EmbreeRenderer
-from render.exposure import PerfectExposure
-from render.process import CameraProcess
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
-from saltus.messages import ControllerMode, GroundTruth, RobotState
+from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.heightmap.service.service import HeightmapService
+from saltus.policy.evaluation.heights import HeightSource
+from saltus.policy.evaluation.rollout import Rollout, RolloutStep
+from saltus.policy.planner import make_planner
+from saltus.render.__main__ import RANDOM_STREAM
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.exposure import PerfectExposure
+from saltus.render.process import CameraProcess
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode, GroundTruth, RobotState
 
 TRIALS = [Trial.draw(seed) for seed in (3, 4, 5)]
 TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in ("stairs", "stairs", "gap")]

@@ -15,11 +15,11 @@ import psutil
 import pytest
 from ray.cluster_utils import Cluster
 
-from heightmap.closed_loop import MIN_TICKS, ClosedLoop
-from heightmap.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
-from heightmap.shards import Episode, write_shard
 from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
+from saltus.heightmap.data.closed_loop import MIN_TICKS, ClosedLoop
+from saltus.heightmap.data.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
+from saltus.heightmap.data.shards import Episode, write_shard
 from saltus.resources import resource
 from saltus.workers import in_order
 
@@ -85,7 +85,7 @@ def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cl
 
 def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from heightmap.dagger import *\n"
+        "import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
         f"dagger(Path(sys.argv[1]), DaggerConfig(batches=50, loop={LOOP!r}), told, processes=1, cluster={LOCAL!r})\n"
     )

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
 
-from heightmap.replay import AssumeLevel, replay_frames
-from heightmap.service import HeightmapService
 from saltus import go1, kinematics
-from saltus.messages import HeightmapStatus
+from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+from saltus.heightmap.service.service import HeightmapService
+from saltus.wire.messages import HeightmapStatus
 
 
 def test_replay_equals_the_live_service(model_path: Path) -> None:

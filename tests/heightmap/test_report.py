@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from recorded_run import Glide, glide, record
 
-from heightmap.comparison import RECORDED, Comparison, compare, in_view, read_run
-from heightmap.edges import JUMP_M, edge_errors, jumps
-from heightmap.errors_by import REMEMBERED, VISIBLE, Errors, Row
-from heightmap.geometric import GeometricHeightmap
-from heightmap.quantiles import INTERVAL90
-from heightmap.replay import replay_frames, replay_predictor
-from heightmap.report import APART_S, WORST, measure, write_report
-from render.camera import Mount, camera_pose, ray_directions
 from saltus import kinematics
 from saltus.cli.heightmap_report import Report
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import ControllerMode, Heightmap, HeightmapStatus
-from saltus.recording import Recording
+from saltus.heightmap.evaluation.comparison import RECORDED, Comparison, compare, in_view, read_run
+from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
+from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors, Row
+from saltus.heightmap.evaluation.geometric import GeometricHeightmap
+from saltus.heightmap.evaluation.report import APART_S, WORST, measure, write_report
+from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.service.replay import replay_frames, replay_predictor
+from saltus.recordings.recording import Recording
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus
 
 CELL = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
 TABLES: list[Callable[[Errors], list[Row]]] = [

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from heightmap.features import PROPRIOCEPTION
-from heightmap.kinematic import KinematicBounding
-from heightmap.planned import PlannedBounding
-from heightmap.rollouts import MotionSource, episodes, true_heights
 from saltus import go1, kinematics
 from saltus.config import TerrainKind
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.kinematic import KinematicBounding
+from saltus.heightmap.data.planned import PlannedBounding
+from saltus.heightmap.data.rollouts import MotionSource, episodes, true_heights
+from saltus.heightmap.service.features import PROPRIOCEPTION
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 SOURCES: dict[str, MotionSource] = {

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from heightmap_inputs import MS, WARMUP, frame, on_time, states
 
-from heightmap.network import Tick
-from heightmap.service import HeightmapService
-from saltus.messages import DepthFrame, Heightmap, HeightmapStatus
+from saltus.heightmap.service.network import Tick
+from saltus.heightmap.service.service import HeightmapService
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
 OK, WARMING = HeightmapStatus.OK, HeightmapStatus.WARMING
 DEGRADED, INVALID = HeightmapStatus.DEGRADED, HeightmapStatus.INVALID

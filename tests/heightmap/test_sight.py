@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from heightmap.sight import BIN_M, REMEMBERED, UNSEEN, VISIBLE, met_by_rays, sight
-from render.camera import Mount, camera_pose, ray_directions
-from render.embree import EmbreeRenderer
 from saltus import go1, kinematics
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.evaluation.sight import BIN_M, REMEMBERED, UNSEEN, VISIBLE, met_by_rays, sight
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.curriculum import make_terrain
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")

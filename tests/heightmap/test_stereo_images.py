@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from heightmap.closed_loop import ClosedLoop
-from heightmap.delivery import FRAME_TICKS
-from heightmap.kinematic import KinematicBounding
-from heightmap.mounts import random_mount
-from heightmap.robot_cameras import IdealCameras, StereoCameras
-from heightmap.rollouts import Trajectory, episode_of
-from heightmap.stereo_images import drawn_cameras, stereo_images
-from policy.planner import make_planner
-from policy.rollout import STAND_STEPS, Rollout
-from render.stereo.camera import IDEAL_STEREO
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.effects.camera import ViewChain
+from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.delivery import FRAME_TICKS
+from saltus.heightmap.data.kinematic import KinematicBounding
+from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
+from saltus.heightmap.data.rollouts import Trajectory, episode_of
+from saltus.heightmap.data.stereo_images import drawn_cameras, stereo_images
+from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
+from saltus.policy.planner import make_planner
+from saltus.render.stereo.camera import IDEAL_STEREO
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 import torch
 
-import heightmap.release
-import heightmap.train
-from heightmap.calibration import calibrate
-from heightmap.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
-from heightmap.delivery import DELIVERIES, TRAINING, DeliveryModel
-from heightmap.kinematic import KinematicBounding
-from heightmap.model import HeightmapModel, ModelConfig
-from heightmap.network import HeightmapNetwork
-from heightmap.release import release
-from heightmap.rollouts import collect
-from heightmap.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
-from heightmap.train import Progress, TrainConfig, load_checkpoint, main, train
-from heightmap.validate import SETTLED_TICKS, run_episode
+import saltus.heightmap.training.release
+import saltus.heightmap.training.train
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel
+from saltus.heightmap.data.kinematic import KinematicBounding
+from saltus.heightmap.data.rollouts import collect
+from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
+from saltus.heightmap.model import HeightmapModel, ModelConfig
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.calibration import calibrate
+from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
+from saltus.heightmap.training.release import release
+from saltus.heightmap.training.train import Progress, TrainConfig, load_checkpoint, main, train
+from saltus.heightmap.training.validate import SETTLED_TICKS, run_episode
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
@@ -113,10 +113,10 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     def interrupted(*_: Any) -> float:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(heightmap.release, step, interrupted)
+    monkeypatch.setattr(saltus.heightmap.training.release, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
         release(tmp_path / "b.pt", data, folder / "m.onnx")
-    monkeypatch.setattr(heightmap.release, step, lambda *_: math.nan)
+    monkeypatch.setattr(saltus.heightmap.training.release, step, lambda *_: math.nan)
     if step == "parity":
         with pytest.raises(ModelError, match="differs"):
             release(tmp_path / "b.pt", data, folder / "m.onnx")
@@ -147,7 +147,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
     checkpoint, calls = tmp_path / "c.pt", []
     config = TrainConfig(**{**vars(CONFIG), "save_every_s": math.inf})
     interrupted_at = {"run_window": 5, "calibrate": 1}[where]
-    law = getattr(heightmap.train, where)
+    law = getattr(saltus.heightmap.training.train, where)
 
     def interrupted(*given: Any) -> Any:
         calls.append(where)
@@ -155,7 +155,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
             raise KeyboardInterrupt
         return law(*given)
 
-    monkeypatch.setattr(heightmap.train, where, interrupted)
+    monkeypatch.setattr(saltus.heightmap.training.train, where, interrupted)
     with pytest.raises(KeyboardInterrupt):
         train(data, checkpoint, config)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
@@ -255,7 +255,7 @@ def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, m
         return windows(*given, forgets=forgets)
 
     monkeypatch.setattr(EpisodeStore, "windows", watched)
-    monkeypatch.setattr(heightmap.train, "calibrate", lambda *_: None)
+    monkeypatch.setattr(saltus.heightmap.training.train, "calibrate", lambda *_: None)
     given = ["--data", str(data), "--updates", "1", "--batch", "2", "--device", "cpu"]
     main([*given, "--out", str(tmp_path / "g.pt"), "--forgets", "0.25"])
     main([*given, "--out", str(tmp_path / "h.pt")])

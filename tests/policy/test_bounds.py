@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controller.signals import Body, Sensed, observe
-from controller.swing import SwingConfig, SwingLegs
-from policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
 from saltus import go1
+from saltus.controller.signals import Body, Sensed, observe
+from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
 
 HIGHEST_STEP = 0.75  # [m], what the policy is to reach in the end
 LIFT = ACTIONS.index("front_residual_z")

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 import torch
 
-from policy.drives import Drives
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
@@ -11,7 +10,8 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.profile import GO1, Profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.viscous_friction import ViscousFriction
-from saltus.messages import JointCommand
+from saltus.policy.env.drives import Drives
+from saltus.wire.messages import JointCommand
 
 N = 5
 

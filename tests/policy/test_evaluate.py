@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from policy.evaluate import Evaluation, collect, courses_of, evaluate
-from policy.rollout import exact_heights
-from policy.scripted import ScriptedParameters
-from policy.search import BOUNDS, FIRST_SEARCH_SEED, SearchConfig, search
 from saltus.config import TerrainConfig, from_toml, to_toml
 from saltus.errors import ConfigError
+from saltus.policy.evaluation.evaluate import Evaluation, collect, courses_of, evaluate
+from saltus.policy.evaluation.rollout import exact_heights
+from saltus.policy.evaluation.search import BOUNDS, FIRST_SEARCH_SEED, SearchConfig, search
+from saltus.policy.scripted import ScriptedParameters
 from saltus.trial import Trial
 
 FLAT = TerrainConfig(terrain="flat")

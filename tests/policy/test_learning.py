@@ -7,14 +7,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from policy.actor import PolicyActor
-from policy.bounds import ACTIONS, ActionBounds
-from policy.export import export
-from policy.features import SIZE
-from policy.learner import FIRST_ACTION, make_actor, rebase
-from policy.settings import LearningConfig, TrainConfig
-from policy.train import Rank, train
 from saltus.errors import ModelError, SaltusError
+from saltus.policy.actor import PolicyActor
+from saltus.policy.bounds import ACTIONS, ActionBounds
+from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.policy.features import SIZE
+from saltus.policy.training.export import export
+from saltus.policy.training.learner import FIRST_ACTION, make_actor, rebase
+from saltus.policy.training.train import Rank, train
 
 CONFIG = TrainConfig(robots=16, learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2))
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from policy.actor import PolicyActor
-from policy.bounds import ActionBounds
-from policy.features import SIZE, features, read
-from policy.planner import make_planner, warm_up
-from policy.scripted import ScriptedPlanner
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, ModelError
+from saltus.policy.actor import PolicyActor
+from saltus.policy.bounds import ActionBounds
+from saltus.policy.features import SIZE, features, read
+from saltus.policy.planner import make_planner, warm_up
+from saltus.policy.scripted import ScriptedPlanner
 from saltus.resources import resource
 
 

@@ -6,11 +6,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from policy.process import LOST_NS, STAND_NS, PlannerProcess
-from policy.scripted import ScriptedPlanner
 from saltus import go1
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
+from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
+from saltus.policy.scripted import ScriptedPlanner
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 
 STEP_NS = 10_000_000
 STATE = RobotState(

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from policy.__main__ import body
 from saltus import go1
 from saltus.config import Pace, PlannerName, RunConfig
 from saltus.grid import HEIGHTMAP_X
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus, RobotState
-from saltus.process import ProcessContext
+from saltus.policy.__main__ import body
+from saltus.runtime.process import ProcessContext
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus, RobotState
 
 STEP_NS = 10_000_000
 STATE = RobotState(

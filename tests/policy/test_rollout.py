@@ -6,15 +6,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from policy.action import Action
-from policy.observation import Observation
-from policy.rollout import Rollout, exact_heights
-from policy.scripted import ScriptedPlanner
 from saltus.config import TerrainConfig
 from saltus.grid import HEIGHTMAP_X
-from saltus.messages import Floats
+from saltus.policy.action import Action
+from saltus.policy.evaluation.rollout import Rollout, exact_heights
+from saltus.policy.observation import Observation
+from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
+from saltus.wire.messages import Floats
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
 

@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 import torch
 
-from policy.action import PITCH_RATE_LIMIT, RESIDUAL_HIGH, RESIDUAL_LOW, VELOCITY_X_LIMIT, VELOCITY_Z_LIMIT, Action
-from policy.observation import Observation, observe
-from policy.profile import height_at, highest_between, slope
-from policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus import go1
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import Floats
+from saltus.policy.action import (
+    PITCH_RATE_LIMIT,
+    RESIDUAL_HIGH,
+    RESIDUAL_LOW,
+    VELOCITY_X_LIMIT,
+    VELOCITY_Z_LIMIT,
+    Action,
+)
+from saltus.policy.observation import Observation, observe
+from saltus.policy.profile import height_at, highest_between, slope
+from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus.wire.messages import Floats
 
 COUNT = 64
 

@@ -8,15 +8,15 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from policy.background_evaluation import BackgroundEvaluation
-from policy.curriculum import CurriculumConfig
-from policy.env import EnvConfig, JumpEnv
-from policy.evaluation_table import Row, append_rows, read_rows, summary
-from policy.learner import Learner
-from policy.settings import LearningConfig, TrainConfig
-from policy.standard_evaluation import COURSES, main
-from policy.train import make_engine
-from policy.training_record import TrainingRecord
+from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.env import EnvConfig, JumpEnv
+from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.policy.training.background_evaluation import BackgroundEvaluation
+from saltus.policy.training.evaluation_table import Row, append_rows, read_rows, summary
+from saltus.policy.training.learner import Learner
+from saltus.policy.training.standard_evaluation import COURSES, main
+from saltus.policy.training.train import make_engine
+from saltus.policy.training.training_record import TrainingRecord
 from saltus.terrain.batch import KINDS
 
 FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
@@ -87,7 +87,7 @@ def test_one_that_still_runs_ends_with_the_training(tmp_path: Path) -> None:
 
 
 def test_a_machine_that_cannot_deploy_trains_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("policy.background_evaluation.NEEDED", ("onnx", "no_such_solver"))
+    monkeypatch.setattr("saltus.policy.training.background_evaluation.NEEDED", ("onnx", "no_such_solver"))
     said: list[str] = []
     _, record = make_record(tmp_path, said, evaluate_s=1.0)
     record.close()

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from policy.trace import STEP_S, Failure, Trace, failure_of
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.policy.evaluation.trace import STEP_S, Failure, Trace, failure_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Outcome
 

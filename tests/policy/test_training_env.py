@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from controller.estimator import Estimator
-from policy.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
-from policy.env import EnvConfig, JumpEnv
-from policy.episode import TALLY
-from policy.features import LAYOUT, SIZE, features
-from policy.observation import observe
-from policy.randomisation import RandomisationConfig
-from policy.rewards import TERMS
-from policy.views import PRIVILEGED
+from saltus.controller.estimator import Estimator
+from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
+from saltus.policy.env.env import EnvConfig, JumpEnv
+from saltus.policy.env.episode import TALLY
+from saltus.policy.env.randomisation import RandomisationConfig
+from saltus.policy.env.rewards import TERMS
+from saltus.policy.env.views import PRIVILEGED
+from saltus.policy.features import LAYOUT, SIZE, features
+from saltus.policy.observation import observe
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES, KINDS
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.stack import Stack
+from saltus.runtime.stack import Stack
 
 MEASURED_S = 4.0  # of standing and running; the machine's time
 LATE_S = 0.003

@@ -2,8 +2,8 @@
 
 import sys
 
-from saltus.process import ProcessContext, run_process
-from saltus.topics import TOPICS
+from saltus.runtime.process import ProcessContext, run_process
+from saltus.wire.topics import TOPICS
 
 
 def body(context: ProcessContext) -> None:

@@ -5,9 +5,9 @@ import sys
 import numpy as np
 
 from saltus import go1
-from saltus.messages import ControllerMode, RobotState
-from saltus.process import ProcessContext, run_process
-from saltus.ticker import Ticker
+from saltus.runtime.process import ProcessContext, run_process
+from saltus.runtime.ticker import Ticker
+from saltus.wire.messages import ControllerMode, RobotState
 
 
 def state_at(step: int, time_ns: int) -> RobotState:

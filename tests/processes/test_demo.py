@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from saltus.cli.main import main
-from saltus.messages import RobotState
-from saltus.recording import read_recording
+from saltus.recordings.recording import read_recording
+from saltus.wire.messages import RobotState
 
 FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "3", "--no-video", "--json"]
 REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_m", "digest")

@@ -11,9 +11,9 @@ import pytest
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import RecordingError, StackError
-from saltus.faults import PRODUCT, judge, kill_during_run
-from saltus.messages import ControllerMode, RobotState
-from saltus.recording import read_recording
+from saltus.recordings.recording import read_recording
+from saltus.runtime.faults import PRODUCT, judge, kill_during_run
+from saltus.wire.messages import ControllerMode, RobotState
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
 

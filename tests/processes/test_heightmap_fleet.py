@@ -13,17 +13,17 @@ import numpy as np
 import onnx
 import pytest
 
-from heightmap.model_inbox import FILE, give
-from heightmap.replay import AssumeLevel
-from saltus.bus import ZenohBus
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
-from saltus.messages import DepthFrame, HeightmapStatus
+from saltus.heightmap.service.model_inbox import FILE, give
+from saltus.heightmap.service.replay import AssumeLevel
 from saltus.model_file import ModelFile, put_model
-from saltus.process import RUN_FILE
 from saltus.resources import resource
-from saltus.stack import open_router
-from saltus.ticker import RunClock, Ticker
+from saltus.runtime.process import RUN_FILE
+from saltus.runtime.stack import open_router
+from saltus.runtime.ticker import RunClock, Ticker
+from saltus.wire.bus import ZenohBus
+from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 ROBOTS = ("fleet/0", "fleet/1", "fleet/2")
 READY_S = 60.0
@@ -80,7 +80,17 @@ def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
     clock = RunClock.of(config)
     robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]
     process = subprocess.Popen(
-        [sys.executable, "-m", "heightmap", "--run-dir", str(tmp_path), "--endpoint", endpoint, "--robots", *ROBOTS],
+        [
+            sys.executable,
+            "-m",
+            "saltus.heightmap",
+            "--run-dir",
+            str(tmp_path),
+            "--endpoint",
+            endpoint,
+            "--robots",
+            *ROBOTS,
+        ],
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert robots[0]._status.wait(clock.machine_s(READY_S)) is not None

@@ -14,16 +14,16 @@ import pytest
 import zenoh
 from samples import message_of
 
-from saltus import codec, schemas
-from saltus.bus import Latest, ZenohBus
-from saltus.codec import Envelope
 from saltus.config import RunConfig, TerrainConfig, to_toml
-from saltus.messages import Done, Message
-from saltus.process import RUN_FILE
 from saltus.resources import resource
-from saltus.stack import open_router
-from saltus.ticker import RunClock
-from saltus.topics import TOPICS
+from saltus.runtime.process import RUN_FILE
+from saltus.runtime.stack import open_router
+from saltus.runtime.ticker import RunClock
+from saltus.wire import codec, schemas
+from saltus.wire.bus import Latest, ZenohBus
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Done, Message
+from saltus.wire.topics import TOPICS
 
 HERE = Path(__file__).parent
 READY_S = 60.0

@@ -12,12 +12,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from saltus import stack as module
-from saltus.child import Program
 from saltus.config import Pace, RunConfig
 from saltus.errors import StackError
-from saltus.recording import read_recording
-from saltus.stack import PROGRAMS, Stack
+from saltus.recordings.recording import read_recording
+from saltus.runtime import stack as module
+from saltus.runtime.child import Program
+from saltus.runtime.stack import PROGRAMS, Stack
 
 PROCESSES = Path(__file__).resolve().parents[1] / "processes"
 CONSUMER = Program(name="consumer", module="consumer", restart=True, spare=True)
@@ -25,7 +25,7 @@ STATES = Program(name="states", module="states", restart=False)
 BROKEN = """
     import sys
     from saltus.errors import ModelError
-    from saltus.process import run_process
+    from saltus.runtime.process import run_process
 
     def body(context):
         raise ModelError("the model file is damaged")
@@ -137,8 +137,8 @@ def test_a_process_that_is_never_ready_is_named(tmp_path: Path, monkeypatch: pyt
 
 def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
     script = (
-        "import sys\nfrom pathlib import Path\nfrom saltus.child import Program\n"
-        "from saltus.config import RunConfig\nfrom saltus.stack import Stack\n"
+        "import sys\nfrom pathlib import Path\nfrom saltus.runtime.child import Program\n"
+        "from saltus.config import RunConfig\nfrom saltus.runtime.stack import Stack\n"
         "programs = (Program(name='consumer', module='consumer', restart=True),)\n"
         "with Stack(RunConfig(pace='realtime'), Path(sys.argv[1]), programs) as stack:\n"
         "    sys.stdout.write(f'{stack.pid(\"consumer\")}\\n')\n"

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import lfilter
 
 from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
 
 Floats = np.ndarray
 HEIGHT, WIDTH, FOCAL = 48, 64, 40.0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from real2sim.problem import Candidate, Estimate, Problem, Segment, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Segment, Unknown
 
 Floats = NDArray[np.float64]
 WHERES = ("hip", "thigh")

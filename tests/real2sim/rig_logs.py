@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
 
 Floats = NDArray[np.float64]
 

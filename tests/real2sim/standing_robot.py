@@ -10,10 +10,10 @@ from saltus import go1
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
 from saltus.kinematics import foot_position, inverse_kinematics, quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.messages import JointCommand
-from saltus.run_log import JointTable, RunLog, Table
+from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
+from saltus.wire.messages import JointCommand
 
 KP, KD = 100.0, 2.0
 DT = go1.PHYSICS_DT

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from real2sim.screening.align import ClockOffset, Motion, align, fit_offset
-from saltus.run_log import RunLog
+from saltus.real2sim.screening.align import ClockOffset, Motion, align, fit_offset
+from saltus.recordings.run_log import RunLog
 
 
 @pytest.fixture(scope="module")

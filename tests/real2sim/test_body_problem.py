@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from standing_robot import Motion, run_log
 
-from real2sim.body.problem import BodyProblem
-from real2sim.body.support import carried_by
-from real2sim.sensors import SENSORS
 from saltus.effects.com_offset import ComOffset
 from saltus.effects.effect import Effect
 from saltus.effects.foot_friction import FootFriction
 from saltus.effects.payload_mass import PayloadMass
 from saltus.errors import RecordingError
-from saltus.run_log import RunLog
+from saltus.real2sim.problem.body.problem import BodyProblem
+from saltus.real2sim.problem.body.support import carried_by
+from saltus.real2sim.sensors import SENSORS
+from saltus.recordings.run_log import RunLog
 
 SHORT = (
     Motion(name="stand", duration_s=0.7),

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from real2sim.camera.fills import filled, plain_pixels, reach_px
-from real2sim.camera.frames import frames_of
-from real2sim.camera.pixels import clip_guess
-from saltus.run_log import DepthTable
+from saltus.real2sim.problem.camera.fills import filled, plain_pixels, reach_px
+from saltus.real2sim.problem.camera.frames import frames_of
+from saltus.real2sim.problem.camera.pixels import clip_guess
+from saltus.recordings.run_log import DepthTable
 
 Floats = np.ndarray
 SHAPE = (60, 30, 90)

@@ -9,12 +9,12 @@ import open3d
 import pytest
 from camera_logs import FLAT, POST, STEP, WALL, Recipe, Truth, camera_log, chirp, corners, rocking, sine, still
 
-from real2sim.camera.edges import edge_counts
-from real2sim.camera.frames import frames_of
-from real2sim.camera.problem import CameraProblem
-from real2sim.camera.rays import claimed_scenes
 from saltus.errors import RecordingError
-from saltus.run_log import DepthTable
+from saltus.real2sim.problem.camera.edges import edge_counts
+from saltus.real2sim.problem.camera.frames import frames_of
+from saltus.real2sim.problem.camera.problem import CameraProblem
+from saltus.real2sim.problem.camera.rays import claimed_scenes
+from saltus.recordings.run_log import DepthTable
 
 Floats = np.ndarray
 STEP_SHARE = 0.1  # of an unknown's scale, for differences

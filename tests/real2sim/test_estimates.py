@@ -5,7 +5,7 @@ import itertools
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from real2sim.search.search import search
+from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL", "RR", "RL")
 

@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim.experiments import motions
-from real2sim.experiments.footage import Camera
-from real2sim.experiments.instruments import SensorNoise
-from real2sim.experiments.menu import EXPERIMENTS, experiment_named
-from real2sim.experiments.run import run
-from real2sim.experiments.safety import Limits, UnsafeMotionError
-from real2sim.screening.screen import screen
 from saltus import go1
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
-from saltus.run_log import read_run_log, write_run_log
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.instruments import SensorNoise
+from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
+from saltus.real2sim.screening.screen import screen
+from saltus.recordings.run_log import read_run_log, write_run_log
 
 BRIEF = {
     "fixed": dataclasses.replace(

@@ -12,20 +12,20 @@ from camera_logs import STEP, Recipe, camera_log, chirp
 from linear_problem import LinearProblem
 from rig_logs import joints_log
 
-from real2sim.camera.problem import CameraProblem
-from real2sim.patch import Applicability, Evidence, Patch
-from real2sim.pipeline import Compared, Examined, Judgement
-from real2sim.problem import Problem
-from real2sim.reporting import figures
-from real2sim.reporting.localise import Channel, Driver
-from real2sim.reporting.regimes import channels_of
-from real2sim.reporting.report import write_report
-from real2sim.reporting.words import sentence
-from real2sim.screening.fault import Fault
-from real2sim.search.findings import Findings, Residuals
-from real2sim.search.search import search
-from real2sim.verdict import NextExperiment, Verdict, merge
-from saltus.run_log import RunLog
+from saltus.real2sim.patch import Applicability, Evidence, Patch
+from saltus.real2sim.pipeline import Compared, Examined, Judgement
+from saltus.real2sim.problem.camera.problem import CameraProblem
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.reporting import figures
+from saltus.real2sim.reporting.localise import Channel, Driver
+from saltus.real2sim.reporting.regimes import channels_of
+from saltus.real2sim.reporting.report import write_report
+from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.search.findings import Findings, Residuals
+from saltus.real2sim.search.search import search
+from saltus.real2sim.verdict import NextExperiment, Verdict, merge
+from saltus.recordings.run_log import RunLog
 
 LOG = Evidence(log="a <strange> name", sha256="5a" * 32)
 NEXT = NextExperiment(name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0)

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim.go2 import END_STOP, JOINTS, LEGS, bare_model, import_motor_response
-from real2sim.log import load, segments_of
-from real2sim.screening.row_times import evenly, rate_scale, state_times
-from real2sim.screening.screen import screen
 from saltus.errors import ModelError, RecordingError
+from saltus.real2sim.importers.go2 import END_STOP, JOINTS, LEGS, bare_model, import_motor_response
+from saltus.real2sim.problem.log import load, segments_of
+from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
+from saltus.real2sim.screening.screen import screen
 from saltus.sim.held import HeldRobot
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -7,12 +7,12 @@ import pytest
 from scipy.optimize import least_squares
 from standing_robot import MOTIONS, run_log
 
-from real2sim.imu.problem import ImuProblem
 from saltus.effects.effect import Effect
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
 from saltus.errors import RecordingError
-from saltus.run_log import RunLog
+from saltus.real2sim.problem.imu.problem import ImuProblem
+from saltus.recordings.run_log import RunLog
 
 MOVING = MOTIONS[3:7]
 

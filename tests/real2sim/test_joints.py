@@ -9,22 +9,22 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from real2sim.joints import motion as joint_motion
-from real2sim.joints.candidates import LOOP_RATE
-from real2sim.joints.drives import lost
-from real2sim.joints.problem import JointProblem
-from real2sim.joints.saturation_curve import saturation_curves
-from real2sim.problem import Floats
 from saltus import go1
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.errors import RecordingError
-from saltus.messages import JointCommand
-from saltus.run_log import JointTable, RunLog
+from saltus.real2sim.problem.joints import motion as joint_motion
+from saltus.real2sim.problem.joints.candidates import LOOP_RATE
+from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.problem import Floats
+from saltus.real2sim.search.saturation_curve import saturation_curves
+from saltus.recordings.run_log import JointTable, RunLog
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
+from saltus.wire.messages import JointCommand
 
 DT = go1.PHYSICS_DT
 KP, KD = 40.0, 1.0

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from rig_logs import Rig, joints_log
 
-from real2sim.reporting.localise import Channel, Driver, in_words, localise, table
-from real2sim.reporting.regimes import drivers_of
 from saltus import go1
+from saltus.real2sim.reporting.localise import Channel, Driver, in_words, localise, table
+from saltus.real2sim.reporting.regimes import drivers_of
 
 ROWS = 3000
 JOINTS = go1.JOINTS

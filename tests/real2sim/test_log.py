@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rig_logs import body_log, joints_log
 
-from real2sim.log import PAUSE_S, load, segments_of
 from saltus.errors import RecordingError
-from saltus.run_log import JointTable, RunLog, write_run_log
+from saltus.real2sim.problem.log import PAUSE_S, load, segments_of
+from saltus.recordings.run_log import JointTable, RunLog, write_run_log
 
 
 def _two_motions_twice() -> RunLog:

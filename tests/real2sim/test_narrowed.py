@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from real2sim.search.narrowed import Narrowed
-from real2sim.search.search import search
+from saltus.real2sim.search.narrowed import Narrowed
+from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
 

@@ -4,12 +4,12 @@ from itertools import combinations
 
 import pytest
 
-from real2sim.experiments.footage import Camera
-from real2sim.experiments.menu import EXPERIMENTS
-from real2sim.experiments.next_experiment import next_experiment, separations
-from real2sim.experiments.separations import measure
-from real2sim.search.findings import FoundEffect, Interval
-from real2sim.sensors import SENSORS
+from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.experiments.next_experiment import next_experiment, separations
+from saltus.real2sim.experiments.separations import measure
+from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.sensors import SENSORS
 
 HELD, STANDING = {"base": "fixed"}, {"base": "free"}
 DRIVES = next(sensor.effects for sensor in SENSORS if sensor.name == "joints")

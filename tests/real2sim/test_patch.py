@@ -6,13 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim.camera.image_pixels import to_images
-from real2sim.experiments.menu import EXPERIMENTS
-from real2sim.experiments.next_experiment import next_experiment, separations
-from real2sim.joints.torque_curve import as_knee, delivered
-from real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
-from real2sim.pipeline import resolved
-from real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus import go1
 from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay
@@ -22,6 +15,13 @@ from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.profile import GO1, IDEAL, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.errors import ConfigError
+from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.experiments.next_experiment import next_experiment, separations
+from saltus.real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
+from saltus.real2sim.pipeline import resolved
+from saltus.real2sim.problem.camera.image_pixels import to_images
+from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 
 CALVES = ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
 REACH = Applicability(torque_nm=20.0, duration_s=24.0)

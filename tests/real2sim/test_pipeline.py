@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from real2sim import pipeline
-from real2sim.experiments import motions
-from real2sim.experiments.menu import EXPERIMENTS
-from real2sim.experiments.run import run
-from real2sim.patch import load_patch
-from real2sim.pipeline import examine, find, judge
-from real2sim.problem import Problem
-from real2sim.rebased import Rebased
-from real2sim.reporting.words import sentence
-from real2sim.sensors import SENSORS
-from real2sim.verdict import Verdict
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import RecordingError
-from saltus.run_log import RunLog, write_run_log
+from saltus.real2sim import pipeline
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.patch import load_patch
+from saltus.real2sim.pipeline import examine, find, judge
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.rebased import Rebased
+from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.sensors import SENSORS
+from saltus.real2sim.verdict import Verdict
+from saltus.recordings.run_log import RunLog, write_run_log
 
 CALVES = (0.0, 0.0, 0.2) * 4
 STIFF = Profile(actuator=(ViscousFriction(coefficient=CALVES),))

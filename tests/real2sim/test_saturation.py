@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from real2sim.experiments import motions
-from real2sim.experiments.menu import EXPERIMENTS
-from real2sim.experiments.run import run
-from real2sim.joints.problem import JointProblem
-from real2sim.rebased import Rebased
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.rebased import Rebased
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from real2sim.screening.screen import screen
-from saltus.run_log import JointTable, RunLog, Table
+from saltus.real2sim.screening.screen import screen
+from saltus.recordings.run_log import JointTable, RunLog, Table
 
 Damage = Callable[[RunLog], RunLog]
 

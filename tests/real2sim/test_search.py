@@ -6,7 +6,7 @@ from linear_problem import WHERES, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
-from real2sim.search.search import search
+from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
 

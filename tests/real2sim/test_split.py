@@ -2,7 +2,7 @@ import numpy as np
 from linear_problem import LinearProblem
 from one_joint import OneJoint
 
-from real2sim.search.split import TEST, split
+from saltus.real2sim.search.split import TEST, split
 
 
 def test_one_of_repeats_is_the_test_late_and_early_in_turn() -> None:

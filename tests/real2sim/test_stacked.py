@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from real2sim.problem import Candidate, Estimate, Floats
-from real2sim.resolve import resolved
-from real2sim.search.findings import Findings, FoundEffect, Interval
-from real2sim.search.search import search
-from real2sim.stacked import Stacked, stackable
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats
+from saltus.real2sim.resolve import resolved
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.real2sim.search.search import search
+from saltus.real2sim.stacked import Stacked, stackable
 
 HIDDEN = {("e1", where, block): 3.0 for where, block in itertools.product(WHERES, ("FR", "FL"))}
 LATER_S = 20.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from real2sim.stream_noise import MEAN_S, read_noise
+from saltus.real2sim.problem.stream_noise import MEAN_S, read_noise
 
 SECONDS = 30.0
 

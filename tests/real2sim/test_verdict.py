@@ -1,8 +1,8 @@
 import pytest
 
-from real2sim.problem import Estimate
-from real2sim.search.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
-from real2sim.verdict import Gap, NextExperiment, Verdict, merge
+from saltus.real2sim.problem.problem import Estimate
+from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
+from saltus.real2sim.verdict import Gap, NextExperiment, Verdict, merge
 
 EFFECT = FoundEffect(
     name="torque_saturation",

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from render.camera import ray_directions
-from render.stereo.optics import Optics
 from saltus.depth import Intrinsics
+from saltus.render.camera import ray_directions
+from saltus.render.stereo.optics import Optics
 
 
 def wall_and_panel(

@@ -7,20 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from render._gl import gl_platform
-from render.backends import make_renderer, preference, present
-from render.camera import Mount, camera_pose, ray_directions
-from render.embree import EmbreeRenderer
-from render.renderer import Renderer
-from render.warp import WarpRenderer
 from saltus import go1
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
-from saltus.messages import Floats
+from saltus.render._gl import gl_platform
+from saltus.render.backends import make_renderer, preference, present
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.renderer import Renderer
+from saltus.render.warp import WarpRenderer
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 POSES = 200
@@ -147,8 +147,8 @@ def test_the_fastest_is_taken() -> None:
 
 
 def test_auto_takes_the_next_where_a_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "render.pyrender_osmesa", None)
-    monkeypatch.setattr("render.backends.has_gpu", lambda: False)
+    monkeypatch.setitem(sys.modules, "saltus.render.pyrender_osmesa", None)
+    monkeypatch.setattr("saltus.render.backends.has_gpu", lambda: False)
     assert make_renderer("auto", terrain_of("flat"), D435I).name == "embree"
     assert "pyrender" not in present()
     with pytest.raises(SaltusError, match="pyrender renderer cannot be loaded"):
@@ -168,7 +168,7 @@ def test_egl_where_osmesa_is_gone(monkeypatch: pytest.MonkeyPatch, installed: st
 ON_EGL = """
 import numpy
 from benchmarks.render import TERRAIN, poses
-from render.backends import make_renderer
+from saltus.render.backends import make_renderer
 
 robots = poses(60)
 rays, raster = (
@@ -187,7 +187,7 @@ def test_egl_draws_what_osmesa_draws() -> None:
 
 BESIDE_MUJOCO = """
 import mujoco, numpy
-from render.backends import make_renderer
+from saltus.render.backends import make_renderer
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.sim.scene import build_spec
@@ -220,7 +220,7 @@ def test_pyrender_and_mujoco_share_a_process() -> None:
 GROWTH = """
 import sys, numpy
 from benchmarks.render import TERRAIN, poses, resident_mb
-from render.backends import make_renderer
+from saltus.render.backends import make_renderer
 
 renderer, robots = make_renderer(sys.argv[1], TERRAIN), poses(100)
 def render(count):

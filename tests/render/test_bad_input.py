@@ -9,15 +9,15 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from render.backends import make_renderer
-from render.camera import Mount
-from render.embree import EmbreeRenderer
-from render.renderer import Renderer
 from saltus import go1
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA
 from saltus.errors import SaltusError
+from saltus.render.backends import make_renderer
+from saltus.render.camera import Mount
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.renderer import Renderer
 from saltus.terrain.curriculum import make_terrain
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
@@ -185,8 +185,8 @@ def test_preview_of_a_terrain_that_is_none(
 @pytest.mark.parametrize(
     ("what", "broken", "said"),
     [
-        ("render.renderer.Mount", lambda: Mount(position=np.zeros(3)), "inside the robot"),
-        ("render.preview.D435I", replace(D435I, fx=0.0), "fx = 0.0"),
+        ("saltus.render.renderer.Mount", lambda: Mount(position=np.zeros(3)), "inside the robot"),
+        ("saltus.render.preview.D435I", replace(D435I, fx=0.0), "fx = 0.0"),
     ],
 )
 def test_preview_through_a_camera_that_cannot_be(

@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from render.backends import make_renderer
-from render.exposure import PerfectExposure
-from render.process import CameraProcess
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, depth_in_millimetres
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.frame_drop import FrameDrop
-from saltus.messages import DepthFrame, GroundTruth
+from saltus.render.backends import make_renderer
+from saltus.render.exposure import PerfectExposure
+from saltus.render.process import CameraProcess
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import DepthFrame, GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", difficulty=0.2))
 STEP_NS = 10_000_000

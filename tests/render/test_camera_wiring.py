@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.__main__ import body
 from saltus import go1
 from saltus.config import Pace, RunConfig, TerrainConfig
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import DepthFrame, Done, GroundTruth
-from saltus.process import ProcessContext
+from saltus.render.__main__ import body
+from saltus.runtime.process import ProcessContext
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import DepthFrame, Done, GroundTruth
 
 ROBOT = "go1/0"
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from render.backends import make_renderer
-from render.exposure import PerfectExposure
-from render.stereo_exposure import StereoExposure
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_in_millimetres, model_image
-from saltus.messages import DepthFrame, Floats, GroundTruth
+from saltus.render.backends import make_renderer
+from saltus.render.exposure import PerfectExposure
+from saltus.render.stereo_exposure import StereoExposure
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import DepthFrame, Floats, GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.15))
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from stereo_scenes import flat_wall, wall_and_panel
 
-from render.fit import FitResult, fit, load_frames
-from render.fit_plot import write_fit_plot
-from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from render.stereo.optics import Optics
 from saltus.config import from_table
 from saltus.depth import D435I, depth_in_millimetres
 from saltus.errors import RecordingError
-from saltus.messages import DepthFrame
+from saltus.render.fit import FitResult, fit, load_frames
+from saltus.render.fit_plot import write_fit_plot
+from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
+from saltus.render.stereo.optics import Optics
+from saltus.wire.messages import DepthFrame
 
 BAG = Path(__file__).resolve().parents[3] / "shared" / "data" / "realsense_d435_640x480.bag"
 PERIOD_S = 1.0 / 30.0

@@ -2,13 +2,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from render.camera import Mount, camera_pose, ray_directions
-from render.capsules import capsule_depth, capsules_in_camera, draw_capsules
-from render.legs import Capsules, leg_capsules
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.capsules import capsule_depth, capsules_in_camera, draw_capsules
+from saltus.render.legs import Capsules, leg_capsules
 from saltus.sim.scene import build_spec
 from saltus.terrain.curriculum import make_terrain
 

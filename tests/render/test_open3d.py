@@ -19,12 +19,15 @@ def said(program: str) -> str:
 
 
 def test_a_camera_loads_open3d_without_its_plots() -> None:
-    assert said(f"import render.__main__, render.embree\n{LOADED}") == "['open3d']"
+    assert said(f"import saltus.render.__main__, saltus.render.embree\n{LOADED}") == "['open3d']"
 
 
 def test_plots_are_left_alone_where_open3d_was_loaded_before() -> None:
-    assert said(f"import open3d, render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[:15] == "['dash', 'open3"
+    assert (
+        said(f"import open3d, saltus.render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[:15]
+        == "['dash', 'open3"
+    )
 
 
 def test_what_was_left_out_says_so() -> None:
-    assert "import open3d before render" in said(f"import render.embree\n{REFUSED}")
+    assert "import open3d before render" in said(f"import saltus.render.embree\n{REFUSED}")

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from render.postfilter import HOLE_RADIUS, HoleFilling, SpatialFilter, TemporalFilter
 from saltus.effects.signals import DepthImage
+from saltus.render.postfilter import HOLE_RADIUS, HoleFilling, SpatialFilter, TemporalFilter
 
 UNIT = 1e-3
 

@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from render.preview import EFFECTS_VIEW, VIEWS, coloured, effect_stages, poses, write_preview
-from render.stereo.camera import StereoConfig
-from render.stereo.optics import Optics
-from render.stereo_embree import StereoEmbree
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I
 from saltus.errors import SaltusError
+from saltus.render.preview import EFFECTS_VIEW, VIEWS, coloured, effect_stages, poses, write_preview
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.curriculum import make_terrain
 
 TERRAIN = make_terrain(TerrainConfig(terrain="gap", difficulty=0.3))

@@ -8,25 +8,25 @@ import pytest
 import torch
 from stereo_scenes import flat_wall, wall_and_panel
 
-from render.embree import EmbreeRenderer
-from render.stereo.background import Background
-from render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from render.stereo.disparity_noise import DisparityNoise
-from render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
-from render.stereo.optics import Optics
-from render.stereo.second_view import hidden_from, right_camera, right_mount
-from render.stereo_embree import StereoEmbree
-from render.stereo_fast import CHUNK, FastStereo
-from render.stereo_processes import StereoProcesses
-from render.stereo_torch import TorchStereo
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
 from saltus.errors import SaltusError
 from saltus.go1 import STAND_POSE
-from saltus.messages import DepthFrame
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.stereo.background import Background
+from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
+from saltus.render.stereo.disparity_noise import DisparityNoise
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.second_view import hidden_from, right_camera, right_mount
+from saltus.render.stereo_embree import StereoEmbree
+from saltus.render.stereo_fast import CHUNK, FastStereo
+from saltus.render.stereo_processes import StereoProcesses
+from saltus.render.stereo_torch import TorchStereo
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import DepthFrame
 
 NATIVE = 5  # sensor pixels for each of the model's, along each axis
 

@@ -9,23 +9,23 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from render.holes import filled_along_rows, filled_from_around
-from render.stereo.background import Background
-from render.stereo.camera import StereoConfig
-from render.stereo.edge_holes import EdgeHoles
-from render.stereo.flying_pixels import FlyingPixels
-from render.stereo.model_view import sampled_model_camera
-from render.stereo.optics import Optics
-from render.stereo.windows import ArrayWindows
-from render.stereo_embree import StereoEmbree
-from render.stereo_torch import KorniaWindows, TorchStereo
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.effect import map_arrays
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.render.holes import filled_along_rows, filled_from_around
+from saltus.render.stereo.background import Background
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.edge_holes import EdgeHoles
+from saltus.render.stereo.flying_pixels import FlyingPixels
+from saltus.render.stereo.model_view import sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.windows import ArrayWindows
+from saltus.render.stereo_embree import StereoEmbree
+from saltus.render.stereo_torch import KorniaWindows, TorchStereo
 from saltus.terrain.curriculum import make_terrain
 
-ASKED_BY = ("render.holes", "render.postfilter", "render.stereo.flying_pixels")
+ASKED_BY = ("saltus.render.holes", "saltus.render.postfilter", "saltus.render.stereo.flying_pixels")
 COUNT, FRAMES = 24, 4
 SAMPLES = [(3, 1), (5, 5)]
 EACH_ITS_OWN = replace(
@@ -123,7 +123,7 @@ def test_holes_of_any_image_are_filled_alike(share: float, monkeypatch: pytest.M
         cases.append(torch.from_numpy(depth))
     fills = [filled_from_around, *(lambda d, r=r, p=p: filled_along_rows(d, r, p) for r in (1, 7, 255) for p in (1, 5))]
     by_list = [fill(depth) for depth in cases for fill in fills]
-    monkeypatch.setattr("render.holes.on_host", lambda _: False)
+    monkeypatch.setattr("saltus.render.holes.on_host", lambda _: False)
     by_image = [fill(depth) for depth in cases for fill in fills]
     for one, other in zip(by_list, by_image, strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)

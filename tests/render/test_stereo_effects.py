@@ -9,15 +9,15 @@ import pytest
 import torch
 from stereo_scenes import flat_wall, wall_and_panel
 
-from render.stereo.background import Background
-from render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoCamera, StereoConfig
-from render.stereo.image import StereoImage, depth_of, stereo_image
-from render.stereo.optics import Optics
 from saltus.config import from_toml, to_toml
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
+from saltus.render.stereo.background import Background
+from saltus.render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoCamera, StereoConfig
+from saltus.render.stereo.image import StereoImage, depth_of, stereo_image
+from saltus.render.stereo.optics import Optics
 
 SMALL = Intrinsics(width=64, height=40, fx=211.313, fy=211.313, cx=40.0, cy=20.0)
 OPTICS = Optics.of(SMALL, sensor=SMALL)

@@ -8,11 +8,11 @@ from saltus.config import TerrainConfig
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.profile import GO1
-from saltus.messages import JointCommand
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.wire.messages import JointCommand
 
 TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in TABLE]
 COUNT = len(TERRAINS)

@@ -17,10 +17,10 @@ from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
 from saltus.effects.payload_mass import PayloadMass
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
-from saltus.messages import JointCommand
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import GRAVITY, Plant
 from saltus.terrain import flat
+from saltus.wire.messages import JointCommand
 
 BODY: tuple[Effect[Any], ...] = (
     PayloadMass(mass=1.5),

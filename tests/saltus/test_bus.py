@@ -11,14 +11,14 @@ import pytest
 import zenoh
 from samples import message_of
 
-from saltus import codec
-from saltus.bus import RING, Bell, Bus, Latest, Sample, ZenohBus
-from saltus.codec import Envelope
 from saltus.errors import MessageError, StackError
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import DepthFrame, Done
 from saltus.resources import resource
-from saltus.stack import open_router
+from saltus.runtime.stack import open_router
+from saltus.wire import codec
+from saltus.wire.bus import RING, Bell, Bus, Latest, Sample, ZenohBus
+from saltus.wire.codec import Envelope
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import DepthFrame, Done
 
 PREFIX = "go1/0"
 KEY = f"{PREFIX}/done/render"

@@ -6,10 +6,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from render.__main__ import build
-from render.camera import Mount, moved_camera
-from render.embree import EmbreeRenderer
-from render.exposure import PerfectExposure
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
 from saltus.effects.camera import CAMERA_ORDER, VIEW_ORDER, ViewChain
@@ -29,10 +25,14 @@ from saltus.effects.registry import EFFECTS
 from saltus.effects.signals import DepthImage
 from saltus.effects.temporal_smear import TemporalSmear
 from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, STAND_POSE
-from saltus.memory_bus import MemoryBus, MemoryHub
-from saltus.messages import GroundTruth
-from saltus.process import ProcessContext
+from saltus.render.__main__ import build
+from saltus.render.camera import Mount, moved_camera
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.exposure import PerfectExposure
+from saltus.runtime.process import ProcessContext
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.memory_bus import MemoryBus, MemoryHub
+from saltus.wire.messages import GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="step", height_m=0.2))
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from saltus.child import Child, Program
-from saltus.ticker import RunClock
+from saltus.runtime.child import Child, Program
+from saltus.runtime.ticker import RunClock
 
 BEGUN, REFUSED = 7, 8
 WAITS = f"""
 import sys
-from saltus import cue
+from saltus.runtime import cue
 
 sys.exit({BEGUN} if cue.await_cue(lambda: False) else {REFUSED})
 """

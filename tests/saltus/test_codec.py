@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from samples import message_of
 
-from saltus import codec, messages, schemas
-from saltus.codec import Envelope, decode, encode
 from saltus.errors import MessageError
-from saltus.messages import Message
+from saltus.wire import codec, messages, schemas
+from saltus.wire.codec import Envelope, decode, encode
+from saltus.wire.messages import Message
 
 
 def assert_equal(a: Any, b: Any) -> None:

@@ -15,7 +15,7 @@ from saltus.depth import (
     model_image,
     model_images,
 )
-from saltus.messages import DepthFrame
+from saltus.wire.messages import DepthFrame
 
 WIDE = Intrinsics(width=640, height=480, fx=382.6, fy=382.6, cx=320.9, cy=236.6)
 SMALL = Intrinsics(width=40, height=60, fx=50.0, fy=51.0, cx=20.5, cy=30.1)

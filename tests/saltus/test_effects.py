@@ -24,7 +24,7 @@ from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
 from saltus.go1 import PHYSICS_DT, REDUCTION, TORQUE_LIMIT
-from saltus.messages import JointCommand
+from saltus.wire.messages import JointCommand
 
 ZERO = np.zeros(12)
 

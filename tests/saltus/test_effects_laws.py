@@ -50,7 +50,7 @@ from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import ConfigError
-from saltus.messages import JointCommand
+from saltus.wire.messages import JointCommand
 
 ROBOTS = 5
 STEPS = 12

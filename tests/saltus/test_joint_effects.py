@@ -19,11 +19,11 @@ from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.go1 import PHYSICS_DT
-from saltus.messages import JointCommand
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
+from saltus.wire.messages import JointCommand
 
 ZERO = np.zeros(12)
 GROUND = flat.make()

@@ -10,11 +10,11 @@ from saltus.effects.chain import ActuatorChain
 from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
 from saltus.kinematics import rotation_matrix
-from saltus.messages import JointCommand
 from saltus.sim.plant import GRAVITY, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain import flat
 from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.wire.messages import JointCommand
 
 ONE = np.ones(12)
 

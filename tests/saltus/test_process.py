@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from saltus import ticker
-from saltus.bus import Latest
 from saltus.config import RunConfig, to_toml
 from saltus.errors import ModelError
-from saltus.memory_bus import MemoryBus
-from saltus.process import EXIT_ERROR, RUN_FILE, ProcessContext, run_process
-from saltus.stack import open_router
+from saltus.runtime import ticker
+from saltus.runtime.process import EXIT_ERROR, RUN_FILE, ProcessContext, run_process
+from saltus.runtime.stack import open_router
+from saltus.wire.bus import Latest
+from saltus.wire.memory_bus import MemoryBus
 
 
 class FakeTime:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from real2sim.patch import Applicability, Patch
-from real2sim.search.findings import FoundEffect, Interval
 from saltus.cli.main import main
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import GO1, load_profile
 from saltus.errors import ConfigError
-from saltus.run_log import read_run_log
+from saltus.real2sim.patch import Applicability, Patch
+from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.recordings.run_log import read_run_log
 
 BAD = {
     "no command": (["real2sim"], "find"),

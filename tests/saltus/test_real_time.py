@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saltus.messages import ProcessStatus
-from saltus.real_time import SPEEDS, RealTimeFactor, RealTimeMonitor
-from saltus.ticker import RunClock
-from saltus.topics import TOPICS
+from saltus.runtime.real_time import SPEEDS, RealTimeFactor, RealTimeMonitor
+from saltus.runtime.ticker import RunClock
+from saltus.wire.messages import ProcessStatus
+from saltus.wire.topics import TOPICS
 
 PERIOD_S = 0.5  # of the machine, from one status to the next
 

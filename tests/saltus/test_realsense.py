@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heightmap.replay import AssumeLevel, replay_frames
 from saltus.depth import MODEL_CAMERA, model_image
 from saltus.errors import RecordingError
-from saltus.messages import DepthFrame, HeightmapStatus
-from saltus.realsense import read_realsense
+from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+from saltus.recordings.realsense import read_realsense
 from saltus.resources import resource
+from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data"
 BAG = RECORDINGS / "realsense_d435_640x480.bag"

@@ -13,16 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from saltus import codec, messages, recorder
-from saltus.bus import RawSample
-from saltus.codec import Envelope
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.errors import RecordingError
-from saltus.messages import Message
-from saltus.recorder import Recorder
-from saltus.recording import Recording, digest, rates_and_ages, read_recording
-from saltus.schemas import TYPE_NAME
-from saltus.topics import TOPICS
+from saltus.recordings import recorder
+from saltus.recordings.recorder import Recorder
+from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
+from saltus.wire import codec, messages
+from saltus.wire.bus import RawSample
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
+from saltus.wire.schemas import TYPE_NAME
+from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
 SENDER = b"0123456789abcdef"

@@ -11,9 +11,9 @@ import pytest
 from test_recording import STEPS, run_samples, write
 
 from saltus.errors import RecordingError
-from saltus.messages import DepthFrame, GroundTruth, JointLog, RobotState
-from saltus.recording import Recording
-from saltus.run_log import export_run_log, read_run_log, segments, write_run_log
+from saltus.recordings.recording import Recording
+from saltus.recordings.run_log import export_run_log, read_run_log, segments, write_run_log
+from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saltus import ticker as module
 from saltus.errors import ConfigError
-from saltus.ticker import Freshness, RunClock, Ticker, freshness
-from saltus.topics import TOPICS
+from saltus.runtime import ticker as module
+from saltus.runtime.ticker import Freshness, RunClock, Ticker, freshness
+from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
 

@@ -1,0 +1,1 @@
+"""Episodes to train on: how they are made, and how they are kept."""

@@ -1,0 +1,179 @@
+"""Motion to train on from the predictor itself in the loop: what a robot sees that steps where the predictor led it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
+from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.profile import GO1, Profile
+from saltus.errors import ConfigError
+from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
+from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.planned import felt
+from saltus.heightmap.data.predicted import PredictedHeights
+from saltus.heightmap.data.robot_cameras import IdealCameras
+from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled
+from saltus.heightmap.data.runs import MIN_TICKS, runs
+from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.stereo_images import stereo_images
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.policy.action import Action
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
+from saltus.policy.observation import Observation
+from saltus.policy.planner import make_planner
+from saltus.policy.scripted import ScriptedPlanner
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.stack import TerrainStack
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+from saltus.wire.messages import Floats
+
+# Stairs and stones twice: there the heights matter most, and there they were worst.
+KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
+MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.delivery.TRAINING`
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """How robots are let run. A batch of them follows from its key and the predictor alone, wherever it is run.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
+
+    robots: int = 32
+    """In a batch."""
+    courses: int = 8
+    """Different terrains in a batch: the images of robots on the same one are taken together."""
+    ticks: int = 600
+    """Of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float = 0.8
+    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
+    poor heights: falls are part of what must be seen."""
+    learned: float = 0.5
+    """Share of robots that are led by the learned policy; the others by the scripted planner."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    camera: Camera = "d435i"
+    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
+    The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.courses <= self.robots:
+            raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
+        check_at_least(self, ticks=MIN_TICKS)
+        for name in ("hardest", "learned"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"{name} = {getattr(self, name)}: it must be from 0 to 1")
+
+    def episodes(self, model: Path | None, key: Sequence[int]) -> list[Episode]:
+        """One batch.
+
+        Args:
+            model: ONNX file of the predictor; true heights, shifted as each trial says, where there is none.
+            key: Of everything that is drawn: seed, round, batch.
+        """
+        rng = np.random.default_rng(key)
+        trajectories = list(self._trajectories(model, rng))
+        mounts = [random_mount(rng) for _ in trajectories]
+        if self.camera == "ideal":
+            return [episode_of(*robot, threads=1) for robot in zip(trajectories, mounts, strict=True)]
+        images = stereo_images(trajectories, mounts, rng)
+        return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
+
+    def _trajectories(self, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
+        some = [
+            make_terrain(random_course(rng, self.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(self.courses)
+        ]
+        terrains = [some[i % self.courses] for i in range(self.robots)]
+        # Beyond the seeds of all evaluations and other rounds of data.
+        first = int(rng.integers(2**32, 2**62))
+        rollout = Rollout(
+            terrains,
+            [Trial.draw(first + i) for i in range(self.robots)],
+            MixedPlanner(rng, self.robots, learned=self.learned, variation=self.variation),
+            heights=_heights(model, rng.uniform(0.0, MAX_LOSS)),
+            time_limit_s=np.inf,
+        )
+        yield from _cut([rollout.step() for _ in range(self.ticks)], terrains)
+
+
+class MixedPlanner:
+    """Leads some robots by rules, others by the learned policy, each in its own way; a `saltus.policy.planner.Planner`.
+
+    Args:
+        rng: Draws who is led by which, and how each differs.
+        count: Number of robots.
+        learned: Share of robots that the learned policy leads.
+        variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planned`.
+    """
+
+    def __init__(self, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:
+        self._scripted = ScriptedPlanner(varied(rng, variation, count))
+        self._learned = make_planner("learned")
+        self._is_learned = rng.uniform(size=count) < learned
+        self._speed = rng.uniform(*SPEED, count)
+        self._frequency = rng.uniform(*RHYTHM, count)
+
+    def step(self, observation: Observation, heights: Floats) -> Action:
+        """Plans the next 10 ms of all robots."""
+        rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights)
+        policy = replace(
+            policy,
+            velocity_x=policy.velocity_x * self._speed,
+            stepping_frequency_hz=policy.stepping_frequency_hz * self._frequency,
+        )
+        return Action(**{f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name)) for f in fields(rules)})
+
+    def _chosen(self, policy: Floats, rules: Floats) -> Floats:
+        mask = self._is_learned.reshape(-1, *(1,) * (policy.ndim - 1))
+        return np.where(mask, policy, rules)
+
+
+def _heights(model: Path | None, loss: float) -> HeightsFactory | None:
+    if model is None:
+        return None
+    profile = replace(GO1, camera=(*GO1.camera, FrameDrop(fraction=loss)))
+    return partial(_predicted, HeightmapNetwork(model), profile)
+
+
+def _predicted(
+    network: HeightmapNetwork, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
+) -> PredictedHeights:
+    return PredictedHeights(network, IdealCameras(terrains, profile.view_chain), trials, profile)
+
+
+def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -> TerrainConfig:
+    """A course of a kind, of a difficulty up to `hardest`, which is from 0 to 1."""
+    difficulty = float(rng.uniform(0.0, hardest))
+    if kind == "stairs":
+        run, steps = float(rng.uniform(0.2, 0.4)), int(rng.integers(5, 15))
+        return TerrainConfig(terrain=kind, difficulty=difficulty, run_m=run, steps=steps)
+    if kind == "stepping_stones" and rng.uniform() < 0.5:
+        # Gaps that differ, each up to what the difficulty would make of all.
+        greatest = float(0.05 + 0.6 * difficulty)
+        stone, layout = float(rng.uniform(0.3, 0.7)), int(rng.integers(2**31))
+        return TerrainConfig(terrain=kind, stone_m=stone, gap_m=0.05, gap_max_m=greatest, layout_seed=layout)
+    return TerrainConfig(terrain=kind, difficulty=difficulty)
+
+
+def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[Trajectory]:
+    """The runs of each robot from one start to the next; those that are too short are left out."""
+    starts = np.array([step.fresh for step in steps])  # (ticks, robots)
+    position = np.array([step.truth.position_base_in_world for step in steps])
+    quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
+    joints = np.array([step.truth.joint_position for step in steps])
+    proprioception = np.array([felt(step) for step in steps])
+    for robot, terrain in enumerate(terrains):
+        for run in runs(starts[:, robot]):
+            yield Trajectory(
+                terrain=terrain,
+                position_base_in_world=position[run, robot],
+                quaternion_base_in_world=quaternion[run, robot],
+                joint_position=joints[run, robot],
+                proprioception=proprioception[run, robot],
+            )

@@ -1,0 +1,86 @@
+"""The cameras of thousands of robots on one device: from poses to images without leaving it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from saltus.config import Camera
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING
+from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.mounts import random_mounts
+from saltus.render.camera import Mount
+from saltus.render.randomisation import CameraRandomisation
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_torch import TorchStereo
+from saltus.render.warp import WarpCaster, as_tensor
+from saltus.terrain.batch import Courses
+
+_SAMPLED = sampled_model_camera(ROWS, COLUMNS)
+_OPTICS = Optics.of(_SAMPLED)
+
+
+class DeviceCameras:
+    """Takes an image of every robot, each with a camera of its own.
+
+    Args:
+        courses: Of the robots.
+        kinds: Of the images: ideal for true depth, d435i for one with the errors of stereo matching. What is asked for
+            together is taken from the same place.
+        device: "cuda:0" or "cpu".
+        rng: Draws cameras.
+    """
+
+    def __init__(self, courses: Courses, kinds: Sequence[Camera], device: str, rng: np.random.Generator) -> None:
+        self._count = len(courses.finish_x)
+        self._device = device
+        views = {"ideal": MODEL_CAMERA, "d435i": _SAMPLED}
+        self._casters = {kind: WarpCaster(*courses.boxes(), views[kind], device=device) for kind in kinds}
+        self.replace(rng)
+
+    def replace(self, rng: np.random.Generator) -> None:
+        """Gives every robot another camera: place on the trunk, and how large the errors of its images are."""
+        mounts = random_mounts(rng, self._count)
+        for caster in self._casters.values():
+            caster.set_mount(mounts)
+        config = CameraRandomisation().draw(self._count, rng).stereo(StereoConfig())
+        self._stereo = TorchStereo(config, _OPTICS, self._device)
+        self._state = self._stereo.init(self._count, rng)
+
+    @property
+    def mounts(self) -> Mount:
+        """Where the cameras sit."""
+        return next(iter(self._casters.values())).mount
+
+    def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[Camera, Tensor]:
+        """Takes an image of each kind.
+
+        Args:
+            courses: Of the robots, now.
+            qpos: Of the robots, see `saltus.sim.engine.Engine`, float32, shape (n, 19).
+            tick: Counted from the first image.
+
+        Returns:
+            [mm], 0 where invalid, `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
+        """
+        boxes = courses.boxes()
+        robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
+        images: dict[Camera, Tensor] = {}
+        for kind, caster in self._casters.items():
+            caster.set_boxes(*boxes)
+            if kind == "ideal":
+                depth = as_tensor(caster.cast(*robots))
+            else:
+                time_s = torch.full((self._count,), tick * TICK_S, dtype=torch.float64, device=self._device)
+                true, hidden = map(as_tensor, caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m))
+                depth, self._state = self._stereo.step_pooled(true, hidden, time_s, self._state, ROWS, COLUMNS)
+            images[kind] = _in_millimetres(depth)
+        return images
+
+
+def _in_millimetres(depth: Tensor) -> Tensor:
+    """The law of `saltus.depth.depth_in_millimetres`."""
+    return (depth.clamp(max=NOTHING * MILLIMETRE) * (1.0 / MILLIMETRE)).round().to(torch.int32)

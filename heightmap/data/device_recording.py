@@ -1,0 +1,93 @@
+"""What many robots on a device felt, saw and should have known: kept there, then cut into episodes on the host."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from saltus.config import Camera
+from saltus.depth import MODEL_CAMERA
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import FRAME_TICKS
+from saltus.heightmap.data.runs import runs
+from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.terrain.batch import KINDS
+from saltus.wire.messages import Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recorded:
+    """A batch of robots, robot by robot."""
+
+    kind: NDArray[np.int64]
+    """Of each robot's terrain, its place in `saltus.terrain.batch.KINDS`, shape (n,)."""
+    starts: NDArray[np.bool_]
+    """Whether a robot starts anew with a tick, shape (n, ticks)."""
+    proprioception: Floats
+    """Shape (n, ticks, some)."""
+    height: Floats
+    """[m], shape (n, ticks, 30)."""
+    depth: Mapping[Camera, NDArray[np.uint16]]
+    """Images of each camera [mm], taken every `FRAME_TICKS` from the first tick on, shape (n, frames, 48, 16)."""
+
+    def episodes(self, camera: Camera) -> Iterator[Episode]:
+        """All runs from a start to the next that are long enough, with the images of one of the cameras."""
+        taken = np.arange(0, self.starts.shape[1], FRAME_TICKS, dtype=np.int32)
+        for robot, starts in enumerate(self.starts):
+            for run in runs(starts):
+                frames = slice(*np.searchsorted(taken, (run.start, run.stop)))
+                yield Episode(
+                    terrain=KINDS[self.kind[robot]],
+                    proprioception=self.proprioception[robot, run],
+                    height=self.height[robot, run],
+                    depth=self.depth[camera][robot, frames],
+                    frame_tick=taken[frames] - np.int32(run.start),
+                )
+
+
+class DeviceRecording:
+    """Room on the device for one batch, used again for the next.
+
+    Args:
+        robots: How many.
+        ticks: Of a batch.
+        cameras: Whose images are kept.
+        device: Of all tensors.
+    """
+
+    def __init__(self, robots: int, ticks: int, cameras: Sequence[Camera], device: torch.device) -> None:
+        def room(*row: int, dtype: torch.dtype = torch.float32) -> Tensor:
+            return torch.empty(robots, *row, dtype=dtype, device=device)
+
+        frames = -(-ticks // FRAME_TICKS), MODEL_CAMERA.height, MODEL_CAMERA.width
+        self._proprioception = room(ticks, len(PROPRIOCEPTION))
+        self._height = room(ticks, len(HEIGHTMAP_X))
+        self._starts = room(ticks, dtype=torch.bool)
+        # The bits of 16 bits without a sign, which few operations of torch know.
+        self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
+
+    def add(self, tick: int, felt: Tensor, height: Tensor, starts: Tensor, images: Mapping[Camera, Tensor]) -> None:
+        """One tick of all robots; images [mm] where it is their time."""
+        self._proprioception[:, tick] = felt
+        self._height[:, tick] = height
+        self._starts[:, tick] = starts
+        for camera, image in images.items():
+            self._depth[camera][:, tick // FRAME_TICKS] = image.to(torch.int16)
+
+    def to_host(self, kind: Tensor) -> Recorded:
+        """A copy of what is there, for robots on the given kinds of terrain, shape (n,)."""
+        return Recorded(
+            kind=_copied(kind),
+            starts=_copied(self._starts),
+            proprioception=_copied(self._proprioception),
+            height=_copied(self._height),
+            depth={camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()},
+        )
+
+
+def _copied(tensor: Tensor) -> np.ndarray:
+    return tensor.to("cpu", copy=True).numpy()

@@ -1,0 +1,194 @@
+"""Planners lead thousands of robots on one device, on true or predicted heights, and all is written down.
+
+What `saltus.heightmap.data.closed_loop` does with processes: batches of robots that run for a fixed time on courses of
+all difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from saltus.config import Camera, check_at_least, from_toml
+from saltus.errors import ConfigError, SaltusError
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
+from saltus.heightmap.data.device_cameras import DeviceCameras
+from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
+from saltus.heightmap.data.device_recording import DeviceRecording, Recorded
+from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
+from saltus.heightmap.data.runs import MIN_TICKS
+from saltus.heightmap.model import HeightmapModel
+from saltus.heightmap.service.features import proprioception
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.policy.bounds import values_of
+from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import TrainConfig
+from saltus.policy.evaluation.rollout import STAND_STEPS
+from saltus.policy.features import LAYOUT, read
+from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus.policy.training.export import DeployedPolicy
+from saltus.policy.training.train import make_engine
+
+MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
+# Stairs and stones twice, as in `saltus.heightmap.data.closed_loop`; one level: who falls gets no easier course.
+_COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0, gap=1.0, levels=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceLoop:
+    """How robots are let run.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
+
+    robots: int = 4096
+    """In a batch."""
+    ticks: int = 600
+    """Of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float = 1.0
+    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to `MOST_DIFFICULT`,
+    as falls are part of what must be seen."""
+    learned: float = 1.0
+    """Share of robots that are led by the learned policy; the others by the scripted planner."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    cameras: tuple[Camera, ...] = ("d435i",)
+    """Whose images are kept; the predictor in the loop sees those of the first."""
+
+    def __post_init__(self) -> None:
+        check_at_least(self, robots=1, ticks=MIN_TICKS, variation=0.0)
+        if not 0.0 <= self.hardest <= MOST_DIFFICULT:
+            raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to {MOST_DIFFICULT}")
+        if not 0.0 <= self.learned <= 1.0:
+            raise ConfigError(f"learned = {self.learned}: it must be from 0 to 1")
+
+
+class DeviceRollouts:
+    """Robots, made ready once; every batch starts all of them anew.
+
+    Args:
+        loop: How they are let run.
+        policy: A checkpoint, as `saltus.policy.training.learner.read_checkpoint` reads it; its task, but for the
+        courses, is theirs.
+        predictor: Of the heights in the loop; without it the policy sees what its training showed it.
+        device: "cuda:0" or "cpu".
+        seed: Of everything that is drawn.
+    """
+
+    def __init__(
+        self,
+        loop: DeviceLoop,
+        policy: dict[str, Any],
+        predictor: HeightmapModel | None,
+        *,
+        device: str,
+        seed: int,
+    ) -> None:
+        self.loop = loop
+        self._device = torch.device(device)
+        self._rng = np.random.default_rng(seed)
+        self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
+        config = from_toml(TrainConfig, policy["config"]).env
+        config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
+        engine = make_engine(loop.robots, device)
+        self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
+        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._policy = DeployedPolicy(policy).to(self._device)
+        self._model = None if predictor is None else predictor.to(self._device).eval()
+        self._cameras = DeviceCameras(self._env.courses(), loop.cameras, device, self._rng)
+        self._grid = torch.tensor(HEIGHTMAP_X, dtype=torch.float32, device=self._device)
+        self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
+
+    @torch.no_grad()
+    def batch(self) -> Recorded:
+        """Lets all robots run for `loop.ticks`."""
+        env = self._env
+        self._cameras.replace(self._rng)
+        env.set_levels(env.memory.level)
+        heights = self._heights()
+        speed, rhythm = (low + (high - low) * self._uniform() for low, high in (SPEED, RHYTHM))
+        by_rules, rules = (self._uniform() >= self.loop.learned)[:, None], self._rules()
+        stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
+        transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
+        for tick in range(self.loop.ticks):
+            felt, qpos = self.felt(), self._qpos.float()
+            images = self._cameras.expose(env.courses(), qpos, tick) if tick % FRAME_TICKS == 0 else {}
+            self._recording.add(tick, felt, self.true_heights(), fresh, images)
+            shown = transition.actor
+            if heights is not None:
+                shown[:, -LAYOUT["heights"] :] = heights.step(images.get(self.loop.cameras[0]), tick, felt, fresh)
+            plan = self._policy(shown)
+            plan[:, 0] *= rhythm
+            plan[:, 1] *= speed
+            if self.loop.learned < 1.0:
+                plan = torch.where(by_rules, values_of(rules.step(*read(shown))), plan)
+            env.standing.copy_(tick < stands_until)
+            transition = env.step(env.config.bounds.normalised(plan))
+            fresh = transition.done
+        return self._recording.to_host(env.memory.kind)
+
+    def felt(self) -> Tensor:
+        """What the robots feel now, see `saltus.heightmap.service.features`, shape (n, some)."""
+        memory, qpos = self._env.memory, self._qpos.float()
+        vector: Tensor = proprioception(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=self._qvel[:, 3:6].float(),
+            joint_position=qpos[:, 7:],
+            velocity_base_in_world=memory.estimate[:, :3],
+            base_height=memory.estimate[:, 3],
+            leg_trusted=memory.trusted,
+        )
+        return vector
+
+    def true_heights(self) -> Tensor:
+        """The terrain relative to the base along its yaw [m], shape (n, 30)."""
+        qpos = self._qpos.float()
+        _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
+        heights: Tensor = self._env.courses().height_at(qpos[:, :1] + torch.cos(yaw)[:, None] * self._grid)
+        return heights - qpos[:, 2:3]
+
+    def crowded_share(self) -> float:
+        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        return self._env.crowded_share()
+
+    def _rules(self) -> ScriptedPlanner:
+        """The scripted planner, for each robot with numbers of its own."""
+        numbers = varied(self._rng, self.loop.variation, self.loop.robots)
+        return ScriptedPlanner(
+            ScriptedParameters(
+                **{
+                    f.name: torch.as_tensor(getattr(numbers, f.name), dtype=torch.float32, device=self._device)
+                    for f in fields(numbers)
+                }
+            )
+        )
+
+    def _heights(self) -> DeviceHeights | None:
+        if self._model is None:
+            return None
+        return DeviceHeights(self._model, LateImages(self.loop.robots, TRAINING, self._generator))
+
+    def _uniform(self) -> Tensor:
+        return torch.rand(self.loop.robots, generator=self._generator, device=self._device)
+
+
+def checked_device(device: str) -> str:
+    """The device by its full name, where it can be used.
+
+    Raises:
+        SaltusError: no GPU, or no physics for it.
+    """
+    if device == "cpu":
+        return device
+    if not torch.cuda.is_available():
+        raise SaltusError("no GPU found: use --device cpu, or a machine with one")
+    try:
+        import saltus.sim.warp  # noqa: F401
+    except ImportError as error:
+        raise SaltusError(f"physics on a GPU needs {error.name}: pip install 'saltus[gpu]'") from error
+    return "cuda:0"

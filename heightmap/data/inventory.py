@@ -1,0 +1,172 @@
+"""What a dataset holds, whether it is what it was, and several made one."""
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from saltus.heightmap.data.shards import (
+    LAYOUT,
+    PER_FRAME,
+    PER_TICK,
+    DatasetError,
+    ShardRecord,
+    dataset_hash,
+    file_sha256,
+    read_manifest,
+    read_records,
+    write_manifest,
+    write_whole,
+)
+
+_KINDS = {"proprioception": np.float32, "height": np.float32, "depth": np.uint16, "frame_tick": np.int32}
+_DIMENSIONS = {"proprioception": 2, "height": 2, "depth": 3, "frame_tick": 1}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardInfo:
+    """One shard, for people."""
+
+    record: ShardRecord
+    terrains: dict[str, int]
+    """Episodes on each kind of terrain."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetInfo:
+    """A dataset, for people."""
+
+    dataset: str
+    """Its hash."""
+    shards: tuple[ShardInfo, ...]
+
+
+def info(directory: Path) -> DatasetInfo:
+    """What a dataset holds; its shards are opened, but not checked.
+
+    Raises:
+        DatasetError: no dataset there, or a shard that cannot be read.
+    """
+    records = read_records(directory)
+    shards = []
+    for record in records:
+        with _opened(directory / record.file) as file:
+            terrains = Counter(name.decode() for name in file["terrain"][:])
+        shards.append(ShardInfo(record=record, terrains=dict(sorted(terrains.items()))))
+    return DatasetInfo(dataset=dataset_hash(records), shards=tuple(shards))
+
+
+def validate(directory: Path) -> list[str]:
+    """What is wrong with a dataset, shard by shard; nothing where it is sound.
+
+    Raises:
+        DatasetError: no dataset there, or its manifest is damaged.
+    """
+    records = read_records(directory)
+    damages = [damage for record in records for damage in _damages(directory / record.file, record)]
+    first: dict[str, ShardRecord] = {}
+    for record in records:
+        if first.setdefault(record.sha256, record) is not record:
+            damages.append(f"{directory / record.file} holds the episodes of {first[record.sha256].file} once more")
+    return damages
+
+
+def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
+    """Joins datasets into a new one: all shards in their order, those that are there twice once.
+
+    Args:
+        sources: Datasets.
+        out: Folder to make; the manifest comes last, so that an interrupted merge is no dataset yet.
+
+    Raises:
+        DatasetError: there are no sources, one is missing or damaged, they differ in what their arrays mean (the
+            message names the field), or `out` already is a dataset.
+    """
+    if not sources:
+        raise DatasetError("nothing to merge: name the folders of datasets")
+    if read_manifest(out):
+        raise DatasetError(f"{out} already is a dataset: name a new folder")
+    found = {record.sha256: source / record.file for source in reversed(sources) for record in read_records(source)}
+    records = {record.sha256: record for source in sources for record in read_records(source)}
+    for sha256, record in records.items():
+        if damages := _damages(found[sha256], record):
+            raise DatasetError(damages[0])
+    _compare([found[sha256] for sha256 in records])
+    out.mkdir(parents=True, exist_ok=True)
+    merged: list[ShardRecord] = []
+    for sha256, record in records.items():
+        name = f"round_{len(merged):03d}.h5"
+        write_whole(out / name, partial(shutil.copyfile, found[sha256]))
+        merged.append(replace(record, file=name))
+    write_manifest(out, merged)
+    return merged
+
+
+def _opened(path: Path) -> h5py.File:
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be read: {error}") from error
+
+
+def _damages(path: Path, record: ShardRecord) -> list[str]:
+    if not path.exists():
+        return [f"{path} is missing"]
+    damages = [] if file_sha256(path) == record.sha256 else [f"{path}: its sha256 is not that of the manifest"]
+    try:
+        with _opened(path) as file:
+            return damages + [f"{path}: {damage}" for damage in _contents(file, record)]
+    except DatasetError as error:
+        return [*damages, str(error)]
+    except (OSError, KeyError, ValueError, RuntimeError) as error:  # what h5py raises on damaged structures
+        return [*damages, f"{path}: {error}"]
+
+
+def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
+    """What is wrong within a shard: names, kinds, shapes, lengths, values."""
+    damages = [
+        f"'{name}' is missing" for name in (*PER_TICK, *PER_FRAME, "terrain", "ticks", "frames") if name not in file
+    ]
+    if damages:
+        return damages
+    lengths = {"episodes": len(file["terrain"]), "ticks": int(file["ticks"][:].sum())}
+    lengths["frames"] = int(file["frames"][:].sum())
+    for name, length in lengths.items():
+        if length != getattr(record, name):
+            damages.append(f"{length} {name}, the manifest says {getattr(record, name)}")
+    for name, kind in _KINDS.items():
+        array, length = file[name], lengths["ticks" if name in PER_TICK else "frames"]
+        if array.dtype != kind or array.ndim != _DIMENSIONS[name] or len(array) != length:
+            damages.append(f"'{name}' is {array.dtype} of shape {array.shape}, not {np.dtype(kind)} of length {length}")
+        elif not np.isfinite(array[:]).all():
+            damages.append(f"'{name}' is not finite everywhere")
+    return damages or _order(file)
+
+
+def _order(file: h5py.File) -> list[str]:
+    """Images belong to ticks of their episode, in order."""
+    ticks, frames = file["ticks"][:], file["frames"][:]
+    for i, taken in enumerate(np.split(file["frame_tick"][:], np.cumsum(frames)[:-1])):
+        if len(taken) and (taken[0] < 0 or taken[-1] >= ticks[i] or (np.diff(taken) <= 0).any()):
+            return [f"the images of episode {i} are not in order within its {ticks[i]} ticks"]
+    return []
+
+
+def _compare(shards: Sequence[Path]) -> None:
+    """Refuses shards whose arrays do not mean the same; older ones keep no layout, of those the shapes are compared."""
+    known: dict[str, tuple[Any, Path]] = {}
+    for path in shards:
+        with _opened(path) as file:
+            fields: dict[str, Any] = {f"columns of {name}": list(file[name].shape[1:]) for name in _KINDS}
+            fields |= json.loads(file.attrs.get(LAYOUT, "{}"))
+        for name, value in fields.items():
+            before, where = known.setdefault(name, (value, path))
+            if before != value:
+                raise DatasetError(f"{path} and {where} do not fit together: '{name}' is {value} and {before}")

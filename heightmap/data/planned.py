@@ -1,0 +1,93 @@
+"""Motion to train on from a planner in the batched plant: what the robot will really do."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.config import TerrainConfig, TerrainKind
+from saltus.effects.profile import GO1, Profile
+from saltus.heightmap.data.leaders import VARIATION, varied
+from saltus.heightmap.data.rollouts import Trajectory
+from saltus.heightmap.service.features import proprioception
+from saltus.policy.evaluation.rollout import Rollout, RolloutStep
+from saltus.policy.scripted import ScriptedPlanner
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
+
+KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "step", "gap")
+MIN_TICKS = 150  # 1 s of standing and half a second of motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedBounding:
+    """Runs the scripted planner on true heights; every robot is one trial on a course of its own.
+
+    Each robot has its own variant of the planner, so that the network does not learn one gait by heart.
+    """
+
+    hardest: float = 0.35
+    """Courses go up to this difficulty; beyond it the planner only shows how to fall."""
+    variation: float = VARIATION
+    """Standard deviation of each of the planner's numbers, as a share of it."""
+    robots: int = 64
+    """At once."""
+    time_limit_s: float = 8.0
+    first_seed: int = 2_000_000
+    """Of the trials; apart from those of evaluations."""
+    profile: Profile = GO1
+    """Hardware of the robots."""
+
+    def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
+        """Yields `count` trajectories: each robot's first trial, from its start to its end, failures included."""
+        done, batch = 0, 0
+        while done < count:
+            seeds = range(self.first_seed + batch * self.robots, self.first_seed + (batch + 1) * self.robots)
+            batch += 1
+            for trajectory in self._batch(rng, [Trial.draw(seed) for seed in seeds]):
+                if done < count:
+                    done += 1
+                    yield trajectory
+
+    def _batch(self, rng: np.random.Generator, trials: list[Trial]) -> Iterator[Trajectory]:
+        terrains = [make_terrain(_course(rng, self.hardest)) for _ in trials]
+        planner = ScriptedPlanner(varied(rng, self.variation, len(trials)))
+        steps = list(Rollout(terrains, trials, planner, profile=self.profile, time_limit_s=self.time_limit_s).run())
+        running = np.array([step.running for step in steps])  # (ticks, robots)
+        truth = [step.truth for step in steps]
+        position = np.array([t.position_base_in_world for t in truth])
+        quaternion = np.array([t.quaternion_base_in_world for t in truth])
+        joints = np.array([t.joint_position for t in truth])
+        proprioception = np.array([felt(step) for step in steps])
+        for robot, terrain in enumerate(terrains):
+            ticks = int(running[:, robot].sum())
+            if ticks < MIN_TICKS:
+                continue
+            yield Trajectory(
+                terrain=terrain,
+                position_base_in_world=position[:ticks, robot],
+                quaternion_base_in_world=quaternion[:ticks, robot],
+                joint_position=joints[:ticks, robot],
+                proprioception=proprioception[:ticks, robot],
+            )
+
+
+def _course(rng: np.random.Generator, hardest: float) -> TerrainConfig:
+    kind = KINDS[rng.integers(len(KINDS))]
+    if kind == "stairs":
+        rise, run = rng.uniform(0.03, 0.05 + 0.25 * hardest), rng.uniform(0.2, 0.4)
+        return TerrainConfig(terrain=kind, rise_m=float(rise), run_m=float(run), steps=int(rng.integers(5, 15)))
+    return TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, hardest)))
+
+
+def felt(step: RolloutStep) -> np.ndarray:
+    """What the robots of a step feel, see `saltus.heightmap.service.features`, shape (robots, n)."""
+    states = step.states
+    return proprioception(
+        quaternion_base_in_world=states.quaternion_base_in_world,
+        angular_velocity_base=states.angular_velocity_base,
+        joint_position=states.joint_position,
+        velocity_base_in_world=states.velocity_base_in_world,
+        base_height=states.base_height,
+        leg_trusted=states.leg_trusted,
+    )

@@ -1,0 +1,96 @@
+"""The cameras of many robots at once in roll-outs: true depth, or with the errors of stereo matching."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.depth import MODEL_CAMERA
+from saltus.effects.camera import ViewChain
+from saltus.heightmap.data.stereo_images import OPTICS, SAMPLED
+from saltus.render.camera import moved_camera
+from saltus.render.embree import EmbreeRenderer
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo_embree import StereoEmbree
+from saltus.sim.state import PlantState
+from saltus.terrain.stack import TerrainStack
+
+
+class RobotCameras(Protocol):
+    """Takes an image of every robot."""
+
+    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
+        """Depth [m] that each robot's camera takes now, 0 where invalid, shape (n, 48, 16)."""
+        ...
+
+
+class IdealCameras:
+    """True depth.
+
+    Args:
+        terrains: Terrain of each robot.
+        view: Effects on where the cameras sit and how wide they look.
+    """
+
+    def __init__(self, terrains: TerrainStack, view: ViewChain) -> None:
+        camera = moved_camera(view, MODEL_CAMERA)
+        self._count = len(terrains.terrains)
+        self._views = [
+            (EmbreeRenderer(terrains.terrains[group[0]], *camera, threads=1), group)
+            for group in _robots_by_terrain(terrains)
+        ]
+
+    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
+        """See `RobotCameras`."""
+        del time_s  # true depth has no history
+        depth = np.empty((self._count, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
+        for view, robots in self._views:
+            depth[robots] = view.render_batch(
+                truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
+                truth.joint_position[robots],
+            )  # fmt: skip
+        return depth
+
+
+class StereoCameras:
+    """D435is by the fast chain of `saltus.render.stereo_fast`.
+
+    Args:
+        terrains: Terrain of each robot.
+        view: Effects on where the cameras sit and how wide they look.
+        config: Errors of all cameras; parameters may have one value a robot.
+        rng: Draws what is random in them.
+    """
+
+    def __init__(self, terrains: TerrainStack, view: ViewChain, config: StereoConfig, rng: np.random.Generator) -> None:
+        camera = moved_camera(view, SAMPLED)
+        count = len(terrains.terrains)
+        self._views = [
+            (StereoEmbree(terrains.terrains[group[0]], OPTICS, *camera), group)
+            for group in _robots_by_terrain(terrains)
+        ]
+        self._depth = np.empty((count, SAMPLED.height, SAMPLED.width), np.float32)
+        self._hidden = np.empty(self._depth.shape, np.bool_)
+        self._camera = StereoCamera(config, OPTICS)
+        self._state = self._camera.init((count,), rng)
+
+    def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
+        """See `RobotCameras`."""
+        for view, robots in self._views:
+            self._depth[robots], self._hidden[robots] = view.render_pair_batch(
+                truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
+                truth.joint_position[robots],
+            )  # fmt: skip
+        times = np.full(len(self._depth), time_s)
+        image, self._state = self._camera.step(self._depth, self._hidden, times, self._state)
+        depth: NDArray[np.float32] = pooled(image.depth, ROWS, COLUMNS)
+        return depth
+
+
+def _robots_by_terrain(terrains: TerrainStack) -> list[NDArray[np.int64]]:
+    """Robots on the same terrain, for each distinct one: their images are taken together."""
+    robots: dict[int, list[int]] = {}
+    for i, terrain in enumerate(terrains.terrains):
+        robots.setdefault(id(terrain), []).append(i)
+    return [np.asarray(group) for group in robots.values()]

@@ -1,0 +1,266 @@
+"""The dataset on disk: one HDF5 shard a round, written whole or not at all, and a manifest that vouches for them."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.depth import MODEL_CAMERA
+from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.shard_columns import ShardColumn, read_column
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.provenance import commit
+from saltus.wire.messages import Floats
+
+MANIFEST = "manifest.json"
+_FORMAT = "saltus-heightmap-dataset-1"
+LAYOUT = "layout"
+PER_TICK = ("proprioception", "height")
+PER_FRAME = ("depth", "frame_tick")
+_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras")
+"""Of a configuration, what leaves the motion of the first robots as it is."""
+
+
+class DatasetError(SaltusError):
+    """A dataset that is damaged, incomplete or missing."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Episode:
+    """One robot, one run, without interruption, at 100 Hz. Images are as taken: delay and noise are added later."""
+
+    terrain: str
+    proprioception: Floats
+    """See `saltus.heightmap.service.features`, shape (ticks, n)."""
+    height: Floats
+    """True heights relative to the base [m], shape (ticks, 30)."""
+    depth: NDArray[np.uint16]
+    """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
+    frame_tick: NDArray[np.int32]
+    """Tick at which each image was taken, ascending, shape (frames,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardRecord:
+    """What the manifest says of one shard."""
+
+    file: str
+    sha256: str
+    episodes: int
+    ticks: int
+    frames: int
+    seed: int
+    commit: str
+    config: dict[str, Any]
+
+
+class ShardWriter:
+    """A shard that is being written.
+
+    Args:
+        file: Of the shard.
+        pool: Threads to compress with.
+    """
+
+    record: ShardRecord
+    """What the manifest says of it; there once it is written."""
+
+    def __init__(self, file: h5py.File, pool: Executor) -> None:
+        self._file, self._pool = file, pool
+        self._columns: dict[str, ShardColumn] = {}
+        self._rows: list[tuple[str, int, int]] = []
+
+    @property
+    def ticks(self) -> int:
+        """Of all episodes so far."""
+        return sum(ticks for _, ticks, _ in self._rows)
+
+    def append(self, episodes: Iterable[Episode]) -> None:
+        """Adds episodes, which are consumed one by one."""
+        for episode in episodes:
+            for name in (*PER_TICK, *PER_FRAME):
+                rows = getattr(episode, name)
+                if name not in self._columns:
+                    self._columns[name] = ShardColumn(self._file, name, rows, self._pool)
+                self._columns[name].append(rows)
+            self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
+
+    def close(self) -> dict[str, int]:
+        """Writes what is left; returns how much there is.
+
+        Raises:
+            DatasetError: there are no episodes.
+        """
+        if not self._rows:
+            raise DatasetError("no episodes to write")
+        for column in self._columns.values():
+            column.close()
+        names, ticks, frames = zip(*self._rows, strict=True)
+        self._file["terrain"] = np.array(names, dtype="S")
+        self._file["ticks"] = np.array(ticks)
+        self._file["frames"] = np.array(frames)
+        self._file.attrs[LAYOUT] = json.dumps(layout())
+        return {"episodes": len(names), "ticks": sum(ticks), "frames": sum(frames)}
+
+
+@contextmanager
+def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None) -> Iterator[ShardWriter]:
+    """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
+
+    Args:
+        directory: The dataset; made where it is missing.
+        seed: From which the episodes are drawn.
+        config: How they are made; plain JSON values.
+        code: Which code makes them, where this machine cannot tell.
+
+    Raises:
+        DatasetError: the dataset has a round of this seed and configuration: episodes that come twice would be fitted
+            and held out at once.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    records = read_manifest(directory)
+    refuse_twice(directory, records, seed, config)
+    name = f"round_{len(records):03d}.h5"
+    with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
+        writer = ShardWriter(file, pool)
+        yield writer
+        counts = writer.close()
+    sha256 = file_sha256(directory / name)
+    writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts)
+    write_manifest(directory, [*records, writer.record])
+
+
+def motion(seed: int, config: dict[str, Any]) -> str:
+    """The same for shards whose robots move alike, however many there are of them and whatever camera looked on."""
+    settings = {name: value for name, value in config.items() if name not in _NOT_OF_MOTION}
+    return json.dumps([seed, settings], sort_keys=True)
+
+
+def refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, config: dict[str, Any]) -> None:
+    """Raises `DatasetError` where a dataset has motion of this seed and configuration already."""
+    for record in records:
+        if motion(record.seed, record.config) == motion(seed, config):
+            where = directory / record.file
+            raise DatasetError(f"{where} holds the episodes of seed {seed} already: take another seed")
+
+
+def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:
+    """Adds a round of episodes to a dataset; arguments as those of `open_shard`."""
+    with open_shard(directory, seed=seed, config=config) as shard:
+        shard.append(episodes)
+    return shard.record
+
+
+def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
+    """Replaces the manifest of a dataset, whole or not at all."""
+    text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1)
+    write_whole(directory / MANIFEST, lambda temporary: _write_text(temporary, text))
+
+
+def layout() -> dict[str, Any]:
+    """What the columns of the arrays mean; it is kept in each shard."""
+    camera = asdict(MODEL_CAMERA)
+    return {"grid_m": HEIGHTMAP_X.tolist(), "proprioception": list(PROPRIOCEPTION), "camera": camera, "tick_s": TICK_S}
+
+
+def read_manifest(directory: Path) -> list[ShardRecord]:
+    """The shards of a dataset, oldest first; none where there is no manifest."""
+    path = directory / MANIFEST
+    if not path.exists():
+        return []
+    try:
+        table = json.loads(path.read_text())
+        if table["format"] != _FORMAT:
+            raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
+        return [ShardRecord(**record) for record in table["shards"]]
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is damaged: {error}") from error
+
+
+def read_records(directory: Path) -> list[ShardRecord]:
+    """The same of a dataset that must be there.
+
+    Raises:
+        DatasetError: it is not, or has no shards.
+    """
+    records = read_manifest(directory)
+    if not records:
+        raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
+    return records
+
+
+def dataset_hash(records: Iterable[ShardRecord]) -> str:
+    """First 16 hexadecimal digits of the sha256 over the shards' own."""
+    return hashlib.sha256("".join(record.sha256 for record in records).encode()).hexdigest()[:16]
+
+
+def read_dataset(directory: Path) -> list[Episode]:
+    """All episodes of a dataset, in the order in which they were written.
+
+    Raises:
+        DatasetError: no dataset there, or a shard that is missing or is not the one that the manifest names.
+    """
+    records = read_records(directory)
+    return [episode for record in records for episode in _read_shard(directory, record)]
+
+
+def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
+    path = directory / record.file
+    if not path.exists():
+        raise DatasetError(f"{path} is missing: the manifest names it")
+    if file_sha256(path) != record.sha256:
+        raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
+    with h5py.File(path, "r") as file, _pool() as pool:
+        arrays = {name: read_column(file[name], pool) for name in (*PER_TICK, *PER_FRAME)}
+        kinds = [kind.decode() for kind in file["terrain"][:]]
+        ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
+    parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
+    return [Episode(terrain=kind, **{name: parts[name][i] for name in parts}) for i, kind in enumerate(kinds)]
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Writes a file beside the target and renames when everything is on disk: a reader sees all of it or nothing."""
+    with _whole(path) as temporary:
+        write(temporary)
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    temporary = path.with_name(f".{path.name}.partial")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text + "\n")
+
+
+def file_sha256(path: Path) -> str:
+    """Hexadecimal sha256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

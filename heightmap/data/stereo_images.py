@@ -1,0 +1,72 @@
+"""Images of recorded motion as a D435i takes them: the fast stereo chain for many robots at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.depth import MODEL_CAMERA, depth_in_millimetres
+from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S
+from saltus.heightmap.data.rollouts import Trajectory
+from saltus.render.camera import Mount
+from saltus.render.randomisation import CameraRandomisation
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
+from saltus.render.stereo_fast import CHUNK
+
+SAMPLED = sampled_model_camera(ROWS, COLUMNS)
+OPTICS = Optics.of(SAMPLED)
+
+
+def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
+    """The errors of `count` cameras of different quality, see `saltus.render.randomisation`."""
+    return CameraRandomisation().draw(count, rng).stereo(StereoConfig())
+
+
+def stereo_images(
+    trajectories: Sequence[Trajectory], mounts: Sequence[Mount], rng: np.random.Generator
+) -> list[NDArray[np.uint16]]:
+    """Takes the pictures of robots, each with a camera of its own.
+
+    Args:
+        trajectories: Motion of each robot; an image is taken every `FRAME_TICKS`.
+        mounts: Where each camera really sits.
+        rng: Draws the quality of the cameras and all their errors.
+
+    Returns:
+        Depth of each robot [mm], 0 where invalid, shape (frames, 48, 16).
+    """
+    images: list[NDArray[np.uint16]] = []
+    for first in range(0, len(trajectories), CHUNK):
+        part = slice(first, first + CHUNK)
+        images += _chunk(trajectories[part], mounts[part], rng)
+    return images
+
+
+def _chunk(
+    trajectories: Sequence[Trajectory], mounts: Sequence[Mount], rng: np.random.Generator
+) -> list[NDArray[np.uint16]]:
+    """The same for as many robots as the arrays of one exposure fit into the cache."""
+    views = [_views(trajectory, mount) for trajectory, mount in zip(trajectories, mounts, strict=True)]
+    count, frames = len(views), [len(depth) for depth, _ in views]
+    camera = StereoCamera(drawn_cameras(count, rng), OPTICS)
+    state = camera.init((count,), rng)
+    images = np.empty((count, max(frames), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
+    for i in range(max(frames)):
+        # The camera of a robot whose run is over stands still; what it takes is not kept.
+        depth, hidden = (np.stack([view[kind][min(i, len(view[kind]) - 1)] for view in views]) for kind in (0, 1))
+        image, state = camera.step(depth, hidden, np.full(count, i * FRAME_TICKS * TICK_S), state)
+        images[:, i] = depth_in_millimetres(pooled(image.depth, ROWS, COLUMNS))
+    return [taken[:length] for taken, length in zip(images, frames, strict=True)]
+
+
+def _views(trajectory: Trajectory, mount: Mount) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """True depth and what the second imager does not see, at each image of a robot."""
+    rows = slice(None, None, FRAME_TICKS)
+    return StereoEmbree(trajectory.terrain, OPTICS, SAMPLED, mount).render_pair_batch(
+        trajectory.position_base_in_world[rows],
+        trajectory.quaternion_base_in_world[rows],
+        trajectory.joint_position[rows],
+    )

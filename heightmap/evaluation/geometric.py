@@ -1,0 +1,237 @@
+"""The geometric baseline: heights by deprojection alone, with no training, and given every chance.
+
+Every valid pixel of every frame of the last two seconds becomes a point in the robot's own odometry, with the pose
+that the robot estimates at the frame's capture time. A height is the weighted mean of the points at its place: by the
+variance of depth, which grows with the fourth power of range, and by the drift of the odometry since. Points on walls
+are left out, so that an edge stays one: heights are of what can be stood on. Where no point is, the nearest known one
+stands in.
+
+With a `foot_gain` the map is in addition moved up and down until the feet that stand touch it, which removes most of
+the drift: a second, stronger baseline.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1, kinematics
+from saltus.depth import NOTHING, RANGE_M, Intrinsics
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.evaluation.odometry import Odometry, Pose
+from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.wire.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.topics import TOPICS
+
+MODEL_ID = "geometric"
+FOOT_GAIN = 0.3
+"""Share of the distance between feet and map that one tick removes: the best of 0.05, 0.15, 0.3 on recorded runs."""
+FOOT_GATE_M = 0.06  # what is more is an edge beside the foot, not drift
+MEMORY_S = 2.0  # at 0.6 m/s and above, everything between first sight and the last point behind the robot
+BASELINE_M = 0.050  # of the imagers; D435i datasheet
+DISPARITY_STD_PX = 0.08  # D435i datasheet, "sub-pixel RMS error" of a good calibration
+SENSOR_FOCAL_PX = 211.313  # of the D435i at 424 x 240; a pooled image does not lessen errors that neighbours share
+DRIFT_MPS = 0.10
+"""Drift of the odometry: 5 cm down and 9 cm back in 1 s in recorded runs on stairs, step and gap."""
+HALF_WIDTH_M = 0.15  # points as far to the side count: legs are 0.13 m from the middle
+BIN_M = 0.01
+WINDOW_M = 0.0125  # half of it, around each point of the grid: a pixel at 0.7 m covers 1 cm (D435i), 5 cm (pooled)
+WALL_ANGLE = math.radians(45.0)  # steeper than this nothing can be stood on
+WALL_SPAN = 0.014  # half the angle over which steepness is judged [rad]: wide against noise, narrow against a stair
+OUTLIER_SIGMAS = 3.0
+SLACK_M = 0.01  # what the drift since the last sight may add to the noise of a point
+GAP_SLOPE = 0.5  # standard deviation per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
+UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
+
+_DEPTH = TOPICS["camera/depth"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """What one frame contributes: means of its pixels over bins along the heading, in the odometry's world."""
+
+    time_ns: int
+    xyz: Floats
+    """[m], shape (n, 3)."""
+    variance: Floats
+    """Of the height [m^2], shape (n,)."""
+
+
+class GeometricHeightmap:
+    """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
+
+    Args:
+        mount: of the camera.
+        memory_s: how long a frame counts.
+        foot_gain: share of the mean distance between standing feet and map that one tick removes; 0: feet are not used.
+    """
+
+    def __init__(self, mount: Mount | None = None, memory_s: float = MEMORY_S, foot_gain: float = 0.0) -> None:
+        self._foot_gain = foot_gain
+        self._mount = mount or Mount()
+        self._memory_ns = round(1e9 * memory_s)
+        self._odometry = Odometry(memory_s)
+        self._points: deque[_Points] = deque()
+        self._newest: DepthFrame | None = None
+        self._last: Heightmap | None = None
+
+    def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
+        """Advances by one tick.
+
+        Args:
+            state: A state with a step that was answered already gets the same answer again; an older one, the newest.
+            frame: A frame that has arrived since the last call; None where none has.
+            now_ns: The run's clock.
+
+        Returns:
+            The heightmap at the time of `state`.
+        """
+        if self._last is not None and state.step <= self._last.step:
+            return self._last
+        if not self._odometry.advance(state):
+            self._points.clear()
+        if frame is not None and (self._newest is None or frame.time_ns > self._newest.time_ns):
+            self._take(frame)
+        while self._points and state.time_ns - self._points[0].time_ns > self._memory_ns:
+            self._points.popleft()
+        height, std = self._fuse(self._odometry.pose)
+        if self._foot_gain > 0.0 and self._points:
+            height = height + self._touch(state, height)
+        newest = self._newest
+        self._last = Heightmap(
+            time_ns=state.time_ns,
+            step=state.step,
+            x=HEIGHTMAP_X,
+            height=height,
+            std=std,
+            status=self._status(now_ns),
+            depth_age_s=math.inf if newest is None else (state.time_ns - newest.time_ns) * 1e-9,
+            frame_id=-1 if newest is None else newest.frame_id,
+            model_id=MODEL_ID,
+        )
+        return self._last
+
+    def _take(self, frame: DepthFrame) -> None:
+        self._newest = frame
+        pose = self._odometry.pose_at(frame.time_ns)
+        if pose is None:
+            return
+        points = _points_of(frame, pose, self._mount)
+        if len(points.xyz):
+            self._points.append(points)
+
+    def _touch(self, state: RobotState, height: Floats) -> float:
+        """Moves the map towards the feet that stand; returns by how much [m]."""
+        rotation = kinematics.rotation_matrix(self._odometry.pose.quaternion)
+        yaw_from_world = kinematics.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
+        feet = kinematics.foot_position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
+        gap = feet[:, 2] - go1.FOOT_RADIUS - np.interp(feet[:, 0], HEIGHTMAP_X, height)
+        drift = gap[np.asarray(state.leg_trusted) & (np.abs(gap) < FOOT_GATE_M)]
+        if not len(drift):
+            return 0.0
+        shift = self._foot_gain * float(drift.mean())
+        for points in self._points:
+            points.xyz[:, 2] += shift
+        return shift
+
+    def _status(self, now_ns: int) -> HeightmapStatus:
+        if self._newest is None or not self._points:
+            return HeightmapStatus.WARMING
+        age_s = (now_ns - self._newest.time_ns) * 1e-9
+        if age_s > _DEPTH.invalid_age_s:
+            return HeightmapStatus.INVALID
+        return HeightmapStatus.DEGRADED if age_s > _DEPTH.degraded_age_s else HeightmapStatus.OK
+
+    def _fuse(self, pose: Pose) -> tuple[Floats, Floats]:
+        """Heights relative to the base and their standard deviations, each of shape (30,)."""
+        if not self._points:
+            unknown = np.zeros(len(HEIGHTMAP_X))
+            return unknown, unknown + UNKNOWN_STD_M
+        ages_s = [np.full(len(p.xyz), (pose.time_ns - p.time_ns) * 1e-9) for p in self._points]
+        offset = np.concatenate([p.xyz for p in self._points]) - pose.position
+        variance = np.concatenate([p.variance for p in self._points]) + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
+        ahead = math.cos(pose.yaw) * offset[:, 0] + math.sin(pose.yaw) * offset[:, 1]
+        order = np.argsort(ahead)
+        return _on_grid(ahead[order], offset[order, 2], variance[order])
+
+
+def _points_of(frame: DepthFrame, pose: Pose, mount: Mount) -> _Points:
+    """Deprojects a frame, leaves out walls, and averages over bins along the heading."""
+    height, width = frame.depth.shape
+    camera = Intrinsics(width=width, height=height, fx=frame.fx, fy=frame.fy, cx=frame.cx, cy=frame.cy)
+    depth = frame.depth * frame.depth_unit_m
+    seen = (frame.depth > 0) & (frame.depth < NOTHING) & (depth < RANGE_M)
+    origin, rotation = camera_pose(mount, pose.position, pose.quaternion)
+    rays = ray_directions(camera) @ np.asarray(rotation).T  # (height, width, 3) in the world
+    points = np.asarray(origin) + depth[..., None] * rays
+    offset = points - pose.position
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    ahead = cos * offset[..., 0] + sin * offset[..., 1]
+    aside = cos * offset[..., 1] - sin * offset[..., 0]
+    used = seen & (np.abs(aside) < HALF_WIDTH_M) & ~_walls(ahead, points[..., 2], seen, camera.fy)
+    depth_std = depth**2 * DISPARITY_STD_PX / (SENSOR_FOCAL_PX * BASELINE_M)
+    variance = (depth_std * rays[..., 2]) ** 2
+    return _binned(frame.time_ns, points[used], variance[used], ahead[used])
+
+
+def _walls(ahead: Floats, z: Floats, seen: NDArray[np.bool_], focal: float) -> NDArray[np.bool_]:
+    """Which pixels lie on a wall: between their neighbours above and below, height changes more than distance does."""
+    k = max(1, round(WALL_SPAN * focal))
+    up, down = np.arange(len(z)) - k, np.arange(len(z)) + k
+    up, down = np.maximum(up, 0), np.minimum(down, len(z) - 1)
+    rise, run = np.abs(z[up] - z[down]), np.abs(ahead[up] - ahead[down])
+    wall: NDArray[np.bool_] = seen[up] & seen[down] & (rise > math.tan(WALL_ANGLE) * run)
+    return wall
+
+
+def _binned(time_ns: int, points: Floats, variance: Floats, ahead: Floats) -> _Points:
+    """Weighted means; errors of neighbours are shared, so a mean is no surer than the surest pixel in it."""
+    place, index = np.unique(np.floor(ahead / BIN_M).astype(np.int64), return_inverse=True)
+    weight = 1.0 / np.maximum(variance, 1e-8)
+    total = np.bincount(index, weight, len(place))
+    mean = [np.bincount(index, weight * points[:, axis], len(place)) / total for axis in range(3)]
+    surest = np.full(len(place), np.inf)
+    np.minimum.at(surest, index, variance)
+    return _Points(time_ns, np.stack(mean, axis=-1).reshape(-1, 3), surest)
+
+
+def _on_grid(ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Fuses points, sorted by distance ahead, at each place of the grid."""
+    first = np.searchsorted(ahead, HEIGHTMAP_X - WINDOW_M)
+    last = np.searchsorted(ahead, HEIGHTMAP_X + WINDOW_M)
+    height, std = np.zeros(len(HEIGHTMAP_X)), np.zeros(len(HEIGHTMAP_X))
+    for i, x in enumerate(HEIGHTMAP_X):
+        near, distance = slice(first[i], last[i]), 0.0
+        if first[i] == last[i]:
+            place = _nearest(ahead, x)
+            distance = abs(ahead[place] - x)
+            near = slice(
+                np.searchsorted(ahead, ahead[place] - WINDOW_M), np.searchsorted(ahead, ahead[place] + WINDOW_M)
+            )
+        height[i], fused = _robust_mean(z[near], variance[near])
+        std[i] = min(math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_STD_M)
+    return height, std
+
+
+def _nearest(ahead: Floats, x: float) -> int:
+    right = int(np.clip(np.searchsorted(ahead, x), 1, max(len(ahead) - 1, 1)))
+    if len(ahead) == 1:
+        return 0
+    return right - 1 if x - ahead[right - 1] <= ahead[right] - x else right
+
+
+def _robust_mean(z: Floats, variance: Floats) -> tuple[float, float]:
+    """Mean of the points that agree with the weighted median, and its standard deviation.
+
+    The median chooses one side of an edge. The surest point bounds the standard deviation from below: points share the
+    drift of the odometry, so that more of them do not make the mean surer.
+    """
+    weight = 1.0 / np.maximum(variance, 1e-8)
+    order = np.argsort(z)
+    share = np.cumsum(weight[order])
+    median = z[order[int(np.searchsorted(share, 0.5 * share[-1]))]]
+    agrees = np.abs(z - median) <= OUTLIER_SIGMAS * np.sqrt(variance) + SLACK_M
+    chosen = weight[agrees]
+    return float(chosen @ z[agrees] / chosen.sum()), math.sqrt(float(np.min(variance[agrees])))

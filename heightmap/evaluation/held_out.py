@@ -1,0 +1,262 @@
+"""Runs that no training saw, with policy and predictor in the loop: what the predictor is worth.
+
+Half of the courses have sizes that both planners master, half are drawn as in training, up to the paper's, on which
+the planner made by hand falls. Cameras differ in how bad they are. Steps count from the first that is not standing to
+the end of the run, whichever it is.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.config import Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
+from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.profile import GO1
+from saltus.errors import ConfigError, nearest_hint
+from saltus.heightmap.data.closed_loop import random_course
+from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.predicted import PredictedHeights
+from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
+from saltus.heightmap.data.rollouts import true_heights
+from saltus.heightmap.data.stereo_images import drawn_cameras
+from saltus.heightmap.evaluation.comparison import BASELINES
+from saltus.heightmap.evaluation.geometric import GeometricHeightmap
+from saltus.heightmap.evaluation.sight import sight
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.replay import replay_predictor
+from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
+from saltus.policy.evaluation.states import RobotStates
+from saltus.policy.planner import make_planner
+from saltus.sim.state import PlantState
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.stack import TerrainStack
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
+
+KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+MASTERED, HARD = "mastered", "hard"
+HARDEST = 0.8  # as in training: stairs of 0.25 m, a step of 0.64 m, a gap of 0.89 m
+COURSES = 10  # in a batch: all kinds, mastered and hard
+ROBOTS = 20  # in a batch
+FIRST_SEED = 3_000_000_000  # above those of policy evaluations, below those that data are drawn from (2**32)
+NETWORK = "network"
+_NS = 1e9
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutRuns:
+    """Which runs.
+
+    Raises:
+        ConfigError: no runs, none that counts, or a baseline that is not known.
+    """
+
+    runs: int = 200
+    seed: int = 0
+    camera: Camera = "d435i"
+    """ideal: true depth. d435i: a stereo camera whose errors have another strength in each run."""
+    baselines: tuple[str, ...] = tuple(BASELINES)
+    """Predictors that are shown the same images."""
+    time_limit_s: float = 10.0
+    """Of a run: at 1.2 m/s any course is behind a robot that still runs."""
+
+    def __post_init__(self) -> None:
+        check_at_least(self, runs=1)
+        stands_s = STAND_STEPS * TICK_S
+        if not self.time_limit_s > stands_s:
+            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: a robot only stands for the first {stands_s:g} s")
+        for name in self.baselines:
+            if name not in BASELINES:
+                raise ConfigError(f"unknown baseline '{name}': {nearest_hint(name, BASELINES)}")
+
+    @property
+    def batches(self) -> list[tuple[int, int]]:
+        """Number and size of each batch."""
+        return [(i, min(ROBOTS, self.runs - first)) for i, first in enumerate(range(0, self.runs, ROBOTS))]
+
+    def measure(self, model: Path, batch: tuple[int, int]) -> list["HeldOutRun"]:
+        """Runs one of `batches`; it follows from the seed and the model alone."""
+        number, count = batch
+        rng = np.random.default_rng([self.seed, number])
+        some = [_course(rng, i) for i in range(min(COURSES, count))]
+        terrains = [make_terrain(some[i % COURSES][1]) for i in range(count)]
+        planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
+        seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
+        rollout = Rollout(
+            terrains,
+            [Trial.draw(int(seed)) for seed in seeds],
+            make_planner(planner),
+            heights=(watch := _Watch(partial(self._source, HeightmapNetwork(model), rng))),
+            time_limit_s=self.time_limit_s,
+        )
+        steps = list(rollout.run())
+        levels = [some[i % COURSES][0] for i in range(count)]
+        return [_measured(self, steps, watch.ticks, robot, terrains[robot], levels[robot]) for robot in range(count)]
+
+    def _source(
+        self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]
+    ) -> PredictedHeights:
+        profile = dataclasses.replace(GO1, camera=(*GO1.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
+        cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
+        if self.camera == "d435i":
+            cameras = StereoCameras(terrains, profile.view_chain, drawn_cameras(len(trials), rng), rng)
+        return PredictedHeights(network, cameras, trials, profile)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What one predictor said in one run, at each step that counts."""
+
+    height: Floats
+    """[m], shape (n, 30)."""
+    std: Floats
+    """[m], shape (n, 30)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOutRun:
+    """One run, n steps of which count."""
+
+    terrain: TerrainKind
+    level: str
+    """`MASTERED` or `HARD`."""
+    true_height: Floats
+    """[m], shape (n, 30)."""
+    view: NDArray[np.int8]
+    """See `saltus.heightmap.evaluation.sight`, shape (n, 30)."""
+    predictions: dict[str, Prediction]
+
+
+class _Watch:
+    """A factory of heights whose source is watched."""
+
+    def __init__(self, make: Callable[[TerrainStack, Sequence[Trial]], PredictedHeights]) -> None:
+        self._make = make
+        self.ticks: list[_Tick] = []
+
+    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "_Watched":
+        return _Watched(self._make(terrains, trials), self.ticks)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tick:
+    """What the services of all robots had and said at one step."""
+
+    height: Floats
+    std: Floats
+    captured_s: Floats
+    depth: NDArray[np.uint16] | None
+    """Taken at this step [mm], shape (robots, 48, 16)."""
+
+
+class _Watched:
+    """A `saltus.policy.evaluation.heights.HeightSource` that writes down what it says."""
+
+    def __init__(self, source: PredictedHeights, ticks: list[_Tick]) -> None:
+        self._source = source
+        self._ticks = ticks
+
+    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+        """See `saltus.policy.evaluation.heights.HeightSource`."""
+        source = self._source
+        height = source.heights(states, truth, fresh)
+        depth = None if source.depth is None else depth_in_millimetres(source.depth)
+        self._ticks.append(
+            _Tick(height=height, std=source.std.copy(), captured_s=source.captured_s.copy(), depth=depth)
+        )
+        return height
+
+
+def _measured(
+    config: HeldOutRuns, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int, terrain: Terrain, level: str
+) -> HeldOutRun:
+    """What counts of one robot's first trial."""
+    count = sum(bool(step.running[robot]) for step in steps)
+    steps, ticks = steps[:count], ticks[:count]
+    position = np.array([step.truth.position_base_in_world[robot] for step in steps])
+    quaternion = np.array([step.truth.quaternion_base_in_world[robot] for step in steps])
+    captured_s = np.array([tick.captured_s[robot] for tick in ticks])
+    network = Prediction(
+        height=np.array([tick.height[robot] for tick in ticks], np.float64),
+        std=np.array([tick.std[robot] for tick in ticks], np.float64),
+    )
+    others = {name: _baseline(name, steps, ticks, robot) for name in config.baselines}
+    counted = slice(STAND_STEPS, None)
+    return HeldOutRun(
+        terrain=terrain.kind,
+        level=level,
+        true_height=true_heights(terrain, position, quaternion)[counted],
+        view=sight(terrain, position, quaternion, captured_s)[counted],
+        predictions={
+            name: Prediction(height=said.height[counted], std=said.std[counted])
+            for name, said in {NETWORK: network, **others}.items()
+        },
+    )
+
+
+def _baseline(name: str, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int) -> Prediction:
+    """A geometric baseline on the images that the robot's network got, when it got them."""
+    taken = {
+        step.states.step: tick.depth[robot] for step, tick in zip(steps, ticks, strict=True) if tick.depth is not None
+    }
+    arrived: dict[int, int] = {}  # step of capture: step of arrival
+    for step, tick in zip(steps, ticks, strict=True):
+        if np.isfinite(tick.captured_s[robot]):
+            arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
+    frames = [_frame(step, taken[step]) for step in arrived]
+    states = [_state(step.states, robot) for step in steps]
+    arrival_ns = [_ns(step) for step in arrived.values()]
+    maps = replay_predictor(GeometricHeightmap(foot_gain=BASELINES[name]), frames, states, arrival_ns)
+    return Prediction(
+        height=np.array([heightmap.height for heightmap in maps], np.float64),
+        std=np.array([heightmap.std for heightmap in maps], np.float64),
+    )
+
+
+def _ns(step: int) -> int:
+    return round(step * TICK_S * _NS)
+
+
+def _frame(step: int, depth: NDArray[np.uint16]) -> DepthFrame:
+    camera = MODEL_CAMERA
+    return DepthFrame(
+        time_ns=_ns(step), frame_id=step, depth=depth, depth_unit_m=MILLIMETRE,
+        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
+    )  # fmt: skip
+
+
+def _state(states: RobotStates, robot: int) -> RobotState:
+    """The message that one robot of a batch would send."""
+    own = {
+        field.name: getattr(states, field.name)[robot]
+        for field in dataclasses.fields(states)
+        if field.name not in ("time_s", "step")
+    }
+    return RobotState(
+        time_ns=_ns(states.step), step=states.step, joint_torque=np.zeros(12), mode=ControllerMode.RUN, depth_due=-1,
+        **own,
+    )  # fmt: skip
+
+
+def _course(rng: np.random.Generator, index: int) -> tuple[str, TerrainConfig]:
+    """Kinds in turn, the first five of a size that is mastered."""
+    kind = KINDS[index % len(KINDS)]
+    if index % COURSES >= len(KINDS):
+        return HARD, random_course(rng, HARDEST, kind)
+    if kind == "stairs":
+        rise, run = float(rng.uniform(0.05, 0.10)), float(rng.uniform(0.25, 0.3))
+        return MASTERED, TerrainConfig(terrain=kind, rise_m=rise, run_m=run, steps=14)
+    if kind == "stepping_stones":
+        return MASTERED, TerrainConfig(terrain=kind, stone_m=0.5, gap_m=float(rng.uniform(0.10, 0.20)), steps=8)
+    if kind == "step":
+        return MASTERED, TerrainConfig(terrain=kind, height_m=float(rng.uniform(0.10, 0.22)))
+    if kind == "gap":
+        return MASTERED, TerrainConfig(terrain=kind, gap_m=float(rng.uniform(0.20, 0.36)))
+    return MASTERED, TerrainConfig(terrain=kind)

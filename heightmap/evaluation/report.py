@@ -1,0 +1,275 @@
+"""One HTML file, and the same as numbers, about the errors of predicted heights in recorded runs."""
+
+import html
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saltus.errors import RecordingError
+from saltus.heightmap.evaluation import report_figures as figures
+from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, read_run
+from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
+from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
+from saltus.recordings.recording import Recording
+from saltus.recordings.report import STYLE
+
+WORST = 10
+APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
+_TABLE_STYLE = (
+    "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } "
+    "th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }\n"
+    "td:nth-child(-n+2) { white-space: normal; min-width: 6em; overflow-wrap: anywhere; }"
+)
+_SECTIONS = (
+    ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),
+    ("speed_mps", "By speed", Errors.by_speed, "speed as estimated [m/s]"),
+    ("age_ms", "By age of the image", Errors.by_age, "age of the image in use [ms]"),
+    ("terrain", "By terrain", Errors.by_terrain, "terrain"),
+    ("view", "In view or remembered", Errors.by_view, "when the image in use was taken"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorReport:
+    """What was measured on some recordings."""
+
+    runs: tuple[Run, ...]
+    comparisons: tuple[Comparison, ...]
+    """All predictors on all runs of which something can be compared."""
+    failed: tuple[str, ...]
+    """Why nothing can be compared, for each run that is not among the comparisons."""
+
+    @property
+    def predictors(self) -> list[str]:
+        """Names, in the order in which they were compared."""
+        return list(dict.fromkeys(comparison.predictor for comparison in self.comparisons))
+
+    def errors(self, run: str | None = None) -> dict[str, Errors]:
+        """Errors of each predictor, on all runs or on one."""
+        return {name: Errors(group) for name in self.predictors if (group := self._of(name, run))}
+
+    def edges(self, run: str | None = None) -> dict[str, EdgeErrors]:
+        """Edge localisation of each predictor, on all runs or on one."""
+        result = {}
+        for name in self.predictors:
+            if group := self._of(name, run):
+                height = np.concatenate([c.height for c in group])
+                result[name] = edge_errors(height, np.concatenate([c.true_height for c in group]))
+        return result
+
+    def worst(self) -> list[tuple[Comparison, int]]:
+        """The moments with the greatest mean error of the first predictor, worst first: run and index of the step."""
+        ranked = sorted(
+            (-float(np.nanmean(np.abs(error))), number, i)
+            for number, comparison in enumerate(self.comparisons)
+            if comparison.predictor == self.predictors[0]
+            for i, error in enumerate(comparison.error)
+            if np.isfinite(error).any()
+        )
+        chosen: list[tuple[Comparison, int]] = []
+        for _, number, i in ranked:
+            comparison = self.comparisons[number]
+            time_s = comparison.time_s[i]
+            if all(other is not comparison or abs(other.time_s[j] - time_s) > APART_S for other, j in chosen):
+                chosen.append((comparison, i))
+            if len(chosen) == WORST:
+                break
+        return chosen
+
+    def numbers(self) -> dict[str, Any]:
+        """Everything as plain values for JSON; lengths in metres."""
+        return {
+            "runs": [
+                {"name": run.name, "terrain": run.terrain, "steps": len(run.states), "lost": list(run.lost)}
+                for run in self.runs
+            ],
+            "failed": list(self.failed),
+            "reference": sorted({comparison.reference for comparison in self.comparisons}),
+            "predictors": {name: self._numbers_of(name) for name in self.predictors},
+            "worst": [
+                {"run": c.run, "predictor": c.predictor, "time_s": float(c.time_s[i]), "mae_m": _mean_error(c, i)}
+                for c, i in self.worst()
+            ],
+        }
+
+    def _of(self, predictor: str, run: str | None) -> list[Comparison]:
+        return [c for c in self.comparisons if c.predictor == predictor and run in (None, c.run)]
+
+    def _numbers_of(self, name: str) -> dict[str, Any]:
+        errors, edges = self.errors()[name], self.edges()[name]
+        table = _summary(errors, edges)
+        for key, _, rows_of, _ in _SECTIONS:
+            table[f"by_{key}"] = [asdict(row) for row in rows_of(errors)]
+        table["by_distance_m"] = [asdict(row) for row in errors.by_distance()]
+        calibration = errors.calibration()
+        table["calibration"] = {
+            "level": calibration.level.tolist(),
+            "coverage": calibration.coverage.tolist(),
+            "stated_m": calibration.stated_m.tolist(),
+            "observed_m": calibration.observed_m.tolist(),
+        }
+        table["by_run"] = {
+            c.run: _summary(self.errors(c.run)[name], self.edges(c.run)[name]) | {"ok_share": c.ok_share}
+            for c in self._of(name, None)
+        }
+        return table
+
+
+def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> ErrorReport:
+    """Measures recordings, and models on the depth of these.
+
+    Args:
+        recordings: whole or damaged, with ground truth or without.
+        models: "geometric", "geometric-feet", or paths of ONNX files.
+
+    Raises:
+        RecordingError: nothing in any of the recordings can be compared.
+        ModelError: a file is no model that fits.
+    """
+    runs = _named_apart([read_run(recording) for recording in recordings])
+    comparisons: list[Comparison] = []
+    failed = []
+    for run in runs:
+        try:
+            found = compare(run, models)
+            if not any(np.isfinite(comparison.error).any() for comparison in found):
+                raise RecordingError(f"{run.name}: no place was seen again")
+            comparisons += found
+        except RecordingError as error:
+            failed.append(str(error))
+    if not comparisons:
+        raise RecordingError("; ".join(failed))
+    return ErrorReport(runs=tuple(runs), comparisons=tuple(comparisons), failed=tuple(failed))
+
+
+def write_report(report: ErrorReport, path: Path) -> None:
+    """Writes the HTML file; it opens without a network.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    errors = report.errors()
+    parts = [
+        f"<h1>{html.escape(_headline(report))}</h1>",
+        _lost(report),
+        _summary_table(report),
+        "<h2>By distance ahead</h2>",
+        '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
+        figures.figure_html(figures.distance_figure(errors), first=True),
+    ]
+    for _, title, rows_of, axis in _SECTIONS:
+        parts += [f"<h2>{title}</h2>", figures.figure_html(figures.group_figure(errors, rows_of, axis))]
+    parts += [
+        "<h2>Edges</h2>",
+        '<p class="note">Mean error of the position of jumps of more than 3 cm that were predicted.</p>',
+        figures.figure_html(figures.edge_figure(report.edges())),
+        "<h2>Stated standard deviation</h2>",
+        '<p class="note">Left: how many of the true heights lie in the intervals that should hold a share of them. '
+        "Right: error of the points with the same stated deviation.</p>",
+        figures.figure_html(figures.calibration_figure(errors)),
+        f"<h2>The {WORST} worst moments of {html.escape(report.predictors[0])}</h2>",
+        *_moments(report),
+    ]
+    body = "\n".join(parts)
+    try:
+        path.write_text(
+            '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus heightmap errors</title>'
+            f"<style>{STYLE}{_TABLE_STYLE}</style></head><body>{body}</body></html>"
+        )
+    except OSError as error:
+        raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another file") from error
+
+
+def _named_apart(runs: list[Run]) -> list[Run]:
+    """Numbers runs of the same name."""
+    names = [run.name for run in runs]
+    return [
+        replace(run, name=f"{run.name} ({names[: i + 1].count(run.name)})") if names.count(run.name) > 1 else run
+        for i, run in enumerate(runs)
+    ]
+
+
+def _mean_error(comparison: Comparison, index: int) -> float:
+    return float(np.nanmean(np.abs(comparison.error[index])))
+
+
+def _summary(errors: Errors, edges: EdgeErrors) -> dict[str, Any]:
+    by_view = {row.group: row.mae_m for row in errors.by_view()}
+    overall = errors.overall()
+    calibration = errors.calibration()
+    return {
+        "points": len(errors.error),
+        "mae_m": overall.mae_m if overall else None,
+        "mae_visible_m": by_view.get(VISIBLE),
+        "mae_remembered_m": by_view.get(REMEMBERED),
+        "edge_error_m": edges.mean_m,
+        "edge_bias_m": edges.bias_m,
+        "edges": len(edges.true_x),
+        "edges_found": edges.found,
+        "edges_false": edges.false,
+        "coverage90": calibration.coverage90,
+        "nll": calibration.nll,
+    }
+
+
+def _headline(report: ErrorReport) -> str:
+    row = report.errors()[report.predictors[0]].overall()
+    mean = f"{100 * row.mae_m:.2f} cm mean error" if row else "no error known"
+    count = len({comparison.run for comparison in report.comparisons})
+    return f"Heights, {report.predictors[0]}: {mean} in {count} run{'s' if count > 1 else ''}"
+
+
+def _lost(report: ErrorReport) -> str:
+    lines = [f"{run.name}: {item}" for run in report.runs for item in run.lost]
+    text = "".join(f'<p class="bad">Lost in {html.escape(line)}</p>' for line in lines)
+    text += "".join(f'<p class="bad">Not compared: {html.escape(line)}</p>' for line in report.failed)
+    if any(comparison.reference != "truth" for comparison in report.comparisons):
+        text += (
+            '<p class="note">Without ground truth: each prediction is compared with what was predicted for the same '
+            "place when it was last in view, 0.1 to 2 s later, by the robot's own odometry.</p>"
+        )
+    return text
+
+
+def _summary_table(report: ErrorReport) -> str:
+    head = (
+        "run", "predictor", "mean [cm]", "in view [cm]", "remembered [cm]", "edges [cm]", "edges found", "false edges",
+        "90 % interval covers", "NLL", "status OK",
+    )  # fmt: skip
+    rows = []
+    runs = list(dict.fromkeys(comparison.run for comparison in report.comparisons))
+    for run in [None, *runs] if len(runs) > 1 else runs:
+        errors, edges = report.errors(run), report.edges(run)
+        for name in errors:
+            numbers = _summary(errors[name], edges[name])
+            shares = [c.ok_share for c in report.comparisons if c.predictor == name and run in (None, c.run)]
+            cells = (
+                *(_centimetres(numbers[f"{key}_m"]) for key in ("mae", "mae_visible", "mae_remembered", "edge_error")),
+                f"{100 * numbers['edges_found']:.0f} % of {numbers['edges']}", str(numbers["edges_false"]),
+                f"{100 * numbers['coverage90']:.1f} %", f"{numbers['nll']:.2f}", f"{100 * np.mean(shares):.0f} %",
+            )  # fmt: skip
+            texts = (html.escape(run or "all runs"), html.escape(name), *cells)
+            rows.append("<tr>" + "".join(f"<td>{text}</td>" for text in texts) + "</tr>")
+    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{''.join(rows)}</table>"
+
+
+def _centimetres(value: float | None) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{100 * value:.2f}"
+
+
+def _moments(report: ErrorReport) -> list[str]:
+    frames = {(run.name, frame.frame_id): frame for run in report.runs for frame in run.frames}
+    parts = []
+    for comparison, i in report.worst():
+        others = [c for c in report.comparisons if c.run == comparison.run and c is not comparison]
+        frame = frames.get((comparison.run, int(comparison.frame_id[i])))
+        parts.append(
+            f'<p class="note">{html.escape(comparison.run)}, {comparison.time_s[i]:.2f} s: '
+            f"{100 * _mean_error(comparison, i):.1f} cm; {comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, "
+            f"image {1e3 * comparison.age_s[i]:.0f} ms old{'' if frame is not None else ', not in the recording'}</p>"
+        )
+        parts.append(figures.figure_html(figures.moment_figure(i, comparison, others, frame, report.predictors)))
+    return parts

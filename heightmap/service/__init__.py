@@ -1,0 +1,1 @@
+"""The process: depth images and robot states in, heightmaps out."""

@@ -1,0 +1,106 @@
+"""What the network feels: the proprioception vector, built in one place for training and service alike."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saltus import kinematics
+from saltus.arrays import Array, namespace
+from saltus.wire.messages import Floats, RobotState
+
+PROPRIOCEPTION = (
+    "roll",
+    "pitch",
+    *(f"{leg}_foot_{axis}" for leg in ("FR", "FL", "RR", "RL") for axis in "xz"),
+    *(f"{leg}_trusted" for leg in ("FR", "FL", "RR", "RL")),
+    *(f"velocity_{axis}" for axis in "xyz"),
+    *(f"angular_velocity_{axis}" for axis in "xyz"),
+    "base_height",
+)
+"""Names of the entries. Angles [rad], positions [m] and velocities [m/s, rad/s] in the yaw frame."""
+
+
+def proprioception(
+    *,
+    quaternion_base_in_world: Array,
+    angular_velocity_base: Array,
+    joint_position: Array,
+    velocity_base_in_world: Array,
+    base_height: Array,
+    leg_trusted: Array,
+) -> Array:
+    """Builds the vector for any leading batch dimensions, numpy or torch.
+
+    The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
+
+    Args:
+        quaternion_base_in_world: (w, x, y, z), shape (..., 4).
+        angular_velocity_base: [rad/s], shape (..., 3).
+        joint_position: [rad], shape (..., 12).
+        velocity_base_in_world: estimate [m/s], shape (..., 3).
+        base_height: estimate of the base above the feet in stance [m], shape (...).
+        leg_trusted: bool, shape (..., 4).
+
+    Returns:
+        float32, shape (..., len(PROPRIOCEPTION)).
+    """
+    rotation = kinematics.rotation_matrix(quaternion_base_in_world)
+    feet = kinematics.foot_position(joint_position)
+    trusted = namespace(feet).astype(leg_trusted, feet.dtype)
+    entries = _entries(
+        [_components(rotation[..., row, :]) for row in range(3)],
+        [_components(feet[..., leg, :]) for leg in range(4)],
+        _components(trusted),
+        _components(velocity_base_in_world),
+        _components(angular_velocity_base),
+    )
+    xp = namespace(joint_position)
+    return xp.astype(xp.stack([*entries, base_height], axis=-1), xp.float32)
+
+
+def proprioception_of(state: RobotState) -> Floats:
+    """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
+    entries = _entries(
+        kinematics.rotation_of_one(state.quaternion_base_in_world.tolist()),
+        kinematics.foot_positions_of_one(state.joint_position.tolist()),
+        state.leg_trusted.tolist(),
+        state.velocity_base_in_world.tolist(),
+        state.angular_velocity_base.tolist(),
+    )
+    return np.array([*entries, state.base_height], np.float32)
+
+
+def _entries(
+    rotation: Sequence[Sequence[Array]],
+    feet: Sequence[Sequence[Array]],
+    trusted: Sequence[Array],
+    velocity_in_world: Sequence[Array],
+    angular_velocity_base: Sequence[Array],
+) -> list[Array]:
+    """The law, in components that are arrays of many robots or floats of one: all entries but the last."""
+    forward, left, up = rotation
+    roll, pitch, yaw = kinematics.angles_of_axes((forward[0], left[0]), (up[0], up[1], up[2]))
+    xp = namespace(yaw)
+    cosine, sine = xp.cos(yaw), xp.sin(yaw)
+    # Rows of the rotation from base to yaw frame; the third is `up`
+    ahead = [cosine * forward[i] + sine * left[i] for i in (0, 1, 2)]
+    aside = [cosine * left[i] - sine * forward[i] for i in (0, 1, 2)]
+    velocity_x, velocity_y, velocity_z = velocity_in_world
+    return [
+        roll,
+        pitch,
+        *(stands * _dot(axis, foot) for stands, foot in zip(trusted, feet, strict=True) for axis in (ahead, up)),
+        *trusted,
+        cosine * velocity_x + sine * velocity_y,
+        cosine * velocity_y - sine * velocity_x,
+        velocity_z,
+        *(_dot(axis, angular_velocity_base) for axis in (ahead, aside, up)),
+    ]
+
+
+def _dot(a: Sequence[Array], b: Sequence[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _components(vector: Array) -> list[Array]:
+    return [vector[..., i] for i in range(vector.shape[-1])]

@@ -1,0 +1,153 @@
+"""The heightmap service of several robots: one memory each, one call of the network for all who ask at once."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
+from saltus.heightmap.service.service import HeightmapService
+from saltus.wire.messages import DepthFrame, Heightmap, RobotState
+
+TRIAL_NS = 3_000_000_000
+"""A model that is to take over must have become as good as the running one in this time: far more than its warm-up
+(below half a second), and longer than a short outage of the camera."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arrival:
+    """What a robot asks."""
+
+    state: RobotState
+    robot_boot: bytes
+    """Drawn anew each time that the process which sends the states is started."""
+    frame: DepthFrame | None
+    """What has arrived since the robot last asked."""
+    camera_boot: bytes | None
+    """The same for the process that sends the frames; None without a frame."""
+    now_ns: int
+    """The clock of the robot's run."""
+
+
+class _Robot:
+    """The service in use for one robot, and the one that is to replace it."""
+
+    def __init__(self, network: HeightmapNetwork) -> None:
+        self.service = HeightmapService(network)
+        self.coming: HeightmapService | None = None
+        self.coming_since_ns: int | None = None
+        self._robot_boot: bytes | None = None
+        self._camera_boot: bytes | None = None
+
+    @property
+    def services(self) -> list[HeightmapService]:
+        """Both."""
+        return [self.service] if self.coming is None else [self.service, self.coming]
+
+    def meet(self, arrival: Arrival) -> None:
+        """Starts memories over where robot or camera have started anew."""
+        if arrival.robot_boot != self._robot_boot:
+            self._robot_boot = arrival.robot_boot
+            for service in self.services:
+                service.reset()
+        if arrival.camera_boot is not None and arrival.camera_boot != self._camera_boot:
+            known, self._camera_boot = self._camera_boot, arrival.camera_boot
+            for service in self.services if known is not None else ():
+                service.new_camera()
+
+    def take_over(self) -> bool:
+        """Lets the coming service replace the one in use as soon as its answer is worth as much."""
+        coming, used = self.coming, self.service
+        if coming is None or coming.last is None or used.last is None or coming.last.status > used.last.status:
+            return False
+        if used.warm and not coming.warm:  # where images are poor or few, the status tells of them alone
+            return False
+        self.service, self.coming = coming, None
+        return True
+
+    def give_up(self, now_ns: int) -> bool:
+        """Drops the coming service when its time is over."""
+        if self.coming is None:
+            return False
+        if self.coming_since_ns is None:
+            self.coming_since_ns = now_ns
+        if now_ns - self.coming_since_ns <= TRIAL_NS:
+            return False
+        self.coming = None
+        return True
+
+
+class FleetService:
+    """Answers the states of several robots.
+
+    A robot has a memory of its own, which starts over when that robot or its camera starts anew, and never otherwise
+    because of another robot. Nobody is waited for: whoever asks is answered.
+
+    Args:
+        network: The model of all of them.
+        robots: Their names.
+    """
+
+    def __init__(self, network: HeightmapNetwork, robots: Iterable[str]) -> None:
+        self._robots = {robot: _Robot(network) for robot in robots}
+        self.swaps = 0
+        """How often a robot has got another model."""
+        self.given_up = 0
+        """How often a robot has kept its model because another one did not become as good."""
+
+    @property
+    def network(self) -> HeightmapNetwork:
+        """The model that answers: of several, while another takes over, that of the first robot."""
+        return next(iter(self._robots.values())).service.network
+
+    def use(self, network: HeightmapNetwork) -> None:
+        """Gives another model to all robots.
+
+        It runs beside the one in use and replaces it, robot by robot, when its memory is warm: no robot is left without
+        heights. Where its answers do not become as good within three seconds, it is dropped.
+        """
+        for robot in self._robots.values():
+            robot.coming, robot.coming_since_ns = HeightmapService(network), None
+
+    def step(self, arrivals: Mapping[str, Arrival]) -> dict[str, Heightmap]:
+        """Answers those robots that ask.
+
+        Args:
+            arrivals: By name of the robot.
+
+        Returns:
+            The heightmap of each of these robots, as `HeightmapService.step` would answer it.
+        """
+        asked: list[tuple[HeightmapService, Arrival, Inputs]] = []
+        for name, arrival in arrivals.items():
+            self._robots[name].meet(arrival)
+            for service in self._robots[name].services:
+                inputs = service.prepare(arrival.state, arrival.frame, arrival.now_ns)
+                if inputs is not None:
+                    asked.append((service, arrival, inputs))
+        for network in {id(service.network): service.network for service, _, _ in asked}.values():
+            batch = [item for item in asked if item[0].network is network]
+            ticks = _run(network, [(inputs, service) for service, _, inputs in batch])
+            for (service, arrival, inputs), tick in zip(batch, ticks, strict=True):
+                service.finish(arrival.state, inputs, tick, arrival.now_ns)
+        return {name: self._answer(self._robots[name], arrival) for name, arrival in arrivals.items()}
+
+    def _answer(self, robot: _Robot, arrival: Arrival) -> Heightmap:
+        if robot.take_over():
+            self.swaps += 1
+        elif robot.give_up(arrival.now_ns):
+            self.given_up += 1
+        assert robot.service.last is not None  # noqa: S101 - it has been asked
+        return robot.service.last
+
+
+def _run(network: HeightmapNetwork, asked: list[tuple[Inputs, HeightmapService]]) -> list[Tick]:
+    """One call of the network for all."""
+    height, std, hidden = network.ticks(
+        np.array([inputs.image for inputs, _ in asked]),
+        np.array([inputs.age_s for inputs, _ in asked]),
+        np.array([inputs.new for inputs, _ in asked]),
+        np.array([inputs.features for inputs, _ in asked]),
+        np.array([service.hidden for _, service in asked]),
+    )
+    return [Tick(*rows) for rows in zip(height, std, hidden, strict=True)]

@@ -1,0 +1,94 @@
+"""One robot on the bus, as the heightmap process sees it."""
+
+from saltus.heightmap.service.fleet import Arrival
+from saltus.runtime.process import ProcessContext
+from saltus.runtime.ticker import freshness
+from saltus.wire.bus import Sample
+from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
+
+
+class RobotLink:
+    """Takes a robot's states and frames, and publishes its heightmaps.
+
+    Args:
+        context: Of that robot's run.
+    """
+
+    def __init__(self, context: ProcessContext) -> None:
+        self.context = context
+        self.ticks = 0
+        """Heightmaps so far."""
+        self._states = context.bus.latest("controller/state")
+        self._frames = context.bus.latest("camera/depth")
+        self._heightmaps = context.bus.publisher("heightmap/heightmap")
+        self._done = context.bus.publisher("done", context.name)
+        self._lockstep = context.config.pace == "lockstep"
+        self._robot: bytes | None = None
+        self._asked: Sample | None = None
+        self._frame: Sample | None = None
+        self._frame_id = -1
+        self._status = HeightmapStatus.WARMING
+
+    @property
+    def name(self) -> str:
+        """Prefix of the robot's keys."""
+        return self.context.bus.prefix
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the next state should arrive, to go by the last one and the rate of states (monotonic clock)."""
+        last_ns = self._states.last_arrival_ns
+        return None if last_ns is None else last_ns + round(1e9 / self._states.topic.rate_hz)
+
+    def take(self) -> Arrival | None:
+        """Returns what the robot asks now, if it does; never waits.
+
+        In lockstep a state asks only when the frame that is due with it has come, or not at all if a newer one comes
+        first. In real time a state that is too old to be used asks nothing.
+        """
+        if not self._lockstep:
+            self._take_frame()  # decoded before anybody waits for what is made of it
+        self._asked = self._states.take() or self._asked
+        if self._asked is None:
+            return None
+        state: RobotState = self._asked.message
+        boot = self._asked.envelope.boot_id
+        if boot != self._robot:  # another robot, or one that has started anew
+            self._robot = boot
+            if self._lockstep:  # an image of the last run is not the one that is due
+                self._frame, self._frame_id = None, -1
+        self._take_frame()
+        if self._lockstep:
+            if self._frame_id < state.depth_due:
+                return None
+            self.context.clock.set(state.time_ns)
+        self._asked = None
+        now_ns = self.context.clock.now_ns()
+        if not freshness(self._states.topic, state.time_ns, now_ns).usable:
+            return None
+        frame, self._frame = self._frame, None
+        return Arrival(
+            state=state,
+            robot_boot=boot,
+            frame=None if frame is None else frame.message,
+            camera_boot=None if frame is None else frame.envelope.boot_id,
+            now_ns=now_ns,
+        )
+
+    def _take_frame(self) -> None:
+        newest = self._frames.take()
+        if newest is not None:
+            self._frame, self._frame_id = newest, newest.message.frame_id
+
+    def answer(self, heightmap: Heightmap) -> None:
+        """Publishes; says once when the status changes."""
+        self._heightmaps.put(heightmap)
+        self._done.put(Done(time_ns=heightmap.time_ns, step=heightmap.step, process=self.context.name))
+        self.ticks += 1
+        if heightmap.status == self._status:
+            return
+        self._status = heightmap.status
+        late = heightmap.depth_age_s > self._frames.topic.degraded_age_s
+        lost = late and heightmap.status == HeightmapStatus.INVALID
+        code = "depth_lost" if lost else f"heightmap_{heightmap.status.name.lower()}"
+        self.context.event(code, f"step {heightmap.step}, image {heightmap.depth_age_s * 1e3:.0f} ms old")

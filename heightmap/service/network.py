@@ -1,0 +1,174 @@
+"""The exported network behind ONNX Runtime: checked when loaded, called once per tick."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saltus import depth, go1
+from saltus.errors import ModelError
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.model_file import ModelFile
+from saltus.wire.messages import Floats
+
+FORMAT = "saltus-heightmap-1"
+INPUTS = ("image", "age", "new", "proprioception", "hidden")
+OUTPUTS = ("height", "std", "hidden_out")
+KEPT_CALLS = 32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
+_TOLERANCE = 1e-6  # of a number that went through text
+
+
+def camera_metadata() -> dict[str, Any]:
+    """The camera that a model is trained for; a model made for another one is refused."""
+    return {
+        **asdict(depth.MODEL_CAMERA),
+        "range_m": depth.RANGE_M,
+        "position_m": go1.CAMERA_POSITION.tolist(),
+        "pitch_rad": go1.CAMERA_PITCH,
+    }
+
+
+class Inputs(NamedTuple):
+    """What one tick of one robot is computed from, next to its memory."""
+
+    image: Floats
+    """Depth in [0, 1] and validity, shape (2, 48, 16)."""
+    age_s: float
+    new: bool
+    features: Floats
+    """See `saltus.heightmap.service.features`, shape (n,)."""
+
+
+class Tick(NamedTuple):
+    """What one call returns; not checked."""
+
+    height: Floats
+    """[m], shape (30,)."""
+    std: Floats
+    """[m], shape (30,)."""
+    hidden: Floats
+    """Shape (hidden size,)."""
+
+
+class HeightmapNetwork:
+    """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
+
+    Raises:
+        ModelError: the file is unreadable, or one of its metadata or shapes does not fit this program; the message
+            names the field.
+    """
+
+    def __init__(self, path: Path) -> None:
+        file = ModelFile(path)
+        self.model_id = file.model_id
+        self._session = file.session
+        _check_metadata(file)
+        self.hidden_size = _checked_shapes(path, self._session)
+        self.warmup_frames = int(file.field("warmup_frames"))
+        self._calls: dict[int, _Call] = {}
+
+    def tick(self, image: Floats, age_s: float, new: bool, features: Floats, hidden: Floats) -> Tick:
+        """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
+        height, std, hidden_out = self._call(1).run((image, age_s, new, features, hidden))
+        return Tick(height[0], std[0], hidden_out[0])
+
+    def ticks(self, image: Floats, age_s: Floats, new: NDArray[np.bool_], features: Floats, hidden: Floats) -> Tick:
+        """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
+        return Tick(*self._call(len(image)).run((image, age_s, new, features, hidden)))
+
+    def _call(self, robots: int) -> "_Call":
+        if robots not in self._calls:
+            if len(self._calls) >= KEPT_CALLS:
+                self._calls.clear()
+            self._calls[robots] = _Call(self._session, robots, self.hidden_size)
+        return self._calls[robots]
+
+
+class _Call:
+    """Calls of the network for so many robots, in memory that is bound to it once: half the cost of arguments."""
+
+    def __init__(self, session: Any, robots: int, hidden_size: int) -> None:
+        shapes = _shapes(hidden_size)
+        self._session, self._binding = session, session.io_binding()
+        self._inputs = [np.zeros((robots, *shapes[name]), np.float32) for name in INPUTS]
+        self._outputs = [np.zeros((robots, *shapes[name]), np.float32) for name in OUTPUTS]
+        for name, array in zip(INPUTS, self._inputs, strict=True):
+            self._binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        for name, array in zip(OUTPUTS, self._outputs, strict=True):
+            self._binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+
+    def run(self, values: Iterable[ArrayLike]) -> list[Floats]:
+        """Takes what `INPUTS` names and returns what `OUTPUTS` names, in arrays of their own."""
+        for array, value in zip(self._inputs, values, strict=True):
+            array[...] = value
+        self._session.run_with_iobinding(self._binding)
+        return [array.copy() for array in self._outputs]
+
+
+def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
+    """Of all inputs and outputs, without the dimension of robots."""
+    points = [len(HEIGHTMAP_X)]
+    return {
+        "image": [2, depth.MODEL_CAMERA.height, depth.MODEL_CAMERA.width],
+        "age": [],
+        "new": [],
+        "proprioception": [len(PROPRIOCEPTION)],
+        "hidden": [hidden_size],
+        "height": points,
+        "std": points,
+        "hidden_out": [hidden_size],
+    }
+
+
+def _check_metadata(file: ModelFile) -> None:
+    """Refuses a model whose meaning differs from what this program would feed and read."""
+    expected: dict[str, Any] = {
+        "format": FORMAT,
+        "grid_m": HEIGHTMAP_X.tolist(),
+        "camera": camera_metadata(),
+        "proprioception": list(PROPRIOCEPTION),
+    }
+    for name, wanted in expected.items():
+        found = file.field(name)
+        for where, left, right in _leaves(name, found, wanted):
+            if not _same(left, right):
+                raise ModelError(f"model {file.path} does not fit: '{where}' is {left!r}, this program needs {right!r}")
+    for name, low, high in (("warmup_frames", 1, 500), ("nominal_delay_s", 0.0, 0.5)):
+        found = file.field(name)
+        if isinstance(found, bool) or not isinstance(found, int | float) or not low <= found <= high:
+            raise ModelError(f"model {file.path} does not fit: '{name}' is {found!r}, expected {low} to {high}")
+    if not isinstance(file.field("warmup_frames"), int):
+        raise ModelError(f"model {file.path} does not fit: 'warmup_frames' must be a whole number")
+
+
+def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:
+    """Pairs of values to compare; a structure that differs is one unequal pair."""
+    if isinstance(wanted, dict) and isinstance(found, dict) and wanted.keys() == found.keys():
+        return [leaf for key in wanted for leaf in _leaves(f"{where}.{key}", found[key], wanted[key])]
+    if isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):
+        pairs = enumerate(zip(found, wanted, strict=True))
+        return [leaf for i, (left, right) in pairs for leaf in _leaves(f"{where}[{i}]", left, right)]
+    return [(where, found, wanted)]
+
+
+def _same(found: Any, wanted: Any) -> bool:
+    if isinstance(wanted, float) and isinstance(found, int | float):
+        return abs(found - wanted) <= _TOLERANCE
+    return type(found) is type(wanted) and found == wanted
+
+
+def _checked_shapes(path: Path, session: Any) -> int:
+    """Size of the hidden state; every input and output must have the shape that the service feeds and reads."""
+    shapes = {value.name: list(value.shape[1:]) for value in (*session.get_inputs(), *session.get_outputs())}
+    hidden = shapes.get("hidden", [None])[0]
+    wanted = _shapes(hidden)
+    for name in (*INPUTS, *OUTPUTS):
+        if shapes.get(name) != wanted[name]:
+            raise ModelError(f"model {path} does not fit: '{name}' has shape {shapes.get(name)}, not {wanted[name]}")
+    if not isinstance(hidden, int):
+        raise ModelError(f"model {path} does not fit: the size of 'hidden' is not fixed")
+    return hidden

@@ -1,0 +1,118 @@
+"""The heightmap process: answers every state of every robot with a heightmap, and takes in new models."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from saltus.errors import ModelError
+from saltus.heightmap.service.fleet import Arrival, FleetService
+from saltus.heightmap.service.link import RobotLink
+from saltus.heightmap.service.model_inbox import FILE, ModelInbox
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.rehearsal import Rehearsal
+from saltus.resources import resource
+from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
+
+WAIT_S = 0.1
+"""At most, for messages: proof of life, a new model and the wish to stop want to be looked after without any."""
+REFUSED = "model/refused"
+"""What models that were refused are counted under, beside refused messages."""
+
+
+class HeightmapProcess:
+    """Wires the service to buses and clocks.
+
+    A model that is put into the folder of the run (`saltus.heightmap.service.model_inbox`) replaces the one in use, in
+    real time only:
+    a lockstep run must repeat.
+
+    Args:
+        contexts: One for each robot; the first one's configuration and folder are those of all. Their buses share one
+            bell.
+    """
+
+    def __init__(self, contexts: Sequence[ProcessContext]) -> None:
+        first = contexts[0]
+        chosen = first.config.heightmap_model
+        network = HeightmapNetwork(Path(chosen) if chosen else resource("models/heightmap.onnx"))
+        self._bell = first.bus.bell
+        self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
+        self._fleet = FleetService(network, self._links)
+        self._lockstep = first.config.pace == "lockstep"
+        self.rehearsal = Rehearsal(first)
+        self._asked: Arrival | None = None  # what the next rehearsal repeats; none in lockstep
+        self._inbox = ModelInbox(first.run_dir / FILE)
+        self._next_look_s = 0.0
+        self._told = (0, 0)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Answers until it is told to stop. Without robot states it only shows that it is alive."""
+        while not (stopped() or any(link.context.stopped for link in self._links.values())):
+            for link in self._links.values():
+                link.context.beat(ticks=link.ticks)
+            if not self._lockstep:
+                self._look_for_model()
+            heard = self._bell.rings
+            if not self._answer():
+                self._wait(heard)
+        self._inbox.close()
+
+    def _wait(self, heard: int) -> None:
+        """Waits for messages; in real time it rehearses, once after each answer, before the next state is due."""
+        asked = self._asked
+        rehearse_in_s = None if asked is None else self._rehearse_in_s()
+        if asked is None or rehearse_in_s is None:
+            self._bell.wait(heard, WAIT_S)
+            return
+        self._bell.wait(heard, rehearse_in_s)
+        if self._bell.rings == heard:
+            self._asked = None
+            self.rehearsal.play(self._fleet.network, asked)
+
+    def _rehearse_in_s(self) -> float | None:
+        """When the rehearsal for the first state that is due must begin [s from now]; None where it is too late."""
+        first_ns = time.monotonic_ns() + self.rehearsal.lead_ns
+        ahead_ns = [link.due_ns - first_ns for link in self._links.values() if link.due_ns is not None]
+        return min((1e-9 * each for each in ahead_ns if each > 0), default=None)
+
+    def _answer(self) -> bool:
+        """Answers whoever asks; returns whether anybody did."""
+        arrivals = {}
+        for name, link in self._links.items():
+            arrival = link.take()
+            if arrival is not None:
+                arrivals[name] = arrival
+                self._asked = None if self._lockstep else arrival
+        # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
+        # on who else asks at the same moment.
+        batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]
+        for batch in batches:
+            for name, heightmap in self._fleet.step(batch).items():
+                self._links[name].answer(heightmap)
+        return bool(arrivals)
+
+    def _look_for_model(self) -> None:
+        """Twice a second: whether a model was given, and what became of the last one."""
+        if time.monotonic() < self._next_look_s:
+            return
+        self._next_look_s = time.monotonic() + STATUS_PERIOD_S
+        try:
+            network = self._inbox.poll()
+        except ModelError as error:
+            self._tell("model_refused", str(error), refused=True)
+            return
+        if network is not None:
+            self._fleet.use(network)
+            self._tell("model_accepted", f"model {network.model_id} warms up")
+        swaps, given_up = self._fleet.swaps, self._fleet.given_up
+        if swaps > self._told[0]:
+            self._tell("model_swapped", f"{swaps} of this service so far")
+        if given_up > self._told[1]:
+            self._tell("model_refused", "its answers did not become as good as those of the one in use", refused=True)
+        self._told = swaps, given_up
+
+    def _tell(self, code: str, detail: str, *, refused: bool = False) -> None:
+        for link in self._links.values():
+            if refused:
+                link.context.bus.rejected[REFUSED] += 1
+            link.context.event(code, detail)

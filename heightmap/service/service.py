@@ -1,0 +1,256 @@
+"""The heightmap service: robot states and depth frames in, one heightmap with a status for every state out."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from saltus.depth import ModelImage, model_image
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.service.features import proprioception_of
+from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
+from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
+from saltus.heightmap.service.stuck_output import StuckOutput
+from saltus.wire.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.topics import TOPICS
+
+MAX_HEIGHT_M = 1.5  # nothing that the robot can jump is further above or below its base
+MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's memory is a weighted mean of values in (-1, 1)
+BAD_OUTPUTS_TO_INVALID = 3  # at 100 Hz: one bad output is bridged, three are a fault
+DEGRADED_INVALID_PIXELS = 0.3
+INVALID_INVALID_PIXELS = 0.8
+MAX_MISSED_FRAMES = 5  # after a longer gap the memory no longer tells where the robot is
+MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
+DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
+LOSS_MARGIN_S = 0.020
+"""Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
+is said at this one."""
+UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
+
+_DEPTH = TOPICS["camera/depth"]
+_DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """An image that has arrived."""
+
+    image: Floats
+    """Depth and validity, shape (2, 48, 16)."""
+    invalid_fraction: float
+    time_ns: int
+    frame_id: int
+    arrival_ns: int
+
+
+class HeightmapService:
+    """Holds the memory of one robot; one call of `step` for each robot state.
+
+    A frame has an effect once: duplicates, frames older than the one in use, frames from the future and frames so old
+    that they must not be used are ignored. Nor is the network shown an image with hardly a valid pixel: it has nothing
+    to say, and the last one has. The memory is replaced only by one that is finite and plausible.
+
+    Args:
+        model: ONNX file, or a network that is loaded already, which several services may share.
+
+    Raises:
+        ModelError: the model is unreadable or does not fit.
+    """
+
+    _hidden: Floats
+
+    def __init__(self, model: Path | HeightmapNetwork) -> None:
+        self._network = model if isinstance(model, HeightmapNetwork) else HeightmapNetwork(model)
+        self._low, self._high = _bounds(self._network.hidden_size)
+        self.reset()
+
+    @property
+    def model_id(self) -> str:
+        """First 16 hexadecimal digits of the model file's sha256."""
+        return self._network.model_id
+
+    @property
+    def network(self) -> HeightmapNetwork:
+        """The network that is to be run between `prepare` and `finish`."""
+        return self._network
+
+    @property
+    def warm(self) -> bool:
+        """Whether the memory has met as many images as the model needs, whatever the status says of the last ones."""
+        return self._frames >= self._network.warmup_frames
+
+    @property
+    def hidden(self) -> Floats:
+        """The memory, shape (hidden size,)."""
+        return self._hidden
+
+    @property
+    def last(self) -> Heightmap | None:
+        """The newest answer."""
+        return self._last
+
+    def reset(self) -> None:
+        """Forgets everything: for a robot that has started anew."""
+        self._view: _View | None = None  # what the network is shown
+        self._newest: _View | None = None  # the same, unless hardly a pixel of it is valid
+        self._started_ns: int | None = None
+        self._last: Heightmap | None = None
+        self._stuck = StuckOutput()
+        self._forget()
+
+    def new_camera(self) -> None:
+        """Forgets what was seen: for a camera that has started anew, and counts its images anew."""
+        self._view = self._newest = None
+        self._forget()
+
+    def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
+        """Advances by one tick.
+
+        Args:
+            state: A state with a step that was answered already gets the same answer again; an older one, the newest.
+            frame: A frame that has arrived since the last call; None where none has.
+            now_ns: The run's clock.
+
+        Returns:
+            The heightmap at the time of `state`.
+        """
+        inputs = self.prepare(state, frame, now_ns)
+        if inputs is None:
+            assert self._last is not None  # noqa: S101 - only a state that was answered needs no inputs
+            return self._last
+        return self.finish(state, inputs, self._network.tick(*inputs, self._hidden), now_ns)
+
+    def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Inputs | None:
+        """First part of `step`: takes the frame in and says what the network is to be given, beside `hidden`.
+
+        Returns:
+            None where the state was answered already, by `last`.
+        """
+        if self._last is not None and state.step <= self._last.step:
+            return None
+        if self._started_ns is None:
+            self._started_ns = now_ns
+        new = frame is not None and self._accept(frame, now_ns)
+        features = proprioception_of(state)
+        if self._view is None:
+            return Inputs(_blank_image(), math.inf, False, features)
+        age_s = max(0.0, (state.time_ns - self._view.time_ns) * 1e-9)
+        return Inputs(self._view.image, age_s, new, features)
+
+    def finish(self, state: RobotState, inputs: Inputs, tick: Tick, now_ns: int) -> Heightmap:
+        """Second part of `step`: judges what the network made of `inputs` and `hidden`, and answers."""
+        if self._plausible(tick):
+            self._hidden = tick.hidden
+            self._bad_outputs = 0
+            status = self._input_status(state, now_ns)
+            if self._stuck.step(inputs, tick, state.time_ns):
+                status = max(status, HeightmapStatus.DEGRADED)
+            heightmap = self._heightmap(state, tick, status)
+        else:
+            heightmap = self._hold(state, now_ns)
+        self._last = heightmap
+        return heightmap
+
+    def _plausible(self, tick: Tick) -> bool:
+        """No comparison with NaN is true, so that this also asks for finite numbers."""
+        values = np.concatenate(tick)
+        inside = values >= self._low
+        inside &= values <= self._high
+        return np.count_nonzero(inside) == inside.size
+
+    def _forget(self) -> None:
+        self._hidden = np.zeros(self._network.hidden_size, np.float32)
+        self._frames = 0
+        self._loss = FrameLoss()  # what was lost before does not weaken a memory that begins now
+        self._bad_outputs = 0
+
+    def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
+        """Takes a frame into use if it is news."""
+        age_s = (now_ns - frame.time_ns) * 1e-9
+        if not -MAX_FUTURE_S <= age_s <= _DEPTH.invalid_age_s:
+            return False
+        newest = self._newest
+        if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
+            return False
+        image = model_image(frame)
+        invalid_fraction = 1.0 - np.count_nonzero(image.valid) / image.valid.size
+        self._newest = _View(_network_image(image), invalid_fraction, frame.time_ns, frame.frame_id, now_ns)
+        blind = self._newest.invalid_fraction > INVALID_INVALID_PIXELS
+        if not blind:
+            gap_s = 0.0 if self._view is None else (frame.time_ns - self._view.time_ns) * 1e-9
+            if gap_s * _DEPTH.rate_hz > MAX_MISSED_FRAMES + 1.5:
+                self._forget()
+            self._view = self._newest
+            self._frames += 1
+        self._loss.accept(frame.frame_id, frame.time_ns)
+        return not blind
+
+    def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
+        """The worst of what is known about the input."""
+        extra = _DEPTH.max_extra_age_s
+        newest, view = self._newest, self._view
+        if newest is None:
+            waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
+            return HeightmapStatus.INVALID if waiting_s > _DEPTH.invalid_age_s else HeightmapStatus.WARMING
+        if view is None or view is not newest:
+            return HeightmapStatus.INVALID
+        age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
+        silent_s = (now_ns - view.arrival_ns) * 1e-9
+        if age_s > _DEPTH.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
+            return HeightmapStatus.INVALID
+        late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
+        patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
+        if late or patchy:
+            return HeightmapStatus.DEGRADED
+        return HeightmapStatus.OK if self.warm else HeightmapStatus.WARMING
+
+    def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
+        """Answers in place of an output that cannot be used: the memory stays as it was."""
+        self._bad_outputs += 1
+        status = max(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
+        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:
+            status = HeightmapStatus.INVALID
+        if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID:
+            self._forget()
+            self._bad_outputs = BAD_OUTPUTS_TO_INVALID  # INVALID until an output is good again
+        if self._last is not None:
+            return replace(self._heightmap(state, None, status), height=self._last.height, std=self._last.std)
+        return self._heightmap(state, None, status)
+
+    def _heightmap(self, state: RobotState, tick: Tick | None, status: HeightmapStatus) -> Heightmap:
+        view = self._view
+        unknown = np.zeros(len(HEIGHTMAP_X), np.float32)
+        return Heightmap(
+            time_ns=state.time_ns,
+            step=state.step,
+            x=HEIGHTMAP_X,
+            height=unknown if tick is None else tick.height,
+            std=unknown + UNKNOWN_STD_M if tick is None else tick.std,
+            status=status,
+            depth_age_s=math.inf if view is None else (state.time_ns - view.time_ns) * 1e-9,
+            frame_id=-1 if view is None else view.frame_id,
+            model_id=self._network.model_id,
+        )
+
+
+def _bounds(hidden_size: int) -> tuple[Floats, Floats]:
+    """Within what the outputs of a tick are plausible, one after the other."""
+    sizes = (len(HEIGHTMAP_X), len(HEIGHTMAP_X), hidden_size)
+    low = np.repeat(np.array((-MAX_HEIGHT_M, np.finfo(np.float32).tiny, -MAX_HIDDEN), np.float32), sizes)
+    return low, np.repeat(np.array((MAX_HEIGHT_M, MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
+
+
+def _network_image(image: ModelImage) -> Floats:
+    """Depth and validity, shape (2, 48, 16)."""
+    layers = np.empty((2, *image.depth.shape), np.float32)
+    layers[0] = image.depth
+    layers[1] = image.valid
+    return layers
+
+
+def _blank_image() -> Floats:
+    """What the network sees before the first frame: nothing valid."""
+    blank = np.zeros((2, 48, 16), np.float32)
+    blank[0] = 1.0
+    return blank

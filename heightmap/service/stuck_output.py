@@ -1,0 +1,40 @@
+"""Notices a network whose answer no longer depends on what it is asked."""
+
+import numpy as np
+
+from saltus.heightmap.service.network import Inputs, Tick
+
+STUCK_NS = 1_000_000_000
+"""A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to the last bit."""
+
+
+class StuckOutput:
+    """Watches for outputs that stay the same, to the bit, while the inputs change."""
+
+    def __init__(self) -> None:
+        self._since_ns = 0
+        self._tick: Tick | None = None
+        self._inputs: Inputs | None = None
+
+    def step(self, inputs: Inputs, tick: Tick, time_ns: int) -> bool:
+        """Returns whether the output has been the same for more than a second.
+
+        Args:
+            inputs: What the network was given.
+            tick: What it answered.
+            time_ns: Time of the robot state.
+        """
+        first, asked = self._tick, self._inputs
+        if first is None or asked is None or not _same_output(first, tick):
+            self._since_ns, self._tick, self._inputs = time_ns, tick, inputs
+            return False
+        return time_ns - self._since_ns > STUCK_NS and not _same_input(asked, inputs)
+
+
+def _same_output(left: Tick, right: Tick) -> bool:
+    return left.height.tobytes() == right.height.tobytes() and left.std.tobytes() == right.std.tobytes()
+
+
+def _same_input(left: Inputs, right: Inputs) -> bool:
+    """Image and features: the age of an image changes with every tick, whatever there is to see."""
+    return np.array_equal(left.image, right.image) and np.array_equal(left.features, right.features)

@@ -1,0 +1,78 @@
+"""Loads a model in a process of its own and runs it for a while: what crashes here cannot crash a robot's service.
+
+    python -m saltus.heightmap.service.trial_load FILE
+
+Prints the model's id; a model that cannot be used ends in one line on stderr and exit code 2.
+"""
+
+import os
+import resource
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from saltus.errors import ModelError, SaltusError
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.replay import AssumeLevel
+from saltus.heightmap.service.service import HeightmapService
+from saltus.wire.messages import DepthFrame, HeightmapStatus
+from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
+
+WARM_TICKS = 200
+"""After the warm-up: two seconds, in which a memory that grows and an output that is stuck are noticed."""
+MEMORY_BYTES = 8 << 30  # of addresses, most of which ONNX Runtime never touches
+CPU_S = 20
+NICENESS = 10  # the robots go first
+
+
+def try_out(path: Path) -> HeightmapNetwork:
+    """Loads a model and runs it in a service, on made-up images of a robot that stands.
+
+    Raises:
+        ModelError: it is damaged, does not fit, or the service does not become and stay OK with it.
+    """
+    network = HeightmapNetwork(path)
+    service = HeightmapService(network)
+    rng = np.random.default_rng(0)
+    frames = [_frame(i, rng) for i in range(network.warmup_frames + WARM_TICKS)]
+    for tick, (state, frame) in enumerate(zip(AssumeLevel().states(frames), frames, strict=True)):
+        answer = service.step(state, frame, state.time_ns)
+        expected = HeightmapStatus.OK if tick >= network.warmup_frames else HeightmapStatus.WARMING
+        if answer.status > expected:
+            raise ModelError(
+                f"model {path} fails its trial: after {tick} good images the heightmap is {answer.status.name}"
+            )
+    return network
+
+
+def _frame(index: int, rng: np.random.Generator) -> DepthFrame:
+    camera = MODEL_CAMERA
+    return DepthFrame(
+        time_ns=round(1e9 * (CAMERA_PERIOD_S * index - CAMERA_LATENCY_S)),
+        frame_id=index,
+        depth=rng.integers(300, 2500, (camera.height, camera.width)).astype(np.uint16),
+        depth_unit_m=MILLIMETRE,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+    )
+
+
+def main() -> int:
+    """Tries the file of the command line."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+    try:
+        sys.stdout.write(f"{try_out(Path(sys.argv[1])).model_id}\n")
+    except SaltusError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,240 @@
+"""DAgger: rounds of letting the newest predictor lead robots, and of training the next one on everything collected.
+
+A run of it is a folder:
+
+    dagger.json      how it was begun; a run that goes on must be the same
+    dataset/         one shard a round, after those that it began with
+    start/           the predictor that it began with, if any
+    round_000/       heightmap.pt, heightmap.onnx and heightmap.md: the predictor that was trained on rounds up to 0
+
+Every file and folder appears whole or not at all, and each follows from the seed and what was there before. So a run
+that was killed goes on with the round it was in, from the beginning of its collection or of its training, and gives
+what it would have given.
+"""
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from saltus.config import check_at_least
+from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.inventory import merge
+from saltus.heightmap.data.ray_workers import in_order_on_ray
+from saltus.heightmap.data.shards import (
+    DatasetError,
+    Episode,
+    dataset_hash,
+    file_sha256,
+    read_manifest,
+    read_records,
+    refuse_twice,
+    write_shard,
+    write_whole,
+)
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.release import release
+from saltus.heightmap.training.train import FURTHER_RATE, Progress, TrainConfig, load_checkpoint, train
+from saltus.heightmap.training.validate import MIN_WARMUP
+from saltus.workers import in_order
+
+SOURCE = "dagger"
+CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
+BEGUN = "dagger.json"
+
+Key = tuple[int, int, int]
+"""Of a batch: seed, round, number."""
+Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
+"""Makes batches from a predictor and their keys, in the order of the keys."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaggerConfig:
+    """What a run is; all of it but the number of rounds stays as it was begun.
+
+    Raises:
+        ConfigError: no rounds, no batches, or no updates.
+    """
+
+    rounds: int = 3
+    batches: int = 8
+    """In a round."""
+    updates: int = 1500
+    """Gradient steps in a round."""
+    batch: int = 32
+    """Windows in a gradient step."""
+    seed: int = 0
+    loop: ClosedLoop = field(default_factory=ClosedLoop)
+
+    def __post_init__(self) -> None:
+        check_at_least(self, rounds=1, batches=1, updates=1, batch=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collected:
+    """Where the collection of a round is."""
+
+    round: int
+    batches: int
+    """That are done."""
+    ticks: int
+    """Labelled steps of 10 ms in them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observer:
+    """What is told about a run while it goes on."""
+
+    collected: Callable[[Collected], None]
+    trained: Callable[[int, Progress], None]
+    """Gets the round, too."""
+
+
+def dagger(
+    directory: Path,
+    config: DaggerConfig,
+    observer: Observer,
+    *,
+    start: Path | None = None,
+    base: Path | None = None,
+    processes: int | None = None,
+    cluster: str | None = None,
+) -> Path:
+    """Runs rounds until there are `config.rounds` of them, going on where it was interrupted.
+
+    Args:
+        directory: Of the run.
+        config: What to do.
+        observer: Is told how far it is.
+        start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and trains from nothing.
+        base: Dataset whose shards stand before the first round's, and are trained on as well.
+        processes: That collect; one for each core where it is not given. The data do not depend on it.
+        cluster: They are those of a Ray cluster, see `saltus.heightmap.data.ray_workers`; the data do not depend on
+        this either.
+
+    Returns:
+        The newest predictor's ONNX file.
+
+    Raises:
+        DatasetError: the folder holds a run of another configuration, or a dataset is missing or damaged.
+        ModelError: `start` is no checkpoint.
+        ConfigError: there is no Ray, or it is asked for a number of processes that is not its to choose.
+        StackError: the cluster cannot be reached, or its hosts cannot do the work.
+    """
+    if start is not None:
+        load_checkpoint(start)  # what is wrong is said before anything is written down
+    elif base is not None and not (directory / BEGUN).exists():
+        refuse_twice(base, read_records(base), config.seed, _table(config, 0, "true"))
+    directory.mkdir(parents=True, exist_ok=True)
+    _remember(directory, config, start, base)
+    data = directory / "dataset"
+    if base is not None and not read_manifest(data):
+        merge([base], data)
+    begun_with = 0 if base is None else len({record.sha256 for record in read_manifest(base)})
+    before = None if start is None else _started(directory / "start", start)
+    for index in range(config.rounds):
+        if index >= len(read_manifest(data)) - begun_with:
+            _collect(data, index, before, config, observer, partial(_batches, config.loop, processes, cluster))
+        folder = directory / f"round_{index:03d}"
+        if not folder.exists():
+            _train(folder, index, before, config, observer)
+        before = folder
+    return folder / MODEL
+
+
+def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: Path | None) -> None:
+    """Writes down how a run began, or compares with how it did."""
+    wanted = {
+        **{name: value for name, value in asdict(config).items() if name != "rounds"},
+        "start": start and file_sha256(start),
+        "base": base and dataset_hash(read_records(base)),
+    }
+    path = directory / BEGUN
+    if not path.exists():
+        write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n"))
+        return
+    try:
+        begun = json.loads(path.read_text())
+        for name, value in wanted.items():
+            if begun[name] != value:
+                raise DatasetError(f"{path}: this run was begun with {name} = {begun[name]}, not {value}")
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} is damaged: {error}") from error
+
+
+def _started(folder: Path, start: Path) -> Path:
+    """A folder like that of a round, made of the checkpoint to begin with."""
+    if not folder.exists():
+        with _whole(folder) as partial_folder:
+            shutil.copyfile(start, partial_folder / CHECKPOINT)
+            model, training = load_checkpoint(start)
+            # Its warm-up is the service's business: nothing reads it here, so it is not measured.
+            origin = Origin(warmup_frames=MIN_WARMUP, dataset=training["dataset"], seed=training["config"]["seed"])
+            export(model, partial_folder / MODEL, origin)
+    return folder
+
+
+def _batches(
+    loop: ClosedLoop, processes: int | None, cluster: str | None, model: Path | None, keys: Sequence[Key]
+) -> Generator[list[Episode], None, None]:
+    """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
+    if cluster is not None:
+        return in_order_on_ray(loop.episodes, model, keys, cluster, processes)
+    return in_order(partial(loop.episodes, model), keys, processes)
+
+
+def _collect(
+    data: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer, batches: Batches
+) -> None:
+    model = None if before is None else before / MODEL
+    keys = [(config.seed, index, batch) for batch in range(config.batches)]
+    table = _table(config, index, "true" if model is None else HeightmapNetwork(model).model_id)
+    # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
+    with closing(batches(model, keys)) as made:
+        write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)
+
+
+def _table(config: DaggerConfig, index: int, heights: str) -> dict[str, Any]:
+    """What the manifest says of a round."""
+    return {"source": SOURCE, "round": index, "batches": config.batches, **asdict(config.loop), "heights": heights}
+
+
+def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -> Iterator[Episode]:
+    ticks = 0
+    for done, episodes in enumerate(batches, start=1):
+        yield from episodes
+        ticks += sum(len(episode.height) for episode in episodes)
+        observer.collected(Collected(round=index, batches=done, ticks=ticks))
+
+
+def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer) -> None:
+    """Trains on all rounds so far, begins with the last predictor, and exports and measures the next."""
+    further = TrainConfig(
+        updates=config.updates,
+        batch=config.batch,
+        seed=config.seed + index,
+        save_every_s=math.inf,  # one that is resumed draws other windows: it would not give the same predictor
+    )
+    if before is not None:
+        further = replace(further, learning_rate=FURTHER_RATE)
+    data = folder.parent / "dataset"
+    with _whole(folder) as partial_folder:
+        checkpoint = partial_folder / CHECKPOINT
+        train(data, checkpoint, further, partial(observer.trained, index), start=before and before / CHECKPOINT)
+        release(checkpoint, data, partial_folder / MODEL)
+
+
+@contextmanager
+def _whole(folder: Path) -> Iterator[Path]:
+    """A folder to fill, which gets its name when that is done; what an interruption left of it is removed before."""
+    temporary = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    yield temporary
+    temporary.replace(folder)

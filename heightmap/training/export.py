@@ -1,0 +1,130 @@
+"""From a trained network to the ONNX file that the service runs."""
+
+import json
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
+from saltus.model_file import put_model
+from saltus.provenance import commit
+from saltus.wire.topics import CAMERA_LATENCY_S
+
+OPSET = 17
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """What a model was made from."""
+
+    warmup_frames: int
+    """Measured, see `saltus.heightmap.training.validate.warmup_frames`."""
+    dataset: str
+    seed: int
+
+
+class _Step(nn.Module):
+    """One tick with plain tensors in and out."""
+
+    def __init__(self, model: HeightmapModel) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(
+        self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        estimate, hidden = self.model.step(image, age, new, proprioception, hidden)
+        return estimate.height, estimate.log_std.exp(), hidden
+
+
+def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
+    """Writes the network as ONNX with everything that is needed to use it, whole or not at all, and its checksum."""
+    temporary = path.with_name(f".{path.name}.partial")
+    with warnings.catch_warnings():
+        # The exporter without onnxscript is announced to go away; the tests compare what it writes with torch.
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        torch.onnx.export(
+            _Step(model.cpu().eval()),
+            _example(model),
+            str(temporary),
+            input_names=list(INPUTS),
+            output_names=list(OUTPUTS),
+            dynamic_axes={name: {0: "batch"} for name in (*INPUTS, *OUTPUTS)},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+    file = onnx.load(temporary)
+    onnx.helper.set_model_props(file, {name: json.dumps(value) for name, value in metadata(model, origin).items()})
+    file.producer_name, file.doc_string = "saltus", ""
+    onnx.checker.check_model(file)
+    onnx.save(file, temporary)
+    put_model(temporary, path)
+
+
+def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
+    """What the file says about itself; `saltus.heightmap.service.network` refuses what does not fit."""
+    normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}
+    return {
+        "format": FORMAT,
+        "grid_m": HEIGHTMAP_X.tolist(),
+        "camera": camera_metadata(),
+        "proprioception": list(PROPRIOCEPTION),
+        "nominal_delay_s": CAMERA_LATENCY_S,
+        "warmup_frames": origin.warmup_frames,
+        "normalisation": normalisation,
+        "dataset": origin.dataset,
+        "commit": commit(),
+        "seed": origin.seed,
+    }
+
+
+def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
+    """Greatest difference of a height or standard deviation [m] between torch and the file.
+
+    Args:
+        model: The network in torch.
+        path: What was made of it.
+        inputs: One for each recurrent step.
+        reset_every: Both memories are emptied after so many steps.
+    """
+    network = HeightmapNetwork(path)
+    worst = 0.0
+    for step, given in enumerate(inputs):
+        if step % reset_every == 0:
+            hidden, torch_hidden = np.zeros(network.hidden_size, np.float32), torch.zeros(1, network.hidden_size)
+        height, std, hidden = network.tick(*given, hidden)
+        image, features = (torch.from_numpy(array)[None] for array in (given.image, given.features))
+        age, new = torch.tensor([given.age_s]), torch.tensor([float(given.new)])
+        with torch.no_grad():
+            estimate, torch_hidden = model.step(image, age, new, features, torch_hidden)
+        expected = (estimate.height[0].numpy(), estimate.log_std[0].exp().numpy())
+        differences = [np.abs(a - b).max() for a, b in zip((height, std), expected, strict=True)]
+        worst = float(np.max([worst, *differences]))  # which a number that is none comes through
+    return worst
+
+
+def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[Inputs]:
+    """Inputs in the range of what occurs, without rhyme or reason."""
+    mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
+    for _ in range(steps):
+        valid = rng.uniform(size=IMAGE_SHAPE[1:]) < rng.uniform(0.2, 1.0)
+        image = np.stack([np.where(valid, rng.uniform(size=valid.shape), 1.0), valid]).astype(np.float32)
+        features = (mean + spread * rng.normal(size=len(mean))).astype(np.float32)
+        yield Inputs(image, rng.uniform(0.03, 0.2), rng.uniform() < 0.5, features)
+
+
+def _example(model: HeightmapModel) -> tuple[Tensor, ...]:
+    """Arguments of `_Step` for two robots."""
+    images, ages, news, features = zip(*random_inputs(model, np.random.default_rng(0), 2), strict=True)
+    arrays = (np.stack(images), np.array(ages), np.array(news), np.stack(features), np.zeros((2, model.config.hidden)))
+    return tuple(torch.from_numpy(array.astype(np.float32)) for array in arrays)

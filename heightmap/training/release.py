@@ -1,0 +1,152 @@
+"""From a checkpoint to a model that can be shipped: exported, compared, measured, described."""
+
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from saltus.errors import ModelError
+from saltus.heightmap.data.delivery import TRAINING
+from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, motion, read_dataset, read_records
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.training.export import Origin, export, parity
+from saltus.heightmap.training.train import load_checkpoint, split
+from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames
+from saltus.model_file import put_model
+
+PARITY_STEPS = 1000
+MAX_DIFFERENCE_M = 1e-5
+MAX_BYTES = 3_000_000
+REGIONS = (
+    ("all 30 points", "mae_m"),
+    ("ahead, x >= 0.45 m (in view)", "ahead_m"),
+    ("between", "between_m"),
+    ("under and behind, x <= 0.2 m", "under_m"),
+)
+"""Rows of the card and fields of `Accuracy`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release:
+    """What was measured on a model file."""
+
+    model_id: str
+    warmup_frames: int
+    parity: float
+    """Greatest difference of an output from torch over 1,000 recurrent steps with resets [m]."""
+    clean: Accuracy
+    """Images 50 ms late, none lost."""
+    faulty: Accuracy
+    """Images 30 to 60 ms late with jitter and losses, as in training."""
+
+
+def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None = None) -> Release:
+    """Exports a checkpoint, measures the file on held-out episodes and writes its card beside it.
+
+    Args:
+        checkpoint: Of `saltus.heightmap.training.train`.
+        data: The dataset that it was trained on.
+        model_path: ONNX file to write; the card goes beside it with the suffix .md.
+        unseen: Dataset to measure on, none of whose episodes were trained on; those of the last training and of the
+            one that it began with are refused. Of `data` only the manifest is needed then: its shards may have stayed
+            on the machine that made them. Without it, what training held out.
+
+    Raises:
+        DatasetError: `data` is not what the checkpoint was trained on, or `unseen` is known to have been.
+        ModelError: the checkpoint cannot be read, or its file differs from it or is too large. What lay at
+            `model_path` is still there then.
+    """
+    model, training = load_checkpoint(checkpoint)
+    records = read_records(data)
+    if dataset_hash(records) != training["dataset"]:
+        raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
+    measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
+    held_out = split(read_dataset(data))[1] if unseen is None else read_dataset(unseen)
+    origin = Origin(warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
+    model_path.parent.mkdir(parents=True, exist_ok=True)
+    # Until all is measured the model that may be there stays.
+    with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:
+        candidate = Path(folder) / model_path.name
+        # The warm-up is measured on the file itself, so it is written twice.
+        export(model, candidate, origin)
+        warmup = warmup_frames(candidate, held_out)
+        export(model, candidate, replace(origin, warmup_frames=warmup))
+        inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
+        difference = parity(model, candidate, islice(inputs, PARITY_STEPS))
+        if not difference <= MAX_DIFFERENCE_M:
+            raise ModelError(
+                f"its ONNX file differs from {checkpoint} by {difference:.2g}: more than {MAX_DIFFERENCE_M:g}"
+            )
+        if candidate.stat().st_size > MAX_BYTES:
+            raise ModelError(f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than {MAX_BYTES}")
+        result = Release(
+            model_id=HeightmapNetwork(candidate).model_id,
+            warmup_frames=warmup,
+            parity=difference,
+            clean=accuracy(candidate, held_out),
+            faulty=accuracy(candidate, held_out, TRAINING),
+        )
+        put_model(candidate, model_path)
+    card_path(model_path).write_text(_card(result, training, records, f"{len(held_out)} of {measured_on}"))
+    return result
+
+
+def card_path(model_path: Path) -> Path:
+    """Where the card of a model lies."""
+    return model_path.with_suffix(".md")
+
+
+def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord]) -> str:
+    """Names a dataset that is not known to have been trained on.
+
+    Raises:
+        DatasetError: it has a shard, or the motion of one, that the last training saw, or is what the one before saw.
+    """
+    records = read_records(folder)
+    known = {motion(record.seed, record.config) for record in trained_on}
+    whole = training["start"] is not None and training["start"]["dataset"] == dataset_hash(records)
+    for record in records:
+        if whole or motion(record.seed, record.config) in known:
+            raise DatasetError(f"{folder / record.file} was trained on: it cannot say what a model is worth")
+    return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
+
+
+def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: str) -> str:
+    config, sizes = training["config"], training["config"]["model"]
+    shards = "\n".join(
+        f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | {r.commit} "
+        f"| {r.sha256[:16]} |"
+        for r in records
+    )
+    start = training["start"]
+    begun = f"with a network of {start['update']} updates on dataset {start['dataset']}" if start else "from nothing"
+    forgets = 100 * config.get("forgets", 0.0)  # older checkpoints do not name it
+    clean, faulty = result.clean, result.faulty
+    rows = [(name, 1e3 * getattr(clean, field), 1e3 * getattr(faulty, field)) for name, field in REGIONS]
+    rows += [(kind, 1e3 * value, 1e3 * faulty.terrain_mae_m[kind]) for kind, value in clean.terrain_mae_m.items()]
+    errors = "\n".join(f"| {name} | {left:.1f} | {right:.1f} |" for name, left, right in rows)
+    return f"""# Heightmap model {result.model_id}
+
+Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 terrain heights from 0.4 m behind to
+0.8 m ahead of the base, each with a standard deviation, out; 100 Hz. Convolutions with {sizes["channels"]} channels,
+one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in simulation only.
+
+Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
+
+| | images 50 ms late | 30 to 60 ms late, jitter, up to 8 % lost |
+|---|---|---|
+{errors}
+
+Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.coverage90:.2f}.
+Warm-up after a loss of memory, until the error ahead is within 10 % of an undisturbed run's: {result.warmup_frames}
+images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
+
+Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, seed {config["seed"]},
+rate {config["learning_rate"]:g}, {forgets:.0f} % of the windows without memory, begun {begun}, dataset
+{training["dataset"]}:
+
+| shard | source of motion | episodes | ticks | seed | commit | sha256 |
+|---|---|---|---|---|---|---|
+{shards}
+"""

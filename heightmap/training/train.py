@@ -1,0 +1,364 @@
+"""Trains the heightmap network: truncated back-propagation through windows with carried memory.
+
+`python -m saltus.heightmap.training.train --data FOLDER --out CHECKPOINT` does it where `saltus` is not installed.
+"""
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from saltus.config import check_at_least
+from saltus.errors import ConfigError, ModelError, SaltusError
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel
+from saltus.heightmap.data.shards import (
+    DatasetError,
+    ShardRecord,
+    dataset_hash,
+    file_sha256,
+    read_dataset,
+    read_records,
+)
+from saltus.heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
+from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.training.calibration import calibrate
+from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
+
+Item = TypeVar("Item")
+_SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
+_USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
+FIRST_RATE = 1e-3  # original
+FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
+_TELL_S = 5.0
+HELD_OUT = 10  # every tenth episode is for validation
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """How to train. Defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
+
+    Raises:
+        ConfigError: nothing to do, or a share that is none.
+    """
+
+    updates: int = 1500
+    batch: int = 32
+    window: int = 100
+    """Ticks between updates; the memory is carried across, its gradient is not."""
+    learning_rate: float = FIRST_RATE
+    weight_decay: float = 0.01  # original
+    gradient_norm: float = 1.0
+    noise: ImageNoise = TRAINING_NOISE
+    """On the images, as far as they do not have it already."""
+    delivery: DeliveryModel = TRAINING
+    """How late images come, and which are lost."""
+    forgets: float = 0.4
+    """Share of windows before which a robot loses its memory on the way, as it does after a long loss of images: its
+    first half second is then learned as well as the rest (docs/heightmap.md compares shares)."""
+    seed: int = 0
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    save_every_s: float = 60.0
+    model: ModelConfig = field(default_factory=ModelConfig)
+
+    def __post_init__(self) -> None:
+        check_at_least(self, updates=1, batch=1, window=1, forgets=0.0)
+        if self.forgets > 1.0:
+            raise ConfigError(f"forgets = {self.forgets}: it must be at most 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where training is."""
+
+    update: int
+    updates: int
+    loss: float
+    mae_m: float
+    """Over the last batch, noise and faults included."""
+    seconds: float
+    calibrates: bool = False
+    """All updates are done; the standard deviations are now fitted to held-out episodes, which takes a while."""
+
+
+def train(
+    data: Path,
+    checkpoint: Path,
+    config: TrainConfig,
+    progress: Callable[[Progress], None] | None = None,
+    start: Path | None = None,
+) -> HeightmapModel:
+    """Trains on a dataset until `config.updates`, going on from `checkpoint` where it is from the same training.
+
+    Args:
+        data: Directory of the dataset.
+        checkpoint: Written every `save_every_s`, at the end, and where it is interrupted: weights, optimiser, and what
+            they were made from.
+        config: How to train.
+        progress: Called about once a second, and before the calibration.
+        start: Checkpoint whose network to begin with, its normalisation included: for a further round of data.
+
+    Returns:
+        The trained network, on the CPU.
+
+    Raises:
+        ConfigError: there is no such device.
+        DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
+        ModelError: `start` is no checkpoint, or `checkpoint` one of another training (the message says what differs).
+        OSError: `checkpoint` cannot be written.
+    """
+    records, device = read_records(data), _device(config.device)
+    _ask_for_room(checkpoint)
+    known = load_checkpoint(start) if start else None
+    settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
+    origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
+    if start and known:
+        origin["start"] = {"sha256": file_sha256(start), **{name: known[1][name] for name in ("dataset", "update")}}
+    begun = _begun(checkpoint, origin)
+    store, held_out = _stores(data, records, device)
+    torch.manual_seed(config.seed)
+    model = known[0] if known else HeightmapModel(config.model, store.normalisation())
+    model.to(store.device).train()
+    optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    first = 0
+    if begun is not None:
+        model.load_state_dict(begun["model"])
+        optimiser.load_state_dict(begun["optimiser"])
+        first = int(begun["update"])
+    updates = _updates(model, optimiser, store, config, first)
+    began = saved = told = time.monotonic()
+    update = kept = first
+    try:
+        for update, (loss, error) in enumerate(updates, start=first + 1):
+            now, last = time.monotonic(), update == config.updates
+            if progress is not None and (now - told > 1.0 or last):
+                told = now
+                state = Progress(
+                    update=update, updates=config.updates, loss=float(loss), mae_m=float(error), seconds=now - began,
+                    calibrates=last,
+                )  # fmt: skip
+                progress(state)
+            if last:
+                calibrate(model, held_out, config.delivery, config.noise, config.seed)
+            if now - saved > config.save_every_s or last:
+                _save(checkpoint, origin, update, model, optimiser)
+                saved, kept = now, update
+    except KeyboardInterrupt:
+        done = min(update, config.updates - 1)  # with the last one the calibration is still to come
+        if done > kept:
+            _save(checkpoint, origin, done, model, optimiser)
+        raise
+    return model.cpu().eval()
+
+
+def _stores(data: Path, records: list[ShardRecord], device: torch.device) -> tuple[EpisodeStore, EpisodeStore]:
+    """Episodes to fit, and those held out."""
+    # Every round of the dataset is met equally often, however many episodes it has.
+    weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
+    true_depth = split([_has_true_depth(record) for record in records for _ in range(record.episodes)])
+    parts = zip(split(read_dataset(data)), weights, true_depth, strict=True)
+    fitted, held_out = (EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts)
+    return fitted, held_out
+
+
+def _updates(
+    model: HeightmapModel, optimiser: torch.optim.Optimizer, store: EpisodeStore, config: TrainConfig, first: int
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
+    # A resumed training draws other windows than before the interruption.
+    rng = np.random.default_rng([config.seed, first])
+    windows = store.windows(config.batch, config.window, config.delivery, config.noise, rng, forgets=config.forgets)
+    hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
+    for update, window in zip(range(first, config.updates), windows, strict=False):
+        for group in optimiser.param_groups:
+            group["lr"] = config.learning_rate * _schedule(update / config.updates)
+        estimate, hidden = run_window(model, window, hidden.detach())
+        loss = _loss(estimate, window)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_norm)
+        optimiser.step()
+        error = (estimate.height.detach() - window.height).abs().mean(-1)
+        yield loss.detach(), _masked_mean(error, window.valid)
+
+
+def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
+    """Episodes to fit and episodes to validate on; always the same ones of a dataset."""
+    fitted = [e for i, e in enumerate(episodes) if i % HELD_OUT != HELD_OUT - 1]
+    held_out = episodes[HELD_OUT - 1 :: HELD_OUT]
+    if not held_out:
+        raise DatasetError(f"{len(episodes)} episodes are too few: at least {HELD_OUT} are needed to hold one out")
+    return fitted, held_out
+
+
+def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
+    """The network of a checkpoint, on the CPU, and what it was made from.
+
+    Raises:
+        ModelError: the file is missing, or is no checkpoint of this network.
+    """
+    table = _read(checkpoint)
+    try:
+        sizes = table["origin"]["config"]["model"]
+        shapes = {name: table["model"][name] for name in Normalisation._fields}
+        config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
+        model = HeightmapModel(config, Normalisation(**shapes))
+        model.load_state_dict(table["model"])
+        return model.eval(), {**table["origin"], "update": table["update"]}
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error
+
+
+def _loss(estimate: Estimate, window: Window) -> Tensor:
+    """The absolute error, and how far the stated interval is from holding the share of errors that it should.
+
+    The first makes heights medians: where an edge may be here or there, a median is on one side of it and a mean is in
+    the air. The second is the quantile loss of the logarithm of the error, so that it asks the same of flat ground,
+    where errors are a millimetre, and of trenches. It leaves the heights alone.
+    """
+    error = (estimate.height - window.height).abs()
+    beyond = (error.detach() + _SMALLEST_M).log() - estimate.log_std - math.log(INTERVAL90)
+    quantile = torch.maximum(0.9 * beyond, -0.1 * beyond)
+    return _masked_mean((error / _USUAL_M + quantile).mean(-1), window.valid)
+
+
+def _has_true_depth(record: ShardRecord) -> bool:
+    """Whether the images of a shard were taken by a camera without errors; older shards do not name their camera."""
+    camera: str = record.config.get("camera", "ideal")
+    return camera == "ideal"
+
+
+def _masked_mean(value: Tensor, mask: Tensor) -> Tensor:
+    return (value * mask).sum() / mask.sum().clamp(min=1.0)
+
+
+def _schedule(share: float) -> float:
+    """Cosine from 1 to 0, after a short warm-up."""
+    return min(1.0, (share + 1e-3) / 0.02) * 0.5 * (1.0 + math.cos(math.pi * share))
+
+
+def _device(name: str) -> torch.device:
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device = cuda: no GPU found")
+    return torch.device(name)
+
+
+def _read(checkpoint: Path) -> dict[str, Any]:
+    try:
+        table = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise ModelError(f"cannot read checkpoint {checkpoint}: {error.strerror}") from error
+    except Exception as error:  # what a file that is something else makes of its unpickling
+        raise ModelError(f"{checkpoint} is no checkpoint: torch cannot read it") from error
+    if not isinstance(table, dict) or not {"origin", "update", "model", "optimiser"} <= table.keys():
+        raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
+    return table
+
+
+def _ask_for_room(checkpoint: Path) -> None:
+    """Finds out before the work whether its result can be written."""
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=checkpoint.parent):
+        pass
+
+
+def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
+    """What there is of this training; refuses what there is of another one."""
+    if not checkpoint.exists():
+        return None
+    table = _read(checkpoint)
+    if differs := ", ".join(_differences(table["origin"], origin)):
+        raise ModelError(f"{checkpoint} is of another training ({differs}): name another file, or remove it")
+    return table
+
+
+def _differences(before: dict[str, Any], now: dict[str, Any], where: str = "") -> Iterator[str]:
+    """What of the origin of a checkpoint is not that of this training."""
+    for name in (*now, *(name for name in before if name not in now)):
+        left, right = before.get(name), now.get(name)
+        if isinstance(left, dict) and isinstance(right, dict):
+            yield from _differences(left, right, f"{where}{name}.")
+        elif left != right:
+            yield f"{where}{name} = {left}, not {right}"
+
+
+def _save(
+    checkpoint: Path, origin: dict[str, Any], update: int, model: HeightmapModel, optimiser: torch.optim.Optimizer
+) -> None:
+    temporary = checkpoint.with_name(f".{checkpoint.name}.partial")
+    table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
+    torch.save(table, temporary)
+    temporary.replace(checkpoint)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Parses the command line and trains, with a line every few seconds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the dataset")
+    parser.add_argument("--out", type=Path, required=True, help="checkpoint to write, and to go on from")
+    parser.add_argument("--start", type=Path, help="checkpoint whose network to begin with, at a lower rate")
+    parser.add_argument("--updates", type=int, default=TrainConfig.updates)
+    parser.add_argument("--batch", type=int, default=TrainConfig.batch, help="windows in an update; 1024 fill a GPU")
+    parser.add_argument("--rate", type=float, help="learning rate")
+    parser.add_argument("--no-noise", action="store_true", help="learn from the images as they are in the data")
+    parser.add_argument("--delivery", choices=tuple(DELIVERIES), default="training", help="of images: late, at once")
+    parser.add_argument("--forgets", type=float, default=TrainConfig.forgets, help="share of windows without memory")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    given = parser.parse_args(arguments)
+    config = TrainConfig(
+        updates=given.updates,
+        batch=given.batch,
+        learning_rate=given.rate or (FURTHER_RATE if given.start else FIRST_RATE),
+        noise=NO_NOISE if given.no_noise else TRAINING_NOISE,
+        delivery=DELIVERIES[given.delivery],
+        forgets=given.forgets,
+        seed=given.seed,
+        device=given.device,
+    )
+    began = time.monotonic()
+    train(given.data, given.out, config, _Teller(began), start=given.start)
+    _say(f"{given.out} after {time.monotonic() - began:.0f} s")
+
+
+class _Teller:
+    """Prints how far a training is.
+
+    Args:
+        began: When the program did, by the monotonic clock [s].
+    """
+
+    def __init__(self, began: float) -> None:
+        self._began = began
+        self._first: Progress | None = None
+        self._told_s = 0.0
+
+    def __call__(self, now: Progress) -> None:
+        if self._first is None:
+            _say(f"data are loaded after {time.monotonic() - self._began - now.seconds:.0f} s")
+            self._first = now
+        elif now.seconds - self._told_s >= _TELL_S or now.update == now.updates:
+            speed = (now.update - self._first.update) / (now.seconds - self._first.seconds)
+            _say(f"{now.update} of {now.updates}: loss {now.loss:.3f}, {1e3 * now.mae_m:.1f} mm, {speed:.1f} updates/s")
+            self._told_s = now.seconds
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (SaltusError, OSError) as error:
+        sys.exit(str(error))

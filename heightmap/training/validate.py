@@ -1,0 +1,124 @@
+"""How good a model file is on episodes that it was not fitted to: errors by region and terrain, and its warm-up."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saltus.depth import MILLIMETRE, NOTHING, model_images
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
+from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.service.network import HeightmapNetwork, Inputs
+from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.wire.messages import Floats
+
+AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
+UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
+SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
+WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
+MIN_WARMUP = 5  # images: a few more than one bad one could decide for
+_AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """Mean absolute errors [m] and how honest the standard deviation is."""
+
+    mae_m: float
+    ahead_m: float
+    """Points that the camera can see: x >= 0.45 m."""
+    between_m: float
+    under_m: float
+    """Points below and behind the base: x <= 0.2 m."""
+    coverage90: float
+    """Share of errors within the 90 % interval, see `saltus.heightmap.service.quantiles`."""
+    terrain_mae_m: dict[str, float]
+    ticks: int
+
+
+def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
+    """Errors of a model file over whole episodes, images without noise.
+
+    Args:
+        model_path: ONNX file.
+        episodes: Held out of the training.
+        delivery: How images travel; by default 50 ms late and none lost.
+    """
+    network = HeightmapNetwork(model_path)
+    errors: list[Floats] = []
+    covered: list[float] = []
+    by_terrain: dict[str, list[float]] = {}
+    for episode in episodes:
+        height, std = run_episode(network, episode, delivery or DeliveryModel())
+        error = np.abs(height - episode.height)[SETTLED_TICKS:]
+        errors.append(error)
+        covered.append(float((error <= INTERVAL90 * std[SETTLED_TICKS:]).mean()))
+        by_terrain.setdefault(episode.terrain, []).append(float(error.mean()))
+    every = np.concatenate(errors)
+    return Accuracy(
+        mae_m=float(every.mean()),
+        ahead_m=float(every[:, _AHEAD].mean()),
+        between_m=float(every[:, ~_AHEAD & ~_UNDER].mean()),
+        under_m=float(every[:, _UNDER].mean()),
+        coverage90=float(np.mean(covered)),
+        terrain_mae_m={kind: float(np.mean(values)) for kind, values in sorted(by_terrain.items())},
+        ticks=len(every),
+    )
+
+
+def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50) -> int:
+    """Images after a loss of memory until the visible part is as good as with memory, within 10 %: 5 to `limit`.
+
+    Each episode runs once undisturbed and once with its memory lost in the middle; errors ahead are compared image by
+    image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
+    """
+    network = HeightmapNetwork(model_path)
+    ticks = limit * FRAME_TICKS
+    warm, cold = np.zeros(limit), np.zeros(limit)
+    for episode in episodes:
+        lost_at = len(episode.height) // 2
+        span = slice(lost_at, lost_at + ticks)
+        truth = episode.height[span][:, _AHEAD]
+        if len(truth) < ticks:
+            continue
+        for total, forget_at in ((warm, None), (cold, lost_at)):
+            height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
+            total += np.abs(height[span][:, _AHEAD] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
+    if not warm.any():
+        return limit
+    late = np.flatnonzero(cold > WARM * warm)
+    return int(np.clip(late[-1] + 2 if len(late) else 1, MIN_WARMUP, limit))
+
+
+def run_episode(
+    network: HeightmapNetwork, episode: Episode, delivery: DeliveryModel, forget_at: int | None = None
+) -> tuple[Floats, Floats]:
+    """Heights and standard deviations [m] at every tick, each of shape (ticks, 30).
+
+    Args:
+        network: Runs tick by tick, as in the service.
+        episode: What it gets.
+        delivery: How images travel; drawn from a seed of its own, so always the same.
+        forget_at: Tick before which the memory is lost once.
+    """
+    height, std = np.empty_like(episode.height), np.empty_like(episode.height)
+    hidden = np.zeros(network.hidden_size, np.float32)
+    for i, inputs in enumerate(episode_inputs(episode, delivery)):
+        if i == forget_at:
+            hidden = np.zeros_like(hidden)
+        height[i], std[i], hidden = network.tick(*inputs, hidden)
+    return height, std
+
+
+def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs]:
+    """What the network gets at each tick of an episode, images without noise."""
+    depth_m = np.where(episode.depth == NOTHING, np.inf, episode.depth * MILLIMETRE)
+    seen = model_images(depth_m)
+    images = np.stack([seen.depth, seen.valid], 1).astype(np.float32)
+    blank = np.zeros_like(images[0])
+    blank[0] = 1.0
+    delivered = deliver(episode.frame_tick, len(episode.height), delivery, np.random.default_rng(0))
+    for features, frame, age_s, new in zip(episode.proprioception, *delivered, strict=True):
+        yield Inputs(images[frame] if frame >= 0 else blank, float(age_s), bool(new), features)

@@ -1,0 +1,312 @@
+"""The training environment: thousands of robots, each on its course, in lockstep at 100 Hz.
+
+A step is: clip the action; five times control, physics, sense; then judge, reset who is done, observe. All state lives
+in the tensors of `Memory`, which every stage changes in place, so that on a GPU each stage is replayed as a CUDA graph
+and nothing waits for the processor.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from saltus import go1
+from saltus.arrays import Constant, namespace
+from saltus.controller.estimator import Estimator, EstimatorState, Measurement
+from saltus.controller.gait import GaitState
+from saltus.controller.law import LawState, LegController
+from saltus.controller.signals import Sensed, plan_from_values
+from saltus.controller.stance import StanceSolver
+from saltus.controller.stance_batched import BatchedSolver
+from saltus.effects.profile import load_profile
+from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.policy.env.compiled import Stage
+from saltus.policy.env.curriculum import CurriculumConfig, kinds_of_robots
+from saltus.policy.env.drives import Drives
+from saltus.policy.env.episode import EpisodeConfig, Episodes
+from saltus.policy.env.memory import blank_memory, store
+from saltus.policy.env.randomisation import RandomisationConfig
+from saltus.policy.env.rewards import RewardConfig, RewardInputs, reward_terms
+from saltus.policy.env.views import Views
+from saltus.sim.engine import Engine
+from saltus.terrain.batch import Courses
+from saltus.wire.messages import ControllerMode, JointCommand
+
+_GRAVITY = 9.81
+_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
+_STAND_POSE = Constant(go1.STAND_POSE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvConfig:
+    """Everything that shapes the task."""
+
+    bounds: ActionBounds = field(default_factory=ActionBounds)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    profile: str = "go1"
+    """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Transition:
+    """What a step returns; nothing in it changes with the next step."""
+
+    actor: Tensor
+    """What the policy is shown, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
+    critic: Tensor
+    """What only training knows of it, shape (n, `Views.privileged_size`)."""
+    reward: Tensor
+    """Shape (n,)."""
+    done: Tensor
+    """The episode is over and the next has begun, bool, shape (n,)."""
+    timed_out: Tensor
+    """It is over for a reason that says nothing about its worth: time, or the end of the course. Bool, shape (n,)."""
+
+
+class JumpEnv:
+    """Robots that jump.
+
+    Args:
+        engine: Simulates them.
+        config: The task.
+        seed: Of everything that is drawn.
+        device: Of all tensors; that of the engine.
+        solver: Of the stance forces; by default the batched one.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        config: EnvConfig,
+        *,
+        seed: int,
+        device: str = "cpu",
+        solver: StanceSolver | None = None,
+    ) -> None:
+        self.config = config
+        self.count = engine.count
+        self.device = torch.device(device)
+        self._engine = engine
+        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._ctrl = torch.as_tensor(engine.ctrl)
+        self._law = LegController(solver=solver or BatchedSolver())
+        self._estimator = Estimator()
+        self._drives = Drives(config.randomisation.feedforward_delay_s[1], load_profile(config.profile))
+        kinds = kinds_of_robots(config.curriculum, self.count)
+        plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / _POLICY_DT)
+        self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
+        self._plans_ago = torch.arange(plans, device=self.device)
+        self._blank_law = self._law.init((self.count,), self.memory.phase)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
+        self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
+        """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
+        shape (n,)."""
+        self.views = Views(self.memory, config, self._qpos, self._qvel)
+        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
+        self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
+        """Plan, control, sense and finish: what a step does around the physics."""
+        self._begin(prepare=True)
+
+    def step(self, output: Tensor) -> Transition:
+        """Ten milliseconds with the network's output, shape (n, 10), of which [-1, 1] is within bounds."""
+        plan, control, sense, finish = self.stages
+        self._output.copy_(output)
+        plan()
+        for _ in range(go1.POLICY_STEPS):
+            control()
+            self._engine.step()
+            sense()
+        self.episodes.draws.uniform_(generator=self._generator)
+        finish()
+        return self.transition()
+
+    def transition(self) -> Transition:
+        """The last one; before the first step, with the first observation."""
+        return Transition(
+            actor=self.views.actor.clone(),
+            critic=self.views.critic.clone(),
+            reward=self.episodes.reward.clone(),
+            done=self.episodes.done.clone(),
+            timed_out=self.episodes.timed_out.clone(),
+        )
+
+    def crowded_share(self) -> float:
+        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        return float(torch.as_tensor(self._engine.crowded()).float().mean())
+
+    def set_levels(self, level: Tensor) -> None:
+        """Starts every robot again on a course of the given level, shape (n,)."""
+        store(self.memory, level=level)
+        self._begin(prepare=False)
+
+    @torch.no_grad()
+    def _begin(self, prepare: bool) -> None:
+        """Starts an episode of every robot, at a random age so that not all end at once."""
+        self.episodes.draws.uniform_(generator=self._generator)
+        everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
+        self.episodes.reset(everyone)
+        self.views.set_goals(everyone)
+        self.views.observe(self.episodes.draws)
+        if prepare and self.device.type == "cuda":
+            for stage in self.stages:
+                stage.prepare()  # which runs it
+            self.memory.level.zero_()
+            self._begin(prepare=False)
+            return
+        age = torch.rand(self.count, generator=self._generator, device=self.device)
+        store(self.memory, time_s=age * self.config.episode.time_limit_s)
+        store(self.memory, first_time_s=self.memory.time_s)
+        self.episodes.tally.zero_()
+
+    @torch.no_grad()
+    def _plan(self) -> None:
+        bounds = self.config.bounds
+        wanted = bounds.denormalised(self._output)
+        plan = bounds.clipped(wanted)
+        beyond = bounds.normalised(wanted) - bounds.normalised(plan)
+        excess = (0.25 * beyond * beyond).sum(-1)  # outputs span 2, ranges 1
+        memory, latest = self.memory, plan[:, None]
+        begins = (memory.time_s == memory.first_time_s)[:, None, None]  # before its first plan a robot had none
+        plans = torch.where(begins, latest, torch.cat([latest, memory.plans[:, :-1]], 1))
+        store(memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick))
+        self.memory.terms.zero_()
+        self.memory.touched.zero_()
+
+    @torch.no_grad()
+    def _control(self) -> None:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        action = action_from_values(self._obeyed())
+        plan = plan_from_values(
+            stepping_frequency=action.stepping_frequency_hz,
+            velocity_x=action.velocity_x,
+            velocity_z=action.velocity_z,
+            pitch_rate=action.pitch_rate,
+            foot_residual_front=action.foot_residual_front,
+            foot_residual_rear=action.foot_residual_rear,
+            heading=memory.heading,
+        )
+        sensed = Sensed(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=qvel[:, 3:6],
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:],
+            velocity_base_in_world=memory.estimate[:, :3],
+            base_height=memory.estimate[:, 3],
+        )
+        command, state, seen = self._law.step(plan, sensed, self._law_state(), ControllerMode.RUN)
+        torque, line = self._drives.step(
+            self._or_stand(command), qpos[:, 7:], qvel[:, 6:], memory.torque_line, memory.delay_s, memory.motor_strength
+        )
+        self._ctrl.copy_(torque)
+        stands = self.standing[:, None]
+        store(
+            memory,
+            phase=torch.where(self.standing, 0.0, state.gait.phase),
+            liftoff=state.liftoff,
+            torque_line=line,
+            contact=seen.gait.contact | stands,
+            progress=torch.where(stands, 0.0, seen.gait.progress),
+            trusted=seen.gait.trusted | stands,
+            tracking_cost=seen.tracking_cost,
+            tick=memory.tick + 1.0,
+        )
+
+    def _obeyed(self) -> Tensor:
+        """The newest plan that has arrived by now, shape (n, 10)."""
+        memory = self.memory
+        late = torch.ceil((memory.plan_delay_s / go1.PHYSICS_DT - memory.tick) / go1.POLICY_STEPS)
+        ago = late.clamp(0.0, len(self._plans_ago) - 1.0)
+        return torch.where((self._plans_ago == ago[:, None])[..., None], memory.plans, 0.0).sum(1)
+
+    def _or_stand(self, command: JointCommand) -> JointCommand:
+        """The command; that of the standing pose for robots that stand."""
+        xp, law, stands = namespace(command.torque), self._law.config, self.standing[:, None]
+        zero = xp.zeros_like(command.torque)
+        return JointCommand(
+            position=xp.where(stands, zero + _STAND_POSE.like(zero), command.position),
+            velocity=xp.where(stands, zero, command.velocity),
+            kp=xp.where(stands, zero + law.stand_kp, command.kp),
+            kd=xp.where(stands, zero + law.stand_kd, command.kd),
+            torque=xp.where(stands, zero, command.torque),
+        )
+
+    def _law_state(self) -> LawState:
+        return LawState(
+            gait=GaitState(phase=self.memory.phase),
+            liftoff=self.memory.liftoff,
+            landed=self._blank_law.landed,
+            mode=ControllerMode.RUN,
+            blend_from=self._blank_law.blend_from,
+            mode_time_s=0.0,
+        )
+
+    @torch.no_grad()
+    def _sense(self) -> None:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        rotation = rotation_matrix(qpos[:, 3:7])
+        felt = torch.as_tensor(self._engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, _GRAVITY])
+        measured = Measurement(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=qvel[:, 3:6],
+            acceleration_base=(rotation.mT @ felt[..., None])[..., 0],
+            joint_position=qpos[:, 7:],
+            joint_velocity=qvel[:, 6:],
+        )
+        old = EstimatorState(mean=memory.estimate, variance=memory.variance)
+        new = self._estimator.step(measured, memory.trusted, old)
+        touching = torch.as_tensor(self._engine.touching())
+        terms = reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
+        store(
+            memory,
+            estimate=new.mean,
+            variance=new.variance,
+            touched=memory.touched | touching,
+            terms=memory.terms + terms,
+        )
+
+    def _reward_inputs(self, rotation: Tensor, touching: Tensor) -> RewardInputs:
+        memory = self.memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        position, velocity, angular_velocity = qpos[:, :3], qvel[:, :3], qvel[:, 3:6]
+        foot, jacobian = foot_kinematics(qpos[:, 7:])
+        foot_world = position[:, None] + foot @ rotation.mT
+        relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
+        relative = relative + torch.linalg.cross(angular_velocity[:, None].expand_as(foot), foot)
+        foot_velocity = velocity[:, None] + relative @ rotation.mT
+        x = torch.cat([foot_world[..., 0], position[:, :1]], -1)
+        ground = self.courses().height_at(x)
+        _, _, yaw = roll_pitch_yaw(rotation)
+        return RewardInputs(
+            contact=memory.contact,
+            foot_touching=touching[:, :4],
+            leg_touching=touching[:, 4:8] | touching[:, 8:12],
+            foot_speed_squared=foot_velocity[..., 0] ** 2 + foot_velocity[..., 1] ** 2,
+            foot_clearance=foot_world[..., 2] - ground[:, :4] - go1.FOOT_RADIUS,
+            excess=memory.excess,
+            stepping_frequency=memory.plan[:, 0],
+            goal_error=(memory.goal_x - position[:, 0]) / memory.goal_length,
+            height_error=memory.goal_z - position[:, 2],
+            yaw_error=yaw - memory.heading,
+            base_height=position[:, 2] - ground[:, 4],
+            tracking_cost=memory.tracking_cost,
+        )
+
+    @torch.no_grad()
+    def _finish(self) -> None:
+        self.episodes.judge()
+        self.episodes.reset(self.episodes.done)
+        self.views.set_goals(self.episodes.done)
+        self.episodes.disturb()
+        self.views.observe(self.episodes.draws)
+
+    def courses(self) -> Courses:
+        """The terrain of every robot."""
+        return self.views.courses()

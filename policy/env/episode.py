@@ -1,0 +1,193 @@
+"""The beginning and the end of an episode: judgement, reset, and what disturbs a robot in between."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from saltus import go1
+from saltus.controller.estimator import Estimator
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
+from saltus.policy.env.curriculum import difficulty, next_level
+from saltus.policy.env.memory import Memory, store
+from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies
+from saltus.sim.engine import Engine
+from saltus.sim.plant import CLEARANCE
+from saltus.terrain.batch import DRAWS, KINDS, draw_courses
+from saltus.trial import UPRIGHT_LIMIT
+
+if TYPE_CHECKING:
+    from saltus.policy.env.env import EnvConfig
+    from saltus.policy.env.views import Views
+
+_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
+_TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
+
+TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m", "time_s")
+"""What is counted over the episodes of each kind of terrain."""
+
+_START_DRAWS = 16 + 2  # joints (12), x, yaw, y, speed, height shift (2)
+_EVENT_DRAWS = 6  # level, difficulty, torque (2), push (2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeConfig:
+    """When an episode is over."""
+
+    time_limit_s: float = 10.0
+    """Two and a half times what the paper's robot takes for its stairs."""
+    lowest_base_m: float = 0.10
+    """Above the terrain under it; original."""
+    sunk_m: float = 0.12
+    """Below the ground on which the robot starts: it is in a trench."""
+    astray_m: float = 1.5
+    """Sideways from the middle of the course, which is 4 m wide."""
+    astray_rad: float = 1.0
+    """Yaw from the heading."""
+
+
+class Episodes:
+    """Judges and resets; results are tensors that are rewritten in place.
+
+    Args:
+        memory: Of the environment.
+        config: The task.
+        engine: Its physics.
+        estimator: Of the robots, for its state at the start.
+        views: For the terrain.
+    """
+
+    def __init__(
+        self, memory: Memory, config: "EnvConfig", engine: Engine, estimator: Estimator, views: "Views"
+    ) -> None:
+        self._memory, self._config, self._engine, self._views = memory, config, engine, views
+        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._warmstart = torch.as_tensor(engine.warmstart)
+        self._wrench = torch.as_tensor(engine.trunk_wrench)
+        count, device = engine.count, memory.phase.device
+        self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS]
+        self.draws = torch.zeros(count, sum(self._parts) + len(HEIGHTMAP_X), device=device)
+        """Uniform numbers for the next `reset`, `disturb` and observation; whoever steps fills them."""
+        self.reward = torch.zeros(count, device=device)
+        self.done = torch.zeros(count, dtype=torch.bool, device=device)
+        self.timed_out = torch.zeros(count, dtype=torch.bool, device=device)
+        self.tally = torch.zeros(len(KINDS), len(TALLY), device=device)
+        """Sums over the episodes that ended, for each kind of terrain; see `TALLY`."""
+        self.term_sums = torch.zeros_like(memory.terms[0])
+        """Sum over steps of the mean of each reward term."""
+        self._blank = estimator.init((count,), memory.phase)
+        self._stand = torch.tensor(go1.STAND_POSE, dtype=torch.float32, device=device)
+        self._is_kind = torch.stack([memory.kind == k for k in range(len(KINDS))]).float()
+        half = 0.5 * go1.TRUNK_SIZE
+        edge = torch.zeros(_TRUNK_POINTS, 3, device=device)
+        edge[:, 0] = torch.linspace(-float(half[0]), float(half[0]), _TRUNK_POINTS)
+        edge[:, 2] = -float(half[2])
+        self._trunk_edge = edge
+
+    def judge(self) -> None:
+        """Reward of the last 10 ms, and which episodes are over and why."""
+        memory, limits = self._memory, self._config.episode
+        qpos = torch.nan_to_num(self._qpos.float(), nan=1e3)
+        rotation = rotation_matrix(qpos[:, 3:7])
+        roll, pitch, yaw = roll_pitch_yaw(rotation)
+        position = qpos[:, :3]
+        edge = position[:, None] + self._trunk_edge @ rotation.mT
+        ground = self._views.courses().height_at(torch.cat([position[:, :1], edge[..., 0]], -1))
+        finite = torch.isfinite(self._qpos.sum(-1) + self._qvel.sum(-1))
+        tilted = (roll.abs() > UPRIGHT_LIMIT) | (pitch.abs() > UPRIGHT_LIMIT)
+        touched = (edge[..., 2] < ground[:, 1:]).any(-1) | memory.touched[:, 12:].any(-1)
+        sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < -limits.sunk_m)
+        astray = (position[:, 1].abs() > limits.astray_m) | ((yaw - memory.heading).abs() > limits.astray_rad)
+        failed = tilted | touched | sunk | astray | ~finite
+        memory.time_s.add_(_POLICY_DT)
+        finished = (position[:, 0] > memory.finish_x) & ~failed
+        late = memory.time_s > limits.time_limit_s
+        self.timed_out.copy_((finished | late) & ~failed)
+        self.done.copy_(self.timed_out | failed)
+        terms = torch.nan_to_num(memory.terms).clamp(-10.0, 10.0)
+        self.reward.copy_(terms.sum(-1))
+        self.term_sums.add_(terms.mean(0))
+
+        way = position[:, 0] - memory.start_x + ground[:, 0].clamp(min=0.0)
+        lasted = memory.time_s - memory.first_time_s
+        rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, lasted]
+        counted = torch.stack([row.float() * self.done for row in rows], -1)
+        self.tally.add_((self._is_kind[:, :, None] * torch.nan_to_num(counted)[None]).sum(1))
+        level_draw = self._split()[3][:, 0]
+        level = next_level(self._config.curriculum, memory.level, way, failed, finished, level_draw)
+        # A robot's first episode, which may be too short for any way, moves no level when its time is over.
+        store(memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level)
+
+    def reset(self, mask: Tensor) -> None:
+        """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
+        memory, ranges = self._memory, self._config.randomisation
+        course_draws, body_draws, start, events = self._split()
+        course = draw_courses(
+            memory.kind, difficulty(self._config.curriculum, memory.level, events[:, 1]), course_draws
+        )
+        names = ("low", "high", "top", "finish_x", "slope")
+        store(memory, mask, **{name: getattr(course, name) for name in names})
+        bodies = draw_bodies(ranges, body_draws)
+        drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
+        store(memory, mask, **{name: getattr(bodies, name) for name in drawn})
+        self._engine.set_terrain(*self._views.courses().boxes())
+        self._engine.set_bodies(memory.friction, memory.payload_kg, memory.com_shift)
+        self._place(mask, start)
+        zero = torch.zeros_like(memory.phase)
+        shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
+        store(
+            memory,
+            mask,
+            phase=zero,
+            estimate=self._blank.mean,
+            variance=self._blank.variance,
+            torque_line=torch.zeros_like(memory.torque_line),
+            contact=torch.ones_like(memory.contact),
+            trusted=torch.ones_like(memory.trusted),
+            progress=torch.zeros_like(memory.progress),
+            tracking_cost=zero,
+            time_s=zero,
+            first_time_s=zero,
+            height_shift=shift,
+            pitch_torque=zero,
+            touched=torch.zeros_like(memory.touched),
+        )
+
+    def disturb(self) -> None:
+        """Redraws the torque on the trunk, and pushes; both at random times with the configured mean period."""
+        memory, ranges = self._memory, self._config.randomisation
+        events, extra = self._split()[3], self._split()[1]
+        redrawn = events[:, 2] < _POLICY_DT / ranges.torque_period_s
+        torque = ranges.pitch_torque_nm * (2.0 * events[:, 3] - 1.0)
+        store(memory, redrawn, pitch_torque=torque)
+        across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
+        self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
+        pushed = events[:, 4] < _POLICY_DT / ranges.push_period_s
+        kick = ranges.push_mps * (2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0) * pushed[:, None]
+        self._qvel[:, :2] += kick.to(self._qvel.dtype)
+
+    def _place(self, mask: Tensor, start: Tensor) -> None:
+        """Puts robots in their standing pose, just above the ground at the start of their course."""
+        memory, ranges = self._memory, self._config.randomisation
+        spread = 2.0 * start - 1.0
+        joints = self._stand + ranges.start_joint_rad * spread[:, :12]
+        x, yaw = ranges.start_x_m * spread[:, 12], ranges.start_yaw_rad * spread[:, 13]
+        zero = torch.zeros_like(x)
+        quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
+        lowest = foot_position(joints)[..., 2].amin(-1)
+        z = CLEARANCE + go1.FOOT_RADIUS - lowest
+        position = torch.stack([x, ranges.start_x_m * spread[:, 14], z], -1)
+        fresh = torch.cat([position, quaternion, joints], -1).to(self._qpos.dtype)
+        rows = mask[:, None]
+        self._qpos.copy_(torch.where(rows, fresh, self._qpos))
+        self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
+        self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
+        store(memory, mask, start_x=x, heading=yaw * start[:, 15])
+        feet = foot_position(joints) @ rotation_matrix(quaternion).mT
+        store(memory, mask, liftoff=feet)
+
+    def _split(self) -> tuple[Tensor, ...]:
+        """Draws of courses, bodies, starts and events."""
+        return torch.split(self.draws[:, : sum(self._parts)], self._parts, dim=1)

@@ -1,0 +1,107 @@
+"""What a training environment remembers of its robots: tensors that are changed in place, one row for each robot."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from saltus.policy.bounds import ACTIONS
+from saltus.policy.env.rewards import TERMS
+from saltus.terrain.batch import COLUMNS
+
+
+@dataclass(kw_only=True, eq=False)
+class Memory:
+    """All state that is not the physics engine's. Shapes are for one robot; every tensor has a leading dimension."""
+
+    # the leg controller, the estimator and the drives
+    phase: Tensor
+    liftoff: Tensor  # (4, 3)
+    estimate: Tensor  # (4,)
+    variance: Tensor  # (4,)
+    torque_line: Tensor  # (length, 12)
+    contact: Tensor  # (4,), bool
+    progress: Tensor  # (4,)
+    trusted: Tensor  # (4,), bool
+    tracking_cost: Tensor
+    # the present action
+    plan: Tensor  # (10,), values within bounds
+    plans: Tensor  # (length, 10): the same, and those before it
+    tick: Tensor  # physics steps since the plan
+    excess: Tensor
+    # the episode
+    time_s: Tensor
+    first_time_s: Tensor  # when the episode began: 0, but for a robot's first
+    start_x: Tensor
+    heading: Tensor
+    cycle: Tensor
+    goal_x: Tensor
+    goal_z: Tensor
+    goal_length: Tensor
+    touched: Tensor  # (16,), bool: in the last 10 ms, as `saltus.sim.engine.TOUCHING`
+    terms: Tensor  # (12,): reward of the last 10 ms
+    # what was drawn for it
+    kind: Tensor  # int64
+    level: Tensor
+    friction: Tensor
+    payload_kg: Tensor
+    motor_strength: Tensor
+    com_shift: Tensor  # (3,)
+    delay_s: Tensor
+    plan_delay_s: Tensor
+    height_shift: Tensor  # (2,): ahead, up
+    pitch_torque: Tensor
+    low: Tensor  # (COLUMNS,), as the three that follow: see `saltus.terrain.batch.Courses`
+    high: Tensor
+    top: Tensor
+    finish_x: Tensor
+    slope: Tensor
+
+
+_ROWS: dict[str, tuple[int, ...]] = {
+    "liftoff": (4, 3),
+    "estimate": (4,),
+    "variance": (4,),
+    "progress": (4,),
+    "plan": (len(ACTIONS),),
+    "terms": (len(TERMS),),
+    "com_shift": (3,),
+    "height_shift": (2,),
+    "low": (COLUMNS,),
+    "high": (COLUMNS,),
+    "top": (COLUMNS,),
+}
+_FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
+
+
+def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device) -> Memory:
+    """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
+
+    Args:
+        kinds: One for each robot.
+        torques: How many commands of feed-forward torque are remembered.
+        plans: How many plans are remembered.
+        device: Of all tensors.
+    """
+    kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
+    count = len(kind)
+    tensors = {}
+    for f in fields(Memory):
+        if f.name in _FLAGS:
+            tensors[f.name] = torch.zeros(count, *_FLAGS[f.name], dtype=torch.bool, device=device)
+        else:
+            tensors[f.name] = torch.zeros(count, *_ROWS.get(f.name, ()), device=device)
+    tensors["torque_line"] = torch.zeros(count, torques, 12, device=device)
+    tensors["plans"] = torch.zeros(count, plans, len(ACTIONS), device=device)
+    tensors["kind"] = kind
+    return Memory(**tensors)
+
+
+def store(memory: Memory, mask: Tensor | None = None, **values: Tensor) -> None:
+    """Writes values in place: everywhere, or in the rows where `mask`, bool of shape (n,), is set."""
+    for name, value in values.items():
+        old = getattr(memory, name)
+        if mask is not None:
+            value = torch.where(mask.reshape(-1, *[1] * (old.ndim - 1)), value, old)
+        old.copy_(value)

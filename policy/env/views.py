@@ -1,0 +1,124 @@
+"""What policy and critic are shown of a training environment, and the goal of each jump."""
+
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from saltus import go1
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.policy.env.memory import Memory, store
+from saltus.policy.features import SIZE, features
+from saltus.policy.observation import observe
+from saltus.terrain.batch import Courses
+
+if TYPE_CHECKING:
+    from saltus.policy.env.env import EnvConfig
+
+FAR_X = (0.9, 1.1, 1.3, 1.6)
+"""Heights that only the critic sees [m ahead]."""
+_UNDER_BASE = 10  # of HEIGHTMAP_X: 0.014 m
+_GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal there
+
+
+class Views:
+    """Observations as tensors that are rewritten in place.
+
+    Args:
+        memory: Of the environment.
+        config: The task.
+        qpos: The engine's positions.
+        qvel: The engine's velocities.
+    """
+
+    def __init__(self, memory: Memory, config: "EnvConfig", qpos: Tensor, qvel: Tensor) -> None:
+        self._memory, self._config, self._qpos, self._qvel = memory, config, qpos, qvel
+        count, device = len(memory.kind), memory.phase.device
+        self._grid = torch.tensor([*HEIGHTMAP_X, *FAR_X], dtype=torch.float32, device=device)
+        self.points = len(HEIGHTMAP_X)
+        self.actor = torch.zeros(count, SIZE, device=device)
+        self.critic = torch.zeros(count, SIZE + PRIVILEGED, device=device)
+
+    def courses(self) -> Courses:
+        """The terrain of every robot."""
+        m = self._memory
+        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope)
+
+    def set_goals(self, fresh: Tensor) -> None:
+        """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)), the goal of their next jump.
+
+        The goal is one metre ahead along the profile: on stairs of 0.2 m by 0.25 m, 0.56 m ahead.
+        """
+        memory, position = self._memory, self._qpos[:, :3].float()
+        cycle = torch.floor(memory.phase)
+        begins = fresh | (cycle != memory.cycle)
+        far = position[:, :1] + position.new_tensor([0.0, _GOAL_M])
+        ground = self.courses().height_at(far).clamp(min=0.0)
+        length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
+        goal_x = position[:, 0] + length
+        there = self.courses().height_at(goal_x[:, None])[:, 0]
+        goal_z = torch.maximum(there, ground[:, 0]) + go1.STAND_HEIGHT
+        store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
+
+    def observe(self, draws: Tensor) -> None:
+        """Writes what policy and critic see now; `draws` has the noise of the heights in its last columns."""
+        memory = self._memory
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        seen = observe(
+            quaternion_base_in_world=qpos[:, 3:7],
+            angular_velocity_base=qvel[:, 3:6],
+            joint_position=qpos[:, 7:],
+            velocity_base_in_world=memory.estimate[:, :3],
+            base_height=memory.estimate[:, 3],
+            leg_contact=memory.contact,
+            leg_progress=memory.progress,
+        )
+        rotation = rotation_matrix(qpos[:, 3:7])
+        _, _, yaw = roll_pitch_yaw(rotation)
+        ahead = torch.cos(yaw)[:, None]
+        shift = memory.height_shift
+        courses, position = self.courses(), qpos[:, :3]
+        near = self._grid[: self.points]
+        shifted = courses.height_at(position[:, :1] + ahead * (near + shift[:, :1])) - position[:, 2:] + shift[:, 1:]
+        noise = self._config.randomisation.height_noise_m * (2.0 * draws[:, -self.points :] - 1.0)
+        true = courses.height_at(position[:, :1] + ahead * self._grid) - position[:, 2:]
+        self.actor.copy_(torch.nan_to_num(features(seen, shifted + noise)))
+        exact = features(seen, true[:, : self.points])
+        known = self._privileged(yaw, true)
+        self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
+
+    def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
+        """What the critic is told besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
+        memory, config = self._memory, self._config
+        position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
+        scalars = [
+            memory.goal_x - position[:, 0],
+            memory.goal_z - position[:, 2],
+            memory.goal_length,
+            position[:, 1],
+            yaw - memory.heading,
+            memory.time_s / config.episode.time_limit_s,
+            memory.friction,
+            memory.payload_kg,
+            memory.motor_strength,
+            1e2 * memory.delay_s,
+            memory.pitch_torque,
+            memory.slope,
+            memory.level / config.curriculum.levels,
+            torch.floor(memory.phase).clamp(max=2.0),
+        ]
+        parts = [
+            torch.stack(scalars, -1),
+            velocity,
+            1e1 * memory.com_shift,
+            1e1 * memory.height_shift,
+            memory.touched[:, :4].float(),
+            config.bounds.normalised(memory.plan),
+            heights[:, self.points :],
+        ]
+        return torch.cat(parts, -1)
+
+
+PRIVILEGED = 14 + 3 + 3 + 2 + 4 + 10 + len(FAR_X)
+"""Length of what the critic is told besides the policy's vector."""

@@ -1,0 +1,158 @@
+"""How well a planner does: many trials on one terrain, with what a seed draws."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from saltus.config import TerrainConfig, check_at_least
+from saltus.effects.profile import load_profile
+from saltus.errors import ConfigError
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, exact_heights, shifted_heights
+from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
+from saltus.policy.planner import Planner
+from saltus.policy.scripted import ScriptedPlanner
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+from saltus.trial import TIME_LIMIT_S, Outcome, Trial
+from saltus.workers import in_order
+
+BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared, few enough to show progress
+
+MAX_PLAN_DELAY_S = 0.1
+"""After which the leg controller takes the planner for lost."""
+
+HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exact_heights}
+"""Sources of heights by name: true ones with each trial's shift, and without."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """What is evaluated."""
+
+    course: TerrainConfig
+    trials: int = 20
+    first_seed: int = 0
+    profile: str = "go1"
+    time_limit_s: float = TIME_LIMIT_S
+    plan_delay_s: float = 0.0
+    """From a state to its plan being obeyed: what a computer takes that is not waited for."""
+
+    def __post_init__(self) -> None:
+        check_at_least(self, trials=1, first_seed=0)
+        if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
+            raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
+        make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
+        load_profile(self.profile)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrialResult:
+    """How one trial went."""
+
+    outcome: Outcome
+    failure: Failure
+    """Why it failed; empty after a success."""
+    trace: Trace
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluationResult:
+    """The trials in the order of their seeds, and what they amount to."""
+
+    seeds: tuple[int, ...]
+    trials: tuple[TrialResult, ...]
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """Of each trial."""
+        return tuple(trial.outcome for trial in self.trials)
+
+    @property
+    def successes(self) -> int:
+        """Number of trials that succeeded."""
+        return sum(outcome.success for outcome in self.outcomes)
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """How often each cause of failure occurred."""
+        return dict(Counter(trial.failure for trial in self.trials if trial.failure))
+
+    @property
+    def mean_speed_mps(self) -> float:
+        """Horizontal speed over successful trials; NaN where there are none."""
+        return _mean([outcome.mean_speed_mps for outcome in self.outcomes if outcome.success])
+
+    @property
+    def median_time_s(self) -> float:
+        """Time over successful trials; NaN where there are none."""
+        times = [outcome.time_s for outcome in self.outcomes if outcome.success]
+        return float(np.median(times)) if times else math.nan
+
+
+def evaluate(
+    evaluation: Evaluation,
+    heights: HeightsFactory = shifted_heights,
+    planner: Callable[[], Planner] = ScriptedPlanner,
+    processes: int | None = None,
+) -> Iterator[dict[int, TrialResult]]:
+    """Runs the trials and yields batches of results by seed, in their order.
+
+    Args:
+        evaluation: What to run.
+        heights: Makes the planner's source of heights; must be picklable where `processes` is not 1.
+        planner: Makes the planner; must be picklable where `processes` is not 1.
+        processes: How many run at once; by default one for each core.
+    """
+    run = partial(run_batch, evaluation, heights, planner)
+    batches = _batches(range(evaluation.first_seed, evaluation.first_seed + evaluation.trials), BATCH)
+    yield from in_order(run, batches, processes)
+
+
+def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
+    """Puts the batches of `evaluate` together."""
+    results = {seed: result for batch in batches for seed, result in batch.items()}
+    seeds = tuple(sorted(results))
+    return EvaluationResult(seeds=seeds, trials=tuple(results[seed] for seed in seeds))
+
+
+def run_batch(
+    evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[], Planner], seeds: Sequence[int]
+) -> dict[int, TrialResult]:
+    """Runs the trials of some seeds in one batch."""
+    terrains = courses_of(evaluation.course, seeds)
+    rollout = Rollout(
+        terrains,
+        [Trial.draw(seed) for seed in seeds],
+        planner(),
+        profile=load_profile(evaluation.profile),
+        heights=heights,
+        time_limit_s=evaluation.time_limit_s,
+        plan_delay_s=evaluation.plan_delay_s,
+    )
+    traces = traces_of(list(rollout.run()))
+    ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)
+    return {
+        seed: TrialResult(outcome=outcome, failure=failure_of(outcome, trace, terrain), trace=trace)
+        for seed, outcome, trace, terrain in ended
+        if outcome is not None
+    }
+
+
+def courses_of(course: TerrainConfig, seeds: Sequence[int]) -> list[Terrain]:
+    """The terrain of each trial: one for all, unless something of it is drawn."""
+    if course.gap_max_m is None:
+        return [make_terrain(course)] * len(seeds)
+    return [make_terrain(replace(course, layout_seed=int(seed))) for seed in seeds]
+
+
+def _batches(seeds: Sequence[int], size: int) -> list[list[int]]:
+    count = math.ceil(len(seeds) / size)
+    return [list(part) for part in np.array_split(np.asarray(seeds), count)]
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else math.nan

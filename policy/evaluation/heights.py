@@ -1,0 +1,55 @@
+"""Where a planner in a roll-out gets its heights from."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.grid import HEIGHTMAP_X
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.policy.evaluation.states import RobotStates
+from saltus.sim.state import PlantState
+from saltus.terrain.stack import TerrainStack
+from saltus.wire.messages import Floats
+
+
+class HeightSource(Protocol):
+    """Terrain profiles for a batch of robots, asked for once a policy step, from step 0 on and without gaps."""
+
+    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+        """Terrain relative to the base on `saltus.grid.HEIGHTMAP_X`.
+
+        Args:
+            states: What the robots know.
+            truth: What is; a predictor renders its images from it and reads nothing else of it.
+            fresh: Robots that have just been put back to the start, bool, shape (n,): memories of them are void.
+
+        Returns:
+            [m], shape (n, 30).
+        """
+        ...
+
+
+class TrueHeights:
+    """The terrain itself, read at a place that may be off, by an amount that stays for the trial.
+
+    Args:
+        terrains: Terrain of each robot.
+        shift_x: How far ahead of the right place the heights are read [m], shape (n,).
+        shift_z: How much too high they come out [m], shape (n,).
+    """
+
+    def __init__(self, terrains: TerrainStack, shift_x: Floats | float = 0.0, shift_z: Floats | float = 0.0) -> None:
+        count = len(terrains.terrains)
+        self._terrains = terrains
+        self._x = HEIGHTMAP_X + np.broadcast_to(shift_x, (count,))[:, None]
+        self._z = np.broadcast_to(shift_z, (count,))[:, None]
+
+    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+        """Reads the terrain along the yaw of each robot; shape (n, 30)."""
+        del states, fresh
+        _, _, yaw = roll_pitch_yaw(rotation_matrix(truth.quaternion_base_in_world))
+        position = truth.position_base_in_world
+        x = position[:, :1] + self._x * np.cos(yaw)[:, None]
+        heights: Floats = self._terrains.height_at(x) - position[:, 2:] + self._z
+        return heights

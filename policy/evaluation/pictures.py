@@ -1,0 +1,45 @@
+"""A strip of pictures of one trial: the robot, and on the terrain what the planner saw."""
+
+import base64
+
+import cv2
+import numpy as np
+
+from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
+from saltus.policy.evaluation.trace import Trace
+from saltus.sim.video import render_run
+from saltus.terrain.terrain import Terrain
+
+MOMENTS = 6
+FIRST_S = 1.2  # the robot stands for 1 s
+SIZE = (320, 240)
+
+
+def picture_strip(terrain: Terrain, trace: Trace) -> str:
+    """HTML with pictures at even times from the first jump to the end; a sentence where there is no way to draw."""
+    last = len(trace.pose) - 1
+    chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
+    rows = np.searchsorted(trace.time_s, chosen - 1e-9)
+    try:
+        frames = list(
+            render_run(
+                terrain,
+                np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
+                trace.pose[rows].astype(np.float64),
+                trace.joint_position[rows].astype(np.float64),
+                HEIGHTMAP_X,
+                trace.heights[rows].astype(np.float64),
+                size=SIZE,
+                fps=1,
+            )
+        )
+    except SaltusError as error:
+        return f"<p>No pictures: {error}</p>"
+    return "".join(_image(frame, time_s) for frame, time_s in zip(frames, chosen, strict=True))
+
+
+def _image(frame: np.ndarray, time_s: float) -> str:
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    data = base64.b64encode(jpeg.tobytes()).decode()
+    return f'<img src="data:image/jpeg;base64,{data}" alt="robot at {time_s:.2f} s" width="33%">'

@@ -1,0 +1,171 @@
+"""One HTML file about an evaluation: how often, how fast, where the feet were, and why trials failed."""
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from saltus.config import to_toml
+from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
+from saltus.policy.evaluation.pictures import picture_strip
+from saltus.provenance import commit
+from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, STYLE
+from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
+
+SHOWN = 20  # trials whose curves are drawn: more would hide each other
+BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish
+GAIT = (("front feet", 0, BLUE), ("rear feet", 2, ORANGE))
+
+
+def write_evaluation_report(
+    evaluation: Evaluation, result: EvaluationResult, table: dict[str, Any], path: Path
+) -> None:
+    """Writes the report of an evaluation; it opens without a network.
+
+    Args:
+        evaluation: What was run.
+        result: What came out.
+        table: The result as it is printed, for the numbers at the top.
+        path: HTML file.
+    """
+    shown = result.trials[:SHOWN]
+    terrains = courses_of(evaluation.course, result.seeds[:SHOWN])
+    alike = f"of the first {len(shown)} trials" if len(shown) < len(result.trials) else "of all trials"
+    parts = [
+        f"<h1>{result.successes} of {len(result.trials)} trials succeeded: {html.escape(_course(terrains[0]))}</h1>",
+        _numbers(table),
+        f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
+        _figure(_placement(shown, terrains), first=True),
+        f"<h2>Seed {result.seeds[0]}, from the first jump to the end</h2>",
+        picture_strip(terrains[0], shown[0].trace),
+        f"<h2>Height and pitch of the trunk along the course, {alike}</h2>",
+        _figure(_body(shown)),
+        f"<h2>Phase diagram: pitch and its rate, {alike}</h2>",
+        _figure(_phase(shown)),
+        "<h2>Contact schedule and loaded feet of the first trial</h2>",
+        _figure(_gait(shown[0])),
+        "<h2>Failures by cause</h2>",
+        _failures(result),
+        "<h2>Provenance</h2>",
+        f"<pre>commit = {html.escape(commit())}\nplanner = {table['planner']}\nheightmap = {table['heightmap']}\n"
+        f"{html.escape(to_toml(evaluation))}</pre>",
+    ]
+    body = "\n".join(parts)
+    path.write_text(
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus evaluation</title>'
+        f"<style>{STYLE}</style></head><body>{body}</body></html>"
+    )
+
+
+def _course(terrain: Terrain) -> str:
+    sizes = ", ".join(f"{name} = {value:g}" for name, value in terrain.params.items())
+    return f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
+
+
+def _numbers(table: dict[str, Any]) -> str:
+    rows = {
+        "planner": table["planner"],
+        "heightmap": table["heightmap"],
+        "success": f"{100 * table['success_rate']:.0f} %",
+        "mean speed of successes": f"{table['mean_speed_mps']:.2f} m/s",
+        "median time of successes": f"{table['time_s']['p50']:.2f} s",
+        "seeds": f"{table['first_seed']} to {table['first_seed'] + table['trials'] - 1}",
+    }
+    cells = "".join(f"<tr><td>{name}</td><td>{html.escape(str(value))}</td></tr>" for name, value in rows.items())
+    return f"<table>{cells}</table>"
+
+
+def _figure(figure: go.Figure, *, first: bool = False) -> str:
+    figure.update_layout(template="simple_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, hovermode="closest")
+    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
+    return fragment
+
+
+def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go.Figure:
+    figure = go.Figure()
+    for terrain in {id(terrain): terrain for terrain in terrains}.values():
+        x = np.linspace(-BEHIND_M, terrain.finish_x + AHEAD_M, 1000)
+        x = np.unique(np.concatenate([x, terrain.edges_x - 1e-6, terrain.edges_x]))
+        figure.add_scatter(x=x, y=terrain.height_at(x), showlegend=False, line={"color": GREY, "width": 1.5})
+    for trial in trials:
+        colour = GREEN if trial.outcome.success else RED
+        figure.add_scattergl(
+            x=trial.trace.base[:, 0], y=trial.trace.base[:, 1], showlegend=False, mode="lines", hoverinfo="skip",
+            line={"color": colour, "width": 1}, opacity=0.5,
+        )  # fmt: skip
+    landings = np.concatenate([trial.trace.landings for trial in trials])
+    figure.add_scattergl(
+        x=landings[:, 0], y=landings[:, 1], name="landings", mode="markers", marker={"color": BLUE, "size": 4}
+    )
+    figure.update_xaxes(title="x [m]")
+    figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)
+    figure.update_layout(height=430, legend={"orientation": "h", "y": 1.12})
+    return figure
+
+
+def _body(trials: Sequence[TrialResult]) -> go.Figure:
+    figure = go.Figure()
+    for trial in trials:
+        colour = GREEN if trial.outcome.success else RED
+        curves = ((trial.trace.base[:, 1], "y"), (np.degrees(trial.trace.pitch), "y2"))
+        for values, axis in curves:
+            figure.add_scattergl(
+                x=trial.trace.base[:, 0], y=values, yaxis=axis, mode="lines", showlegend=False,
+                line={"color": colour, "width": 1}, opacity=0.6,
+            )  # fmt: skip
+    figure.update_layout(
+        height=430, xaxis={"title": "x [m]", "anchor": "y2"}, yaxis={"domain": [0.54, 1.0], "title": "z [m]"},
+        yaxis2={"domain": [0.0, 0.46], "title": "pitch [deg], nose down positive"},
+    )  # fmt: skip
+    return figure
+
+
+def _phase(trials: Sequence[TrialResult]) -> go.Figure:
+    figure = go.Figure()
+    for trial in trials:
+        if len(trial.trace.pitch) > 1:
+            rate = np.gradient(trial.trace.pitch, trial.trace.time_s)
+            colour = GREEN if trial.outcome.success else RED
+            figure.add_scattergl(
+                x=np.degrees(trial.trace.pitch), y=rate, mode="lines", showlegend=False,
+                line={"color": colour, "width": 1}, opacity=0.4,
+            )  # fmt: skip
+    figure.update_xaxes(title="pitch [deg]")
+    figure.update_yaxes(title="pitch rate [rad/s]")
+    figure.update_layout(height=430)
+    return figure
+
+
+def _gait(trial: TrialResult) -> go.Figure:
+    """Lines where a pair of feet is scheduled to stand, and below where one of it bears load."""
+    trace, figure = trial.trace, go.Figure()
+    for row, (name, leg, colour) in enumerate(GAIT):
+        pair = slice(leg, leg + 2)
+        for values, shift, what in (
+            (trace.stance[:, pair].any(axis=1), 0.12, "scheduled"),
+            (trace.loaded[:, pair].any(axis=1), -0.12, "loaded"),
+        ):
+            line: Floats = np.where(values, -row + shift, np.nan)
+            figure.add_scatter(
+                x=trace.time_s, y=line, mode="lines", name=f"{name}, {what}", connectgaps=False,
+                line={"color": colour, "width": 7}, opacity=1.0 if what == "scheduled" else 0.5,
+            )  # fmt: skip
+    figure.update_yaxes(tickvals=[0, -1], ticktext=[name for name, _, _ in GAIT], range=[-1.5, 0.5])
+    figure.update_xaxes(title="time [s]")
+    figure.update_layout(height=230, legend={"orientation": "h", "y": 1.3})
+    return figure
+
+
+def _failures(result: EvaluationResult) -> str:
+    if not result.failures:
+        return "<p>none</p>"
+    rows = []
+    for cause, count in sorted(result.failures.items(), key=lambda item: -item[1]):
+        pairs = [(s, t) for s, t in zip(result.seeds, result.trials, strict=True) if t.failure == cause]
+        where = ", ".join(f"{seed} at {trial.trace.base[-1, 0]:.1f} m" for seed, trial in pairs)
+        rows.append(f"<tr><td>{cause.replace('_', ' ')}</td><td>{count}</td><td>{where}</td></tr>")
+    return f'<table class="text"><tr><th>cause</th><th>trials</th><th>seeds</th></tr>{"".join(rows)}</table>'

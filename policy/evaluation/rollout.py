@@ -1,0 +1,287 @@
+"""The closed loop in one process, for many robots at once: plant, estimator, planner, leg controller.
+
+The order within a step is that of the deployed stack in lockstep: the plan that is computed on the state of step k is
+applied from step k on, for exactly five physics steps, or, as in real time, that much later. Each robot has its own
+trial and its own terrain.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1
+from saltus.controller.estimator import Estimator, EstimatorState, Measurement
+from saltus.controller.gait import GaitSignal
+from saltus.controller.law import LawState, LegController
+from saltus.controller.signals import Plan, Sensed, plan_from_values
+from saltus.effects.chain import ActuatorChain
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.imu import ImuReading
+from saltus.effects.profile import GO1, Profile
+from saltus.effects.torque_gain import TorqueGain
+from saltus.policy.action import Action
+from saltus.policy.evaluation.heights import HeightSource, TrueHeights
+from saltus.policy.evaluation.states import RobotStates
+from saltus.policy.observation import Observation, observe
+from saltus.policy.planner import Planner
+from saltus.sim.batch import BatchPlant
+from saltus.sim.state import PlantState
+from saltus.terrain.stack import TerrainStack
+from saltus.terrain.terrain import Terrain
+from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
+from saltus.wire.messages import ControllerMode, Floats
+
+STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
+_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
+
+
+HeightsFactory = Callable[[TerrainStack, Sequence[Trial]], HeightSource]
+"""Makes a source of heights for a batch from the terrain and the trial of each robot."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RolloutStep:
+    """One policy step of a batch: what held at its start, and what was decided then."""
+
+    states: RobotStates
+    truth: PlantState
+    heights: Floats
+    """What the planner saw [m], shape (n, 30)."""
+    action: Action
+    fresh: NDArray[np.bool_]
+    """Robot starts from the beginning with this step, shape (n,)."""
+    running: NDArray[np.bool_]
+    """The robot's first trial goes on, shape (n,); robots whose trial is over start again and do not count."""
+
+
+class Rollout:
+    """Runs a planner on many robots, one policy step at a time.
+
+    Args:
+        terrains: One for each trial.
+        trials: What differs from robot to robot.
+        planner: Plans for all of them.
+        profile: Hardware; each trial's motor strength and delay are put into it.
+        heights: Makes the source of heights; by default the true ones with each trial's shift.
+        time_limit_s: After which a trial has failed.
+        stand_steps: Policy steps before the first plan is obeyed.
+        plan_delay_s: From a state to its plan being obeyed, in whole physics steps.
+        threads: Of the physics.
+    """
+
+    def __init__(
+        self,
+        terrains: Sequence[Terrain],
+        trials: Sequence[Trial],
+        planner: Planner,
+        *,
+        profile: Profile = GO1,
+        heights: HeightsFactory | None = None,
+        time_limit_s: float = TIME_LIMIT_S,
+        stand_steps: int = STAND_STEPS,
+        plan_delay_s: float = 0.0,
+        threads: int = 1,
+    ) -> None:
+        self.trials = tuple(trials)
+        self.count = len(self.trials)
+        self.planner = planner
+        self._stand_steps = stand_steps
+        delay = round(plan_delay_s / go1.PHYSICS_DT)
+        # How many plans ago the one was made that is obeyed at each physics step of a policy step.
+        self._plans_ago = [max(0, math.ceil((delay - tick) / go1.POLICY_STEPS)) for tick in range(go1.POLICY_STEPS)]
+        self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
+        self._plant = BatchPlant(
+            terrains,
+            self.count,
+            friction=np.array([trial.friction for trial in trials]),
+            payload_kg=np.array([trial.payload_kg for trial in trials]),
+            chain=drives(profile, trials),
+            body=profile.body_chain,
+            imu=profile.imu_chain,
+            seed=self.trials[0].seed,
+            threads=threads,
+        )
+        self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)
+        self._law = LegController()
+        self._estimator = Estimator()
+        self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
+        self._index = 0
+        self._fresh = np.ones(self.count, dtype=np.bool_)
+        self._first_running = self._fresh.copy()
+        self._law_state: LawState = self._law.init((self.count,), np.zeros(1))
+        self._estimate: EstimatorState = self._estimator.init((self.count,), np.zeros(1))
+        self._gait = _standing(self.count)
+        self._heading = np.array([trial.yaw for trial in trials])
+        self._restart(self._fresh)
+
+    @property
+    def outcomes(self) -> list[Outcome | None]:
+        """How each robot's first trial ended; None where it goes on."""
+        return [monitor.outcome for monitor in self._monitors]
+
+    def run(self) -> Iterator[RolloutStep]:
+        """Steps until every trial is over."""
+        while any(outcome is None for outcome in self.outcomes):
+            yield self.step()
+
+    def step(self) -> RolloutStep:
+        """One policy step: sense, see, plan, and five times control and physics."""
+        # 1. what the robots know and see
+        truth, states = self._plant.state, self._states()
+        fresh = self._fresh
+        heights = self._heights.heights(states, truth, fresh)
+
+        # 2. plan
+        action = self.planner.step(observe_states(states), heights)
+        self._plans.appendleft(_as_plan(action, self._heading))
+        running = np.array([outcome is None for outcome in self.outcomes])
+
+        # 3. track it
+        mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
+        touched = np.zeros(self.count, dtype=np.bool_)
+        for ago in self._plans_ago:
+            touched |= self._substep(self._plans[min(ago, len(self._plans) - 1)], mode)
+        self._index += 1
+
+        # 4. judge; whoever is done starts again
+        self._fresh = self._judge(touched)
+        if self._fresh.any():
+            self._restart(self._fresh)
+        return RolloutStep(states=states, truth=truth, heights=heights, action=action, fresh=fresh, running=running)
+
+    def _substep(self, plan: Plan, mode: ControllerMode) -> NDArray[np.bool_]:
+        """2 ms of control and physics; returns which trunks touched the ground."""
+        command, self._law_state, diagnostics = self._law.step(plan, self._sensed(), self._law_state, mode)
+        self._gait = diagnostics.gait
+        now = self._plant.step(command)
+        self._estimate = self._estimator.step(_measurement(now, self._plant.imu), self._gait.trusted, self._estimate)
+        return np.asarray(now.trunk_contact, dtype=np.bool_)
+
+    def _judge(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Feeds the monitors; returns which robots are at their end."""
+        now = self._plant.state
+        position, quaternion = now.position_base_in_world, now.quaternion_base_in_world
+        time_s = self._index * _POLICY_DT
+        for i, monitor in enumerate(self._monitors):
+            if monitor.outcome is None:
+                monitor.step(time_s, position[i], quaternion[i], bool(touched[i]))
+        first_ended = self._first_running & np.array([outcome is not None for outcome in self.outcomes])
+        self._first_running &= ~first_ended
+        over = touched | ~is_upright(quaternion) | (position[:, 0] >= self._plant.terrains.finish_x)
+        return first_ended | over
+
+    def _restart(self, mask: NDArray[np.bool_]) -> None:
+        """Puts some robots back to the start of their trial."""
+        indices = np.flatnonzero(mask)
+        self._plant.reset(
+            indices,
+            position_x=np.array([self.trials[i].position_x for i in indices]),
+            yaw=self._heading[indices],
+        )
+        self._law_state = self._law.reset(self._law_state, mask)
+        blank = self._estimator.init((self.count,), np.zeros(1))
+        self._estimate = EstimatorState(
+            mean=np.where(mask[:, None], blank.mean, self._estimate.mean),
+            variance=np.where(mask[:, None], blank.variance, self._estimate.variance),
+        )
+
+    def _sensed(self) -> Sensed:
+        now = self._plant.state
+        return Sensed(
+            quaternion_base_in_world=now.quaternion_base_in_world,
+            angular_velocity_base=now.angular_velocity_base,
+            joint_position=now.joint_position,
+            joint_velocity=now.joint_velocity,
+            velocity_base_in_world=self._estimate.velocity_base_in_world,
+            base_height=self._estimate.base_height,
+        )
+
+    def _states(self) -> RobotStates:
+        now, imu, gait = self._plant.state, self._plant.imu, self._gait
+        return RobotStates(
+            time_s=self._index * _POLICY_DT,
+            step=self._index,
+            quaternion_base_in_world=imu.quaternion,
+            angular_velocity_base=imu.angular_velocity,
+            acceleration_base=imu.acceleration,
+            joint_position=now.joint_position,
+            joint_velocity=now.joint_velocity,
+            velocity_base_in_world=self._estimate.velocity_base_in_world,
+            base_height=self._estimate.base_height,
+            leg_contact=gait.contact,
+            leg_progress=gait.progress,
+            leg_trusted=gait.trusted,
+            cycle=gait.cycle,
+        )
+
+
+def drives(profile: Profile, trials: Sequence[Trial]) -> ActuatorChain:
+    """The drives of many robots as one chain: the effects of `profile` with one value for each trial."""
+    strength = np.array([[trial.motor_strength] for trial in trials])
+    delay = np.array([[trial.feedforward_delay_s] for trial in trials])
+    gains = [effect.gain for effect in profile.actuator if isinstance(effect, TorqueGain)] or [1.0]
+    others = [
+        replace(effect, delay=delay) if isinstance(effect, FeedforwardDelay) else effect
+        for effect in profile.actuator
+        if not isinstance(effect, TorqueGain)
+    ]
+    return ActuatorChain((*others, TorqueGain(gain=np.asarray(gains[0]) * strength)))
+
+
+def shifted_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSource:
+    """True heights with the shift of each trial."""
+    x = np.array([trial.height_shift_x for trial in trials])
+    z = np.array([trial.height_shift_z for trial in trials])
+    return TrueHeights(terrains, x, z)
+
+
+def exact_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSource:
+    """True heights as they are."""
+    del trials
+    return TrueHeights(terrains)
+
+
+def observe_states(states: RobotStates) -> Observation:
+    """What a planner reads of a batch of states."""
+    return observe(
+        quaternion_base_in_world=states.quaternion_base_in_world,
+        angular_velocity_base=states.angular_velocity_base,
+        joint_position=states.joint_position,
+        velocity_base_in_world=states.velocity_base_in_world,
+        base_height=states.base_height,
+        leg_contact=states.leg_contact,
+        leg_progress=states.leg_progress,
+    )
+
+
+def _as_plan(action: Action, heading: Floats) -> Plan:
+    return plan_from_values(
+        stepping_frequency=action.stepping_frequency_hz,
+        velocity_x=action.velocity_x,
+        velocity_z=action.velocity_z,
+        pitch_rate=action.pitch_rate,
+        foot_residual_front=action.foot_residual_front,
+        foot_residual_rear=action.foot_residual_rear,
+        heading=heading,
+    )
+
+
+def _measurement(state: PlantState, imu: ImuReading) -> Measurement:
+    return Measurement(
+        quaternion_base_in_world=imu.quaternion,
+        angular_velocity_base=imu.angular_velocity,
+        acceleration_base=imu.acceleration,
+        joint_position=state.joint_position,
+        joint_velocity=state.joint_velocity,
+    )
+
+
+def _standing(count: int) -> GaitSignal:
+    """The schedule before the first step of the law: all feet on the ground."""
+    down = np.ones((count, 4), dtype=np.bool_)
+    zero = np.zeros(count)
+    return GaitSignal(contact=down, progress=np.zeros((count, 4)), trusted=down, cycle=zero, stance_duration=zero)

@@ -1,0 +1,126 @@
+"""What a trial looked like, and why it failed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1
+from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.policy.evaluation.rollout import RolloutStep
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Outcome
+from saltus.wire.messages import Floats
+
+Failure = Literal["", "timeout", "trench", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
+
+STEP_S = go1.PHYSICS_DT * go1.POLICY_STEPS
+LOADED_N = 5.0  # above the noise of a foot that grazes the ground
+BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
+SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold
+WALL_M = go1.FOOT_RADIUS + 0.02  # sole to wall: 2 cm, what a foot moves in one step
+UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
+SUNK_M = 0.05  # below the ground at both sides of a trench
+IN_AIR_S = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """One trial, one row a policy step (100 Hz), from its start to its end; t rows."""
+
+    pose: Floats
+    """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (t, 7)."""
+    joint_position: Floats
+    """[rad], shape (t, 12)."""
+    heights: Floats
+    """What the planner saw: terrain relative to the base [m], shape (t, 30)."""
+    foot: Floats
+    """x and z of the feet's centres in the world [m], shape (t, 4, 2)."""
+    stance: NDArray[np.bool_]
+    """Scheduled contact, shape (t, 4)."""
+    loaded: NDArray[np.bool_]
+    """The foot bears more than 5 N, shape (t, 4)."""
+
+    @property
+    def time_s(self) -> Floats:
+        """Since the start [s], shape (t,)."""
+        return np.arange(len(self.pose)) * STEP_S
+
+    @property
+    def base(self) -> Floats:
+        """Position of the trunk's centre in the world, x and z [m], shape (t, 2)."""
+        return self.pose[:, [0, 2]]
+
+    @property
+    def pitch(self) -> Floats:
+        """Nose down positive [rad], shape (t,)."""
+        _, pitch, _ = roll_pitch_yaw(rotation_matrix(self.pose[:, 3:]))
+        return np.asarray(pitch)
+
+    @property
+    def landings(self) -> Floats:
+        """Where feet came to bear in a stance: x and z of their centres [m], shape (landings, 2)."""
+        bears = self.loaded & self.stance
+        return np.asarray(self.foot[1:][bears[1:] & ~bears[:-1]])
+
+
+def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
+    """Cuts a roll-out into the traces of its first trials."""
+    lengths = np.sum([step.running for step in steps], axis=0)
+    position = np.array([step.truth.position_base_in_world for step in steps])
+    quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
+    pose = np.concatenate([position, quaternion], axis=-1)
+    joints = np.array([step.truth.joint_position for step in steps])
+    heights = np.array([step.heights for step in steps])
+    foot = np.array([step.truth.foot_position_in_world[..., [0, 2]] for step in steps])
+    stance = np.array([step.states.leg_contact for step in steps])
+    loaded = np.array([step.truth.foot_force for step in steps]) > LOADED_N
+    return [
+        Trace(
+            pose=pose[:n, i].astype(np.float32),
+            joint_position=joints[:n, i].astype(np.float32),
+            heights=heights[:n, i].astype(np.float32),
+            foot=foot[:n, i].astype(np.float32),
+            stance=stance[:n, i],
+            loaded=loaded[:n, i],
+        )
+        for i, n in enumerate(lengths)
+    ]
+
+
+def failure_of(outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
+    """Why a trial failed; empty after a success. The first that holds of what is known about its last 0.4 s."""
+    if outcome.success:
+        return ""
+    if outcome.cause == "time_limit":
+        return "timeout"
+    last = slice(-round(BEFORE_END_S / STEP_S), None)
+    foot, stance, loaded = trace.foot[last], trace.stance[last], trace.loaded[last]
+    if _sunk(foot, terrain).any():
+        return "trench"
+    if (_at_wall(foot, terrain) & ~stance).any():
+        return "edge_hit"
+    if _slipped(foot[..., 0], loaded).any():
+        return "slip"
+    in_air = not trace.loaded[-round(IN_AIR_S / STEP_S) :].any()
+    return "fall_in_flight" if in_air else "fall_in_stance"
+
+
+def _sunk(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
+    """Feet below the level of the start, over a trench. Shape (t, 4)."""
+    over_trench = terrain.height_at(foot[..., 0]) < -SUNK_M
+    return np.asarray(over_trench & (foot[..., 1] - go1.FOOT_RADIUS < -SUNK_M))
+
+
+def _at_wall(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
+    """Feet in front of a wall that reaches higher than their sole. Shape (t, 4)."""
+    x, sole = foot[..., 0], foot[..., 1] - go1.FOOT_RADIUS
+    return np.asarray(terrain.height_at(x + WALL_M) > np.maximum(sole, terrain.height_at(x)) + UNDER_M)
+
+
+def _slipped(x: Floats, loaded: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which feet slid, shape (4,)."""
+    way = np.abs(np.diff(x, axis=0)) * (loaded[1:] & loaded[:-1])
+    return np.asarray(np.where(way > SLIP_MPS * STEP_S, way, 0.0).sum(axis=0) > SLIP_M)

@@ -1,0 +1,86 @@
+"""Evaluates checkpoints with the deployed stack beside a training, on the processor, in processes of its own."""
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from saltus.policy.training.evaluation_table import Row, read_rows
+
+NEEDED = ("daqp", "onnx", "onnxruntime")
+"""What the deployed stack and its export need besides what training needs."""
+_SPARE_CORES = 2  # for the training itself: one for its process, one for what the driver of a GPU does
+
+
+def missing_packages() -> list[str]:
+    """What is not installed of `NEEDED`: a machine that trains need not be able to deploy."""
+    return [name for name in NEEDED if importlib.util.find_spec(name) is None]
+
+
+class BackgroundEvaluation:
+    """Runs `saltus.policy.training.standard_evaluation` every so often, one at a time; never waits for it.
+
+    Args:
+        table: CSV that the rows are added to.
+        kinds: Of terrain that the policy is trained on.
+        every_s: Time from the start of one evaluation to the next, at least.
+        trials: Of each course.
+        processes: How many run trials at once; by default one for each core but two.
+    """
+
+    def __init__(
+        self, table: Path, kinds: Iterable[str], *, every_s: float, trials: int, processes: int | None = None
+    ) -> None:
+        self._table, self._kinds, self._trials = table, list(kinds), trials
+        self.every_s = every_s
+        """Time from the start of one evaluation to the next, at least [s]."""
+        self._processes = processes or max(1, (os.cpu_count() or 1) - _SPARE_CORES)
+        self._seen = len(read_rows(table))
+        self._started_s: float | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def due(self, now_s: float) -> bool:
+        """Whether it is time for an evaluation and none is running. The first is due `every_s` after the first call."""
+        if self._started_s is None:
+            self._started_s = now_s
+        return self._process is None and now_s - self._started_s >= self.every_s
+
+    def start(self, checkpoint: Path, now_s: float) -> None:
+        """Begins to evaluate a checkpoint, which may be replaced by the next one, but not changed."""
+        self._started_s = now_s
+        command = [
+            sys.executable,
+            "-m",
+            "saltus.policy.training.standard_evaluation",
+            str(checkpoint),
+            str(self._table),
+        ]
+        command += ["--trials", str(self._trials), "--processes", str(self._processes), "--kinds", *self._kinds]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+        self._process = subprocess.Popen(  # a group of its own, so that its workers end with it
+            command, env=environment, stdout=subprocess.DEVNULL, start_new_session=True
+        )
+
+    def finished(self) -> list[Row]:
+        """The rows of an evaluation that has ended since the last call; none where it failed, which it says itself."""
+        if self._process is None or self._process.poll() is None:
+            return []
+        self._process = None
+        rows = read_rows(self._table)
+        new, self._seen = rows[self._seen :], len(rows)
+        return new
+
+    def wait(self, timeout_s: float) -> None:
+        """Waits for a running evaluation to end, but no longer than this."""
+        if self._process is not None:
+            self._process.wait(timeout_s)
+
+    def close(self) -> None:
+        """Ends an evaluation that is still running."""
+        if self._process is not None and self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+        self._process = None

@@ -1,0 +1,195 @@
+"""PPO of rsl-rl over a training environment: one iteration at a time, saved to and restored from one file."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from saltus.config import from_toml
+from saltus.errors import SaltusError
+from saltus.policy.bounds import ACTIONS, ActionBounds
+from saltus.policy.env.env import JumpEnv, Transition
+from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.terrain.batch import KINDS
+
+FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
+"""What an untrained policy does: a slow bound that lifts its feet. From the middle of the ranges, standing would have
+to be unlearnt first."""
+_LIFTS = [ACTIONS.index("front_residual_z"), ACTIONS.index("rear_residual_z")]
+_GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
+
+
+class Learner:
+    """Collects experience and learns from it.
+
+    Args:
+        env: Where.
+        config: How.
+        distributed: Rank and number of processes, where several learn together.
+    """
+
+    def __init__(self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)) -> None:
+        self._env, self._config = env, config
+        self._observation = _observation(env.transition())
+        device = str(env.device)
+        self._together = distributed[1] > 1
+        group = {"global_rank": distributed[0], "world_size": distributed[1]} if self._together else None
+        storage = RolloutStorage("rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device)
+        self.ppo = PPO(
+            make_actor(self._observation, config, env.config.bounds),
+            MLPModel(self._observation, _GROUPS, "critic", 1, list(config.hidden), "elu", True),
+            storage,
+            num_learning_epochs=config.epochs,
+            num_mini_batches=config.minibatches,
+            clip_param=config.clip,
+            gamma=config.gamma,
+            lam=config.lam,
+            entropy_coef=config.first_entropy,
+            learning_rate=config.learning_rate,
+            max_grad_norm=config.max_grad_norm,
+            desired_kl=config.desired_kl,
+            device=device,
+            multi_gpu_cfg=group,
+        )
+        self.iteration = 0
+        self.steps = 0
+        """Environment steps so far, of this process."""
+        self._share_parameters()
+
+    @torch.no_grad()
+    def collect(self) -> None:
+        """Steps the environment `horizon` times."""
+        for _ in range(self._config.horizon):
+            transition = self._env.step(self.act())
+            self._observation = _observation(transition)
+            self.ppo.process_env_step(
+                self._observation, transition.reward, transition.done, {"time_outs": transition.timed_out.float()}
+            )
+        self.ppo.compute_returns(self._observation)
+        self.steps += self._config.horizon * self._env.count
+
+    def act(self) -> torch.Tensor:
+        """Output of the network for the present observation, with exploration, shape (n, 10)."""
+        return self.ppo.act(self._observation)
+
+    def learn(self) -> dict[str, float]:
+        """Updates the networks; returns the mean losses."""
+        self.ppo.entropy_coef = self._entropy_weight()
+        losses = self.ppo.update()
+        self.iteration += 1
+        self._share_parameters()  # the statistics of the observations differ from process to process
+        return losses
+
+    @property
+    def std(self) -> float:
+        """Mean standard deviation of the action, in units of half its range."""
+        return float(self.ppo.actor.distribution.std_param.detach().mean())
+
+    def save(self, path: Path, extra: dict[str, Any]) -> None:
+        """Writes everything that is needed to go on, whole or not at all."""
+        state = {
+            **self.ppo.save(),
+            **extra,
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "kind": self._env.memory.kind.to(torch.uint8).cpu(),
+            "level": self._env.memory.level.to(torch.uint8).cpu(),
+        }
+        unfinished = path.with_suffix(".part")
+        torch.save(state, unfinished)
+        unfinished.replace(path)
+
+    def load(self, path: Path) -> dict[str, Any]:
+        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
+
+        Raises:
+            SaltusError: the file is no checkpoint, or one of networks of another size.
+        """
+        state = read_checkpoint(path, self._env.device)
+        try:
+            self.ppo.load(state, None, strict=True)
+        except RuntimeError as error:
+            raise SaltusError(f"{path} holds networks of another size: {error}") from error
+        old, new = from_toml(TrainConfig, state["config"]).env.bounds, self._env.config.bounds
+        if old != new:
+            rebase(self.ppo.actor, old, new)
+        self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
+        self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
+        self._observation = _observation(self._env.transition())
+        self._share_parameters()
+        return state
+
+    def _entropy_weight(self) -> float:
+        share = min(1.0, self.iteration / self._config.entropy_iterations)
+        return float(self._config.first_entropy ** (1.0 - share) * self._config.last_entropy**share)
+
+    def _share_parameters(self) -> None:
+        if self._together:
+            self.ppo.broadcast_parameters()
+
+
+def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """What `Learner.save` wrote.
+
+    Raises:
+        SaltusError: the file is missing, or is no checkpoint.
+    """
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        raise SaltusError(f"{path} is no checkpoint: {str(error).splitlines()[0]}") from error
+    if not isinstance(state, dict) or "actor_state_dict" not in state:
+        raise SaltusError(f"{path} is no checkpoint: it holds no actor")
+    return state
+
+
+def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:
+    """An untrained actor; `observation` gives the size of its input."""
+    gaussian = {
+        "class_name": "rsl_rl.modules.distribution:GaussianDistribution",
+        "init_std": config.first_std,
+        "std_range": config.std_range,
+    }
+    actor = MLPModel(observation, _GROUPS, "actor", len(ACTIONS), list(config.hidden), "elu", True, gaussian)
+    last = actor.mlp[-1]
+    with torch.no_grad():
+        last.weight.mul_(0.01)
+        last.bias.copy_(bounds.normalised(torch.tensor(FIRST_ACTION)))
+        actor.distribution.std_param[_LIFTS] = config.first_lift_std
+    return actor
+
+
+def rebase(actor: MLPModel, old: ActionBounds, new: ActionBounds) -> None:
+    """Makes an actor that was trained with other bounds ask for the same actions, as random as before.
+
+    Its outputs are shares of ranges: new = a old + b for each action, which its last layer can do.
+    """
+    offset = new.normalised(old.denormalised(torch.zeros(len(ACTIONS))))
+    scale = new.normalised(old.denormalised(torch.ones(len(ACTIONS)))) - offset
+    last = actor.mlp[-1]
+    scale, offset = scale.to(last.bias.device), offset.to(last.bias.device)
+    with torch.no_grad():
+        last.weight.mul_(scale[:, None])
+        last.bias.mul_(scale).add_(offset)
+        actor.distribution.std_param.mul_(scale)
+
+
+def _observation(transition: Transition) -> TensorDict:
+    return TensorDict({"policy": transition.actor, "privileged": transition.critic}, batch_size=[len(transition.actor)])
+
+
+def _levels(old_kind: torch.Tensor, old_level: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
+    """Levels for robots of the given kinds, dealt out as they were distributed over robots of those kinds."""
+    level = torch.zeros(len(kind), device=kind.device)
+    for k in range(len(KINDS)):
+        known = old_level[old_kind == k].float().sort().values
+        members = (kind == k).nonzero()[:, 0]
+        if len(known) and len(members):
+            place = torch.arange(len(members), device=kind.device) * len(known) // len(members)
+            level[members] = known[place]
+    return level

@@ -1,0 +1,112 @@
+"""What a training says about itself: one line for people, a table for programs, curves for tensorboard."""
+
+import csv
+from pathlib import Path
+
+import torch
+from torch.utils.tensorboard import SummaryWriter
+
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.episode import TALLY
+from saltus.policy.env.rewards import TERMS
+from saltus.policy.training.learner import Learner
+from saltus.terrain.batch import KINDS
+
+_SHORT = {"flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp"}
+
+
+class Progress:
+    """Reads the environment's tallies and starts them again.
+
+    Args:
+        folder: Where `progress.csv` and the curves go; both are continued.
+        env: Whose tallies.
+        learner: Whose iterations.
+    """
+
+    def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
+        self._env, self._learner = env, learner
+        self._table = folder / "progress.csv"
+        self._curves = SummaryWriter(str(folder), purge_step=learner.iteration)
+        self._last_steps = learner.steps
+
+    def report(self, losses: dict[str, float], seconds: float, total_seconds: float) -> str:
+        """Writes a row and its curves; returns the line.
+
+        Args:
+            losses: of the last iteration.
+            seconds: since the last report.
+            total_seconds: of training so far.
+        """
+        learner = self._learner
+        row = {
+            "iteration": float(learner.iteration),
+            "steps": float(learner.steps),
+            "seconds": total_seconds,
+            "steps_per_s": (learner.steps - self._last_steps) / max(seconds, 1e-9),
+            "learning_rate": learner.ppo.learning_rate,
+            "std": learner.std,
+            "crowded": self._env.crowded_share(),
+            **losses,
+            **self._rewards(),
+            **self._terrains(),
+        }
+        self._last_steps = learner.steps
+        self._write(row)
+        return _line(row)
+
+    def add(self, values: dict[str, float], iteration: int) -> None:
+        """Adds points to tensorboard's curves."""
+        for name, value in values.items():
+            self._curves.add_scalar(name, value, iteration)
+
+    def close(self) -> None:
+        """Finishes the curves."""
+        self._curves.close()
+
+    def _rewards(self) -> dict[str, float]:
+        sums = self._env.episodes.term_sums
+        steps = max((self._learner.steps - self._last_steps) / self._env.count, 1.0)
+        means = (100.0 * sums / steps).tolist()  # per second
+        sums.zero_()
+        return {f"reward/{name}": value for name, value in zip(TERMS, means, strict=True)} | {"reward": sum(means)}
+
+    def _terrains(self) -> dict[str, float]:
+        memory, tally = self._env.memory, self._env.episodes.tally
+        values: dict[str, float] = {}
+        for k, kind in enumerate(KINDS):
+            level = memory.level[memory.kind == k]
+            if not len(level):
+                continue
+            counts = dict(zip(TALLY, tally[k].tolist(), strict=True))
+            episodes = max(counts.pop("episodes"), 1.0)
+            values[f"{kind}/level"] = float(level.mean())
+            values[f"{kind}/top"] = float(torch.quantile(level, 0.9))
+            values[f"{kind}/speed"] = counts["way_m"] / max(counts["time_s"], 1e-9)
+            values |= {f"{kind}/{name}": count / episodes for name, count in counts.items()}
+        tally.zero_()
+        return values
+
+    def _write(self, row: dict[str, float]) -> None:
+        is_new = not self._table.exists()
+        with self._table.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(row))
+            if is_new:
+                writer.writeheader()
+            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+        self.add(
+            {name if "/" in name else f"train/{name}": value for name, value in row.items()}, int(row["iteration"])
+        )
+
+
+def _line(row: dict[str, float]) -> str:
+    terrains = [
+        f"{short} L{row[f'{kind}/level']:.2f} {row[f'{kind}/way_m']:.1f}m {row[f'{kind}/speed']:.2f}m/s "
+        f"ok{100 * row[f'{kind}/finished']:.0f}%"
+        for kind, short in _SHORT.items()
+        if f"{kind}/level" in row
+    ]
+    return (
+        f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s {row['steps_per_s'] / 1e3:.1f}k/s "
+        f"rew {row['reward']:.2f} std {row['std']:.2f} lr {row['learning_rate']:.0e} | " + " | ".join(terrains)
+    )

@@ -1,0 +1,107 @@
+"""What a training leaves in its folder: checkpoint, configuration, commit, curves, and how the deployed stack did."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from saltus.config import to_toml
+from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import TrainConfig
+from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
+from saltus.policy.training.evaluation_table import Row, summary
+from saltus.policy.training.learner import Learner
+from saltus.policy.training.progress import Progress
+from saltus.terrain.batch import KINDS
+
+REPORT_S = 10.0
+SAVE_S = 120.0
+EVALUATION_TRIALS = 8
+
+
+class TrainingRecord:
+    """Writes everything, as often as it is due.
+
+    Args:
+        folder: For the results; made where it is missing.
+        config: Of the run.
+        env: Whose tallies.
+        learner: Whose networks.
+        commit: Which code trains.
+        start_s: When the run began, on the monotonic clock; less what the checkpoint had cost from which it goes on.
+        evaluate_s: Time between evaluations with the deployed stack; 0 for none.
+        say: Told lines for people.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        config: TrainConfig,
+        env: JumpEnv,
+        learner: Learner,
+        *,
+        commit: str,
+        start_s: float,
+        evaluate_s: float,
+        say: Callable[[str], None],
+    ) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._checkpoint = folder / "checkpoint.pt"
+        self._learner, self._start_s, self._say = learner, start_s, say
+        self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
+        (folder / "config.toml").write_text(self._extra["config"])
+        (folder / "commit.txt").write_text(commit + "\n")
+        self._progress = Progress(folder, env, learner)
+        self._reported = self._saved = time.monotonic()
+        self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
+        """What runs beside the training; None where nothing does."""
+
+    def step(self, losses: dict[str, float]) -> None:
+        """After an iteration: reports, saves and evaluates what is due."""
+        now = time.monotonic()
+        if now - self._reported > REPORT_S:
+            self._say(self._progress.report(losses, now - self._reported, now - self._start_s))
+            self._reported = now
+        evaluates = self.evaluation is not None and self.evaluation.due(now)
+        if evaluates or now - self._saved > SAVE_S:
+            self.save()
+        if self.evaluation is not None:
+            if evaluates:
+                self.evaluation.start(self._checkpoint, now)
+            self._tell(self.evaluation.finished())
+
+    def close(self) -> None:
+        """Ends what is still running."""
+        if self.evaluation is not None:
+            self._tell(self.evaluation.finished())
+            self.evaluation.close()
+        self._progress.close()
+
+    def save(self) -> None:
+        """Writes the checkpoint."""
+        now = time.monotonic()
+        self._learner.save(self._checkpoint, {**self._extra, "seconds": now - self._start_s})
+        self._saved = now
+
+    def _tell(self, rows: list[Row]) -> None:
+        if not rows:
+            return
+        self._say(summary(rows))
+        for row in rows:
+            values = {name: value for name, value in asdict(row).items() if name in _CURVES}
+            self._progress.add(
+                {f"deployed/{row.course}/{name}": value for name, value in values.items()}, row.iteration
+            )
+
+    def _evaluations(self, folder: Path, curriculum: CurriculumConfig, every_s: float) -> BackgroundEvaluation | None:
+        missing = missing_packages()
+        if missing:
+            self._say(f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}")
+            return None
+        kinds = [kind for kind in KINDS if curriculum.share(kind) > 0.0]
+        return BackgroundEvaluation(folder / "evaluation.csv", kinds, every_s=every_s, trials=EVALUATION_TRIALS)
+
+
+_CURVES = ("success_rate", "way_share", "mean_speed_mps", "time_p50_s")

@@ -1,0 +1,1 @@
+"""Logs of others, as run logs."""

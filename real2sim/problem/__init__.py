@@ -1,0 +1,1 @@
+"""Unknowns to residuals, for each kind of sensor."""

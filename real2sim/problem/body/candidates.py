@@ -1,0 +1,197 @@
+"""What may be otherwise than claimed about a robot on the ground, in coordinates that are 0 where nothing is."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.torque_saturation import CURVE_REDUCTION
+from saltus.errors import RecordingError
+from saltus.go1 import REDUCTION, TORQUE_LIMIT
+from saltus.real2sim.problem.body.replay import Rig
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Unknown
+
+SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
+LARGEST_TIME_CONSTANT_S = 0.05
+LEAST_SOFTER = 3.0
+"""A ground of twice the claimed time constant is within bounds, however soft that is."""
+FRICTION_RANGE = (0.1, 1.6)
+SECANT = 4.0
+"""Searches step by a quarter of a scale; a scale of four times a step makes them take the whole step."""
+LARGEST_CREEP = 1.2
+"""Half of the way, and some, between the ratios of impedances that engines have by default, 1 and 10, in logarithms:
+which of them is nearer has been found before."""
+LARGEST_GIVE = 1.5
+"""Likewise for impedances, of 0.95 and 0.99."""
+CORNERS_NM = (6.0, 12.0, 18.0)
+"""Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8 Nm), to a jump's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claims:
+    """What a log claims of body and ground."""
+
+    payload_kg: float = 0.0
+    friction: float = NOMINAL_FRICTION
+    contact_time_constant: float = NOMINAL_CONTACT_TIME_CONSTANT_S
+    payload_position: tuple[float, ...] | None = None
+    """Of what may be on top of the trunk [m], base frame; None for where the simulator has it."""
+
+    @classmethod
+    def of(cls, meta: dict[str, Any]) -> "Claims":
+        """Reads `meta.json`; what it does not say is as in the simulator.
+
+        Raises:
+            RecordingError: a claim that no ground and no robot has.
+        """
+        ground, position = meta.get("ground") or {}, meta.get("payload_position")
+        claims = cls(
+            payload_kg=float(meta.get("payload_kg") or 0.0),
+            friction=float(ground.get("friction", NOMINAL_FRICTION)),
+            contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
+            payload_position=None if position is None else tuple(float(value) for value in position),
+        )
+        is_placed = claims.payload_position is None or len(claims.payload_position) == 3
+        if not is_placed or min(claims.friction, claims.contact_time_constant) <= 0.0 or claims.payload_kg < 0.0:
+            raise RecordingError(f"meta.json claims a ground or a payload that cannot be: {claims}")
+        return claims
+
+    def softness(self, time_constant: float) -> float:
+        """The coordinate of a time constant [s]."""
+        return (time_constant / self.contact_time_constant) ** 2 - 1.0
+
+
+def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
+    """The effects that motion of the base can show.
+
+    Args:
+        claims: Of the log; effects count from there.
+        slips_at: A coefficient of friction at which feet would slip in this log. Above it nothing changes with the
+            coefficient, so that only a step as far as this shows in which direction the residuals go.
+    """
+    slip_step = SECANT * (claims.friction - slips_at)
+    highest = max(claims.softness(LARGEST_TIME_CONSTANT_S), LEAST_SOFTER)
+    lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
+    return (
+        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
+        _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
+        _one("base_inertia", "trunk", Unknown(name="excess", low=-0.7, high=2.0, scale=0.8)),
+        _one(
+            "foot_friction",
+            "feet",
+            Unknown(
+                name="less",
+                low=min(claims.friction - FRICTION_RANGE[1], 0.0),
+                high=max(claims.friction - FRICTION_RANGE[0], 0.0),
+                scale=slip_step,
+            ),
+        ),
+        _one("contact_compliance", "feet", Unknown(name="softness", low=lowest, high=highest, scale=2.0)),
+        _one("torque_gain", "joints", Unknown(name="excess", low=-0.5, high=0.5, scale=0.02)),
+        _one("battery_sag", "joints", Unknown(name="loss", low=-0.1, high=0.6, scale=0.04)),
+        _one("command_delay", "joints", Unknown(name="delay", low=0.0, high=0.05, scale=0.004)),
+        Candidate(
+            effect="torque_saturation",
+            where="joints",
+            unknowns=(
+                Unknown(name="loss", low=0.0, high=0.95, scale=0.2),
+                Unknown(name="corner", low=3.0, high=35.0, scale=2.0, is_shape=True),
+            ),
+            starts=tuple((0.0, corner) for corner in CORNERS_NM),
+        ),
+        _one("viscous_friction", "joints", Unknown(name="coefficient", low=0.0, high=2.0, scale=0.05)),
+        _one("coulomb_friction", "joints", Unknown(name="torque", low=0.0, high=4.0, scale=0.1)),
+        _one("drive_rate", "joints", Unknown(name="continuous", low=0.0, high=1.0, scale=1.0), is_nuisance=True),
+        # of a contact a log claims friction and time constant; engines want more to be said, and a step of time
+        _one(
+            "contact_solver",
+            "feet",
+            Unknown(name="creep", low=-LARGEST_CREEP, high=LARGEST_CREEP, scale=0.5),
+            Unknown(name="give", low=-LARGEST_GIVE, high=LARGEST_GIVE, scale=0.5),
+            Unknown(name="fineness", low=0.0, high=1.0, scale=1.0),
+            is_nuisance=True,
+        ),
+    )
+
+
+def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
+    """What to simulate; `unknowns` of shape (n, unknowns), `names` as `names_of` gives them."""
+    value = dict(zip(names, unknowns.T, strict=True))
+    n = len(unknowns)
+    body = claimed_body(
+        (n,),
+        friction=claims.friction - value["foot_friction.less"],
+        payload_kg=claims.payload_kg + value["payload_mass.mass"],
+        com_shift=np.stack([value[f"com_offset.{axis}"] for axis in "xyz"], axis=-1),
+        inertia_scale=1.0 + value["base_inertia.excess"],
+        contact_time_constant=claims.contact_time_constant * np.sqrt(1.0 + value["contact_compliance.softness"]),
+    )
+    return Rig(
+        body=body,
+        gain=1.0 + value["torque_gain.excess"],
+        sag=value["battery_sag.loss"],
+        delay_s=value["command_delay.delay"],
+        loss=value["torque_saturation.loss"],
+        corner=value["torque_saturation.corner"],
+        viscous=value["viscous_friction.coefficient"],
+        coulomb=value["coulomb_friction.torque"],
+        continuous=value["drive_rate.continuous"],
+        creep=value["contact_solver.creep"],
+        give=value["contact_solver.give"],
+    )
+
+
+def names_of(candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
+    """Names of all unknowns, "effect.unknown", in the order of the vector of unknowns."""
+    return tuple(f"{c.effect}.{unknown.name}" for c in candidates for unknown in c.unknowns)
+
+
+def estimates(effect: str, claims: Claims, values: Floats) -> dict[str, Estimate]:
+    """Parameters in the schema's names and units."""
+    v = [float(value) for value in values]
+    if effect == "torque_saturation":
+        return _saturation(v[0], v[1])
+    return dict(_plain(effect, claims, v))
+
+
+def _plain(effect: str, claims: Claims, v: list[float]) -> Iterator[tuple[str, Estimate]]:
+    if effect == "payload_mass":
+        yield "mass", Estimate(value=v[0], unit="kg")
+    elif effect == "com_offset":
+        yield from ((axis, Estimate(value=value, unit="m")) for axis, value in zip("xyz", v, strict=True))
+    elif effect == "base_inertia":
+        yield "scale", Estimate(value=1.0 + v[0], unit="")
+    elif effect == "foot_friction":
+        yield "coefficient", Estimate(value=claims.friction - v[0], unit="")
+    elif effect == "contact_compliance":
+        time_constant = claims.contact_time_constant * float(np.sqrt(1.0 + v[0]))
+        yield "time_constant", Estimate(value=time_constant, unit="s")
+    elif effect == "torque_gain":
+        yield "gain", Estimate(value=1.0 + v[0], unit="")
+    elif effect == "battery_sag":
+        yield "loss_at_end", Estimate(value=v[0], unit="")
+    elif effect == "command_delay":
+        yield "delay", Estimate(value=v[0], unit="s")
+    elif effect == "viscous_friction":
+        yield "coefficient", Estimate(value=v[0], unit="Nm s/rad")
+    elif effect == "coulomb_friction":
+        yield "torque", Estimate(value=v[0], unit="Nm")
+    else:
+        names = ("continuous",) if effect == "drive_rate" else ("creep", "give", "fineness")
+        yield from ((name, Estimate(value=value, unit="")) for name, value in zip(names, v, strict=True))
+
+
+def _saturation(loss: float, corner: float) -> dict[str, Estimate]:
+    """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
+    calf = int(np.flatnonzero(REDUCTION == CURVE_REDUCTION)[0])
+    limit = float(TORQUE_LIMIT[calf])
+    knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
+    plateau = limit - loss * max(limit - corner, 0.0)
+    return {"knee": Estimate(value=min(knee, limit), unit="Nm"), "plateau": Estimate(value=plateau, unit="Nm")}
+
+
+def _one(effect: str, where: str, *unknowns: Unknown, is_nuisance: bool = False) -> Candidate:
+    start = (0.0,) * len(unknowns)
+    return Candidate(effect=effect, where=where, unknowns=unknowns, starts=(start,), is_nuisance=is_nuisance)

@@ -1,0 +1,39 @@
+"""How the ground gives way: of a contact a log claims friction and time constant, engines want more to be said."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from saltus.real2sim.problem.problem import Floats
+from saltus.sim.free import OWN_SOLVER, Solver
+
+SOFTER = (0.9, 0.95)
+"""Impedance of contacts that engines have by default; the scene's own are stiffer, so that feet do not creep."""
+GROUNDS = (
+    OWN_SOLVER,
+    Solver(impedance=SOFTER),
+    Solver(impratio=1.0),
+    Solver(impratio=1.0, impedance=SOFTER),
+    Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
+)
+OTHERWISE = ((1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 0.5), (1.0, 0.15))
+"""Time constant and friction, times the claimed ones: ground that is soft or slippery must not be taken for one that
+creeps."""
+
+
+def likeliest(squares: Callable[[Solver, float, float], Floats]) -> Solver:
+    """The way to compute contacts with which a log agrees best, whatever else its robot has.
+
+    Args:
+        squares: Mean square of what is left in each window under a solver and multiples of the claimed time constant
+            and friction, shape (w,). Their logarithms are compared: windows with much to explain otherwise do not
+            decide alone.
+    """
+    left = [min(float(np.sum(np.log(squares(ground, *o)))) for o in OTHERWISE) for ground in GROUNDS]
+    return GROUNDS[int(np.argmin(left))]
+
+
+def finer(ground: Solver) -> Sequence[Solver]:
+    """The same contacts, computed with half and with a quarter of the step."""
+    return replace(ground, substeps=2), replace(ground, substeps=4)

@@ -1,0 +1,196 @@
+"""How noisy the signals of a standing robot are, and residuals in units of that noise.
+
+Two things part a true simulation from a measurement: noise of the sensors, and the error of the state from which a
+window starts, which comes from the same sensors and fades as the window goes on. The second is a random vector of few
+dimensions; its effect on all later samples is found by simulating each dimension once, and is then taken out to the
+degree to which it is likely.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.go1 import JOINTS, PHYSICS_DT
+from saltus.kinematics import rotation_matrix
+from saltus.real2sim.problem import stream_noise
+from saltus.real2sim.problem.body.windows import BLOCK_STEPS, SMOOTHING_STEPS
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.real2sim.problem.stream_noise import rotation_columns
+from saltus.recordings.run_log import RunLog
+
+KINDS = ("position", "tilt", "velocity", "q", "dq")
+"""Kinds of signals, each with one noise: the axes of a sensor are alike."""
+SIGNALS = (
+    *("base_x", "base_y", "base_z", "base_roll", "base_pitch", "base_yaw", "base_vx", "base_vy", "base_vz"),
+    *(f"{signal}_{joint}" for signal in ("q", "dq") for joint in JOINTS),
+)
+"""Along the heading and in the base frame, see `errors`."""
+KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
+"""Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
+SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
+"""Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation itself repeats."""
+LARGEST_DOUBT = 10.0
+"""Segments with a window in which right simulations differ by this many times the power of the noise are left out: what
+a foot does there hangs on a hair."""
+LARGEST_LASTING = 1.0
+"""Windows are left out in which errors of the start have not faded below the noise: a foot is about to lift or slip
+there, and the simulation goes its own way."""
+UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
+"""Where on flat ground a robot stands, and which way it faces, tells nothing: they start free."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Noise of means over blocks, by kind of signal: shapes (5,)."""
+
+    sigma: Floats
+    correlation: Floats
+    """From block to block."""
+
+    def plain(self, error: Floats, sigma: Floats | None = None) -> Floats:
+        """Errors of unit variance without correlation from block to block, were windows to start from true states.
+
+        Args:
+            error: Shape (..., blocks, 33).
+            sigma: Standard deviations other than these, same shape or less.
+        """
+        phi = self.correlation[KIND_OF_SIGNAL]
+        scaled = error / (self.sigma[KIND_OF_SIGNAL] if sigma is None else sigma)
+        later = (scaled[..., 1:, :] - phi * scaled[..., :-1, :]) / np.sqrt(1.0 - phi**2)
+        return np.concatenate([scaled[..., :1, :], later], axis=-2)
+
+
+def errors(measured: Floats, simulated: Floats) -> Floats:
+    """Measured minus simulated in 33 signals.
+
+    Args:
+        measured: Columns as `body_windows.POSE` and following, shape (..., 34).
+        simulated: The same, shape (..., 34).
+
+    Returns:
+        Position of the base along the measured heading, rotation vector in the base frame, velocity along the heading,
+        joints, joint velocities; shape (..., 33).
+    """
+    quaternion = _unit(measured[..., 3:7])
+    rotation = rotation_matrix(quaternion)
+    along = rotation[..., :2, 0] / np.linalg.norm(rotation[..., :2, 0], axis=-1, keepdims=True)
+    c, s = along[..., 0], along[..., 1]
+    moved = measured - simulated
+
+    def turned(vector: Floats) -> list[Floats]:
+        return [c * vector[..., 0] + s * vector[..., 1], c * vector[..., 1] - s * vector[..., 0], vector[..., 2]]
+
+    model = _unit(simulated[..., 3:7])
+    w, v = model[..., :1], model[..., 1:]
+    tilt = 2.0 * (w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:]))
+    tilt = tilt * np.sign(np.sum(model * quaternion, axis=-1, keepdims=True))
+    parts = [np.stack(turned(moved[..., :3]), axis=-1), tilt, np.stack(turned(moved[..., 19:22]), axis=-1)]
+    return np.concatenate([*parts, moved[..., 7:19], moved[..., 22:]], axis=-1)
+
+
+def read_noise(log: RunLog) -> Noise:
+    """Noise of the signals of a log with a measured base, from what is too quick for a body."""
+    joints, base = log.joints, log.base
+    if base is None:
+        raise ValueError("the log has no base.csv")
+    streams = [
+        (base.time_s, base.values[:, :3]),
+        (base.time_s, rotation_columns(base.values[:, 3:7])),
+        (base.time_s, base.values[:, 7:10]),
+        (joints.time_s, joints.q),
+        (joints.time_s, joints.q if joints.dq is None else joints.dq),
+    ]
+    found = np.array([stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams])
+    return Noise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
+
+
+class Whitening:
+    """Turns errors into residuals of unit variance.
+
+    Args:
+        noise: Of the sensors.
+        starts: Error of each window under the starting error of each dimension, one standard deviation large, shape
+            (dimensions, w, blocks, 33).
+        measured: What is added to errors, were windows to start as measured rather than where they are likeliest,
+            shape (w, blocks, 33).
+        unrepeated: Variance of what a right simulation does not repeat either, shape (w, blocks, 33).
+        lasting: Power of errors of the start late in each window, in units of the noise, shape (w,).
+        segment: Of each window, shape (w,).
+    """
+
+    def __init__(
+        self, noise: Noise, starts: Floats, measured: Floats, unrepeated: Floats, lasting: Floats, segment: Indices
+    ) -> None:
+        sensors = noise.sigma[KIND_OF_SIGNAL] ** 2
+        self._sigma = np.sqrt(sensors + unrepeated)
+        doubt = np.mean(unrepeated / sensors, axis=(1, 2))
+        worst = np.array([doubt[segment == s].max() for s in segment])
+        is_steady = lasting <= max(LARGEST_LASTING, float(lasting.min()))
+        self.is_reproducible = is_steady & (worst <= max(LARGEST_DOUBT, float(worst[is_steady].min())))
+        self._noise, self._measured = noise, measured
+        plain = noise.plain(starts, self._sigma)  # (d, w, blocks, 33)
+        flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)
+        self._basis, size, _ = np.linalg.svd(flat, full_matrices=False)  # (w, blocks * 33, d)
+        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+
+    def __call__(self, error: Floats) -> Floats:
+        """Residuals of errors, both of shape (n, w, blocks, 33); 0 in windows that no simulation can reproduce."""
+        plain = self._noise.plain(error + self._measured, self._sigma)
+        flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)  # (w, blocks * 33, n)
+        flat = flat - self._basis @ (self._shrink[..., None] * (self._basis.mT @ flat))
+        whitened = flat.transpose(2, 0, 1).reshape(plain.shape)
+        return np.asarray(whitened * self.is_reproducible[:, None, None])
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartNoise:
+    """Standard deviations of the state at the start of a window."""
+
+    sigma: Floats
+    """Base position (3), tilt (3), velocity (3), rates (3), joints (12), joint velocities (12); shape (36,)."""
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """Dimensions that start anywhere: place and heading."""
+        return np.isin(np.arange(self.sigma.size), (0, 1, 5))
+
+    @classmethod
+    def of(cls, noise: Noise, *, has_gyro: bool) -> "StartNoise":
+        """Of smoothed states; `noise` is that of means over blocks."""
+        # a parabola through n samples has 9 / (4 n) of their variance in its middle
+        position, tilt, velocity, q, dq = np.sqrt(2.25 * BLOCK_STEPS / SMOOTHING_STEPS) * noise.sigma
+        # and its slope 12 / n^3
+        rate = np.sqrt(12.0 * BLOCK_STEPS / SMOOTHING_STEPS**3) / PHYSICS_DT * noise.sigma[1]
+        place, heading = UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD
+        parts = [place, place, position, tilt, tilt, heading, *[velocity] * 3, *[rate * (0.5 if has_gyro else 1.0)] * 3]
+        return cls(sigma=np.array([*parts, *[q] * 12, *[dq] * 12]))
+
+    def moved(self, qpos: Floats, qvel: Floats, by: Floats) -> tuple[Floats, Floats]:
+        """States that are off `by` so many standard deviations.
+
+        Args:
+            qpos: Shape (w, 19).
+            qvel: Shape (w, 18).
+            by: Shape (k, w or 1, 36).
+
+        Returns:
+            Shapes (k, w, 19) and (k, w, 18).
+        """
+        change = np.broadcast_to(by * self.sigma, (len(by), len(qpos), 36))
+        quaternion = _turned(np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6])
+        joints = qpos[:, 7:] + change[..., 12:24]
+        places = np.concatenate([qpos[:, :3] + change[..., :3], quaternion, joints], axis=-1)
+        order = np.r_[6:9, 9:12, 24:36]
+        return places, qvel + change[..., order]
+
+
+def _turned(quaternion: Floats, angle: Floats) -> Floats:
+    """Quaternions turned by small rotation vectors in the base frame, shapes (..., 4) and (..., 3)."""
+    w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * angle
+    scalar = w - np.sum(v * half, axis=-1, keepdims=True)
+    return _unit(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
+
+
+def _unit(quaternion: Floats) -> Floats:
+    return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))

@@ -1,0 +1,251 @@
+"""The body problem: a robot on the ground, replayed in short windows from its measured state.
+
+Residuals are what motion capture and encoders measured minus what the simulator makes of the logged commands, under
+the claimed body and ground with effects added. Payload, centre of mass and inertia show in how the body sinks, leans
+and turns; ground and soles in slip, touchdown and rebound. Drives are between commands and body: their effects are
+candidates too, as a weak motor looks like a heavy trunk.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from saltus.errors import RecordingError
+from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
+from saltus.real2sim.problem.body.ground import finer, likeliest
+from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
+from saltus.real2sim.problem.body.replay import Replay, Rig
+from saltus.real2sim.problem.body.starts import Starts
+from saltus.real2sim.problem.body.testable import untestable
+from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
+from saltus.real2sim.problem.log import segments_of
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem
+from saltus.recordings.run_log import RunLog
+from saltus.sim.free import Box, Solver
+
+LARGEST = 100.0
+"""Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
+LATE = BLOCKS * 2 // 3
+"""Block from which on errors of the start should have faded."""
+DRAWS, PAIRS = 8, 5
+"""Random starts, and small changes of the robot, each there and back: variances within a half."""
+USUAL = {
+    "payload_mass.mass": 0.3,
+    "com_offset.x": 0.005,
+    "com_offset.y": 0.005,
+    "com_offset.z": 0.005,
+    "base_inertia.excess": 0.2,
+    "contact_compliance.softness": 1.0,
+    "torque_gain.excess": 0.03,
+    "viscous_friction.coefficient": 0.05,
+    "coulomb_friction.torque": 0.1,
+    "drive_rate.continuous": 1.0,
+    "contact_solver.creep": 0.3,
+    "contact_solver.give": 0.3,
+}
+"""Effects of usual size, about which the error of a start is still linear."""
+HAIR = {
+    "payload_mass.mass": 0.05,
+    "com_offset.x": 0.001,
+    "com_offset.y": 0.001,
+    "com_offset.z": 0.001,
+    "base_inertia.excess": 0.05,
+    "contact_compliance.softness": 0.15,
+    "contact_solver.creep": 0.2,
+    "contact_solver.give": 0.2,
+}
+"""Changes of a robot that a log of half a minute hardly shows: a hundredth of its mass, a millimetre."""
+QUARTER_TO_NONE, HALF_TO_QUARTER = 4.0 / 3.0, 1.5
+"""The error of a contact's simulation grows with its step: what a quarter of the step changes, times the first, is what
+none at all would; what half of the step changes, times the second, is what a quarter does."""
+JUDGED_BY = 8
+"""Windows by which ways to compute contacts are judged: they differ everywhere."""
+SCANNED = 8
+SMALLEST_LESS = 0.02
+"""Coefficients this close to the claimed one are not told from it by scanning."""
+SLIP_QUANTILE = 0.97
+"""Part of the time under load in which the ground must hold a foot, for the coefficient at which feet would slip."""
+
+
+class BodyProblem(Problem):
+    """One robot on the ground, one block "trunk".
+
+    Args:
+        log: With base "free", `base.csv` and the joints of a Go1.
+
+    Raises:
+        RecordingError: the log does not have that, or no stretch of it is long enough.
+    """
+
+    name = "body"
+    blocks = ("trunk",)
+    places = ({"trunk": "trunk", "feet": "feet", "joints": "all"},)
+    simulation_doubt = 0.3
+    """What right ways to compute contacts differ by is in the noise already."""
+
+    def __init__(self, log: RunLog) -> None:
+        if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
+            raise RecordingError("the body shows only where a Go1 stands free and base.csv says how its base moves")
+        self.segments = segments_of(log)
+        self._windows = cut_windows(log, self.segments)
+        if not len(self._windows.start_s):
+            raise RecordingError("no segment of the log is as long as a window of 0.65 s")
+        self._claims = Claims.of(log.meta)
+        self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
+        self._index()
+        noise = read_noise(log)
+        self._ground = self._likeliest(noise)
+        self._replay = self._replayed(self._ground)
+        self._prepare(noise, has_gyro=log.imu is not None)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """Whitened residuals, shape (n, 1, m)."""
+        rig = rig_of(self._names, self._claims, unknowns[:, 0])
+        fineness = unknowns[:, 0, self._names.index("contact_solver.fineness"), None, None, None]
+        whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._of_step)
+        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST, LARGEST)
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """Parameters in the schema's names and units."""
+        return estimates(candidate.effect, self._claims, values)
+
+    @property
+    def claims(self) -> Claims:
+        """What the log claims of body and ground."""
+        return self._claims
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, "effect.unknown"."""
+        return self._names
+
+    def _index(self) -> None:
+        """Segment, signal and time of each residual."""
+        windows, signals = self._windows, len(SIGNALS)
+        shape = (len(windows.start_s), BLOCKS, signals)
+        self.signals = SIGNALS
+        self.segment = np.broadcast_to(windows.segment[:, None, None], shape).ravel()
+        self.signal = np.broadcast_to(np.arange(signals), shape).ravel()
+        self.time_s = np.broadcast_to(windows.block_s[..., None], shape).ravel()
+
+    def _prepare(self, noise: Noise, *, has_gyro: bool) -> None:
+        """Noise, the candidates, and what they could not show."""
+        tangential, normal = self._replay.foot_forces(self._rig_at_rest())
+        loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
+        ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
+        demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
+        slips_at = min(0.9 * demand, 0.9 * self._claims.friction)
+        self.candidates = candidates(self._claims, slips_at)
+        self._names = names_of(self.candidates)
+        self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
+        self._whiten = self._whitening(noise, has_gyro=has_gyro)
+        self.candidates = candidates(self._claims, self._slipperiest(slips_at))
+        self.untestable = untestable(self, self._at_rest, ratio, normal)
+
+    def _slipperiest(self, otherwise: float) -> float:
+        """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
+
+        Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
+        """
+        column, most = self._names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
+        best, grid = 0.0, np.linspace(0.0, most, SCANNED)
+        for _ in range(3):
+            sets = np.repeat(self._at_rest[None, None], len(grid), axis=0)
+            sets[:, 0, column] = grid
+            best = float(grid[np.argmin(np.sum(self.residuals(sets) ** 2, axis=(1, 2)))])
+            step = grid[1] - grid[0]
+            if best == 0.0 and step < SMALLEST_LESS:
+                break
+            grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, most)
+        return self._claims.friction - best if best > SMALLEST_LESS else otherwise
+
+    def _rig_at_rest(self) -> Rig:
+        nothing = candidates(self._claims, 0.5 * self._claims.friction)
+        start = np.array([[value for c in nothing for value in c.starts[0]]])
+        return rig_of(names_of(nothing), self._claims, start)
+
+    def _likeliest(self, noise: Noise) -> Solver:
+        windows = self._windows
+        some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
+
+        def squares(solver: Solver, softer: float, rougher: float) -> Floats:
+            replay, rig = self._replayed(solver, windows.taken(some)), self._rig_at_rest()
+            rig.body.contact_time_constant[:] *= softer
+            rig.body.friction[:] *= rougher
+            error = errors(windows.measured[some], replay.states(rig))
+            return np.asarray(np.mean(noise.plain(_finite(error))[0] ** 2, axis=(1, 2)))
+
+        return likeliest(squares)
+
+    def _whitening(self, noise: Noise, *, has_gyro: bool) -> Whitening:
+        """Moves the starts of the windows to where they are likeliest; what is then unknown of errors."""
+        windows, rig = self._windows, self._rig_at_rest()
+        spread = StartNoise.of(noise, has_gyro=has_gyro)
+        single = np.eye(spread.sigma.size)[:, None, :].repeat(len(windows.start_s), axis=1)
+        slopes = self._moved(spread, single)
+        claimed = self._errors(self._replay.states(rig))
+        effects = self._errors(self._replay.states(rig_of(self._names, self._claims, self._usual()))) - claimed
+        starts = Starts.of(noise, claimed[0], slopes, effects)
+        qpos, qvel = spread.moved(windows.qpos, windows.qvel, starts.likeliest[None])
+        self._windows = replace(windows, qpos=qpos[0], qvel=qvel[0])
+        self._replay = self._replayed(self._ground)
+        draws = starts.drawn(DRAWS, np.random.default_rng(0))
+        draws[..., spread.is_free] = 0.0  # far off, but to no effect
+        missed = self._moved(spread, draws) - np.einsum("kwd,dwbs->kwbs", draws, slopes)
+        measured = -np.einsum("wd,dwbs->wbs", starts.likeliest, slopes)
+        unrepeated = np.mean(missed**2, axis=0) + self._by_a_hair() + self._of_steps()
+        lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
+        return Whitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
+
+    def _usual(self) -> Floats:
+        """Unknowns with one of `USUAL` off its rest each, shape (e, unknowns)."""
+        sets = np.tile(self._at_rest, (len(USUAL), 1))
+        for one, (name, value) in zip(sets, USUAL.items(), strict=True):
+            one[self._names.index(name)] = value
+        return sets
+
+    def _by_a_hair(self) -> Floats:
+        """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
+
+        When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model can be judged by it.
+        """
+        hair = np.array([HAIR.get(name, 0.0) for name in self._names])
+        change = hair * np.random.default_rng(1).standard_normal((PAIRS, len(hair)))
+        sets = self._at_rest + np.concatenate([0.0 * hair[None], change, -change])
+        error = self._errors(self._replay.states(rig_of(self._names, self._claims, sets)))
+        return np.asarray(np.mean((0.5 * (error[1 : PAIRS + 1] + error[PAIRS + 1 :]) - error[0]) ** 2, axis=0))
+
+    def _of_steps(self) -> Floats:
+        """Square of what a finer step of time changes beyond first order, (w, BLOCKS, 33); keeps the first order."""
+        rig = self._rig_at_rest()
+        claimed = self._errors(self._replay.states(rig))[0]
+        half, quarter = (self._errors(self._replayed(way).states(rig))[0] - claimed for way in finer(self._ground))
+        self._of_step = QUARTER_TO_NONE * quarter
+        return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
+
+    def _moved(self, spread: StartNoise, by: Floats) -> Floats:
+        """What errors change by when starts are off `by` so many standard deviations, shape (k, w, BLOCKS, 33)."""
+        windows = self._windows
+        claims = rig_of(self._names, self._claims, np.tile(self._at_rest, (len(by), 1)))
+        states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))
+        return self._errors(states) - self._errors(self._replay.states(self._rig_at_rest()))
+
+    def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
+        return Replay(windows or self._windows, self._terrain, self._span_s, solver, self._claims.payload_position)
+
+    def _errors(self, states: Floats) -> Floats:
+        """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""
+        return _finite(errors(self._windows.measured, states))
+
+
+def _finite(error: Floats) -> Floats:
+    return np.nan_to_num(error, nan=1e3, posinf=1e3, neginf=-1e3)
+
+
+def _boxes(terrain: Any) -> list[Box]:
+    return [] if terrain == "flat" else [(box["center"], box["size"]) for box in terrain]
+
+
+def _span(log: RunLog) -> tuple[float, float]:
+    return float(log.joints.time_s[0]), float(log.joints.time_s[-1])

@@ -1,0 +1,182 @@
+"""Replays windows of a log through the simulator, for many sets of effects at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from saltus.effects.body import BodyModel
+from saltus.go1 import PHYSICS_DT, REDUCTION
+from saltus.real2sim.problem.body.windows import (
+    BLOCK_STEPS,
+    BLOCKS,
+    HISTORY_STEPS,
+    WINDOW_STEPS,
+    Windows,
+)
+from saltus.real2sim.problem.problem import Floats
+from saltus.sim.free import OWN_SOLVER, Box, FreeRobots, Solver
+
+CHUNK = 512
+"""Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
+_PER_CALF = REDUCTION / REDUCTION[2]
+"""A motor's torque reaches each joint through its reduction: limits of torque scale with it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """What is simulated, for n sets of unknowns.
+
+    Attributes:
+        body: Trunk, payload, ground; shapes (n, ...).
+        gain: Delivered over commanded torque, shape (n,).
+        sag: Fraction of the torque that is lost by the end of the log, shape (n,).
+        delay_s: Age of the command that a drive uses, shape (n,).
+        loss: Share of the torque that is lost beyond a corner, shape (n,).
+        corner: Torque at the calf beyond which it is [Nm], shape (n,).
+        viscous: Friction of each joint [Nm s/rad], shape (n,).
+        coulomb: [Nm], shape (n,).
+        continuous: How the drives' loop runs: 0 at the physics' 500 Hz, 1 without pause, shape (n,).
+    """
+
+    body: BodyModel
+    gain: Floats
+    sag: Floats
+    delay_s: Floats
+    loss: Floats
+    corner: Floats
+    viscous: Floats
+    coulomb: Floats
+    continuous: Floats
+    creep: Floats
+    """Logarithm of how much more feet creep along the ground than with the solver's contacts, shape (n,)."""
+    give: Floats
+    """Logarithm of how much more the ground gives way in all directions, shape (n,)."""
+
+
+class Replay:
+    """Simulations of the windows of one log.
+
+    Args:
+        windows: Of the log.
+        boxes: Its terrain.
+        span_s: Start and end of the log, over which a battery empties.
+        solver: Of contacts.
+        payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
+    """
+
+    def __init__(
+        self,
+        windows: Windows,
+        boxes: Sequence[Box],
+        span_s: tuple[float, float],
+        solver: Solver = OWN_SOLVER,
+        payload_position: Sequence[float] | None = None,
+    ) -> None:
+        self._windows = windows
+        self._count = len(windows.start_s)
+        self._sets = max(1, CHUNK // max(1, self._count))
+        self._solver = solver
+        self._robots = FreeRobots(self._sets * self._count, boxes, solver=solver)
+        if payload_position is not None:
+            self._robots.set_payload_position(np.asarray(payload_position))
+        middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
+        self._age = (middle - span_s[0]) / max(span_s[1] - span_s[0], 1e-9)
+
+    def states(self, rig: Rig, qpos: Floats | None = None, qvel: Floats | None = None) -> Floats:
+        """Means over blocks, columns as the windows' `measured`, shape (n, w, BLOCKS, 34).
+
+        Args:
+            rig: n sets of effects.
+            qpos: Other states at the start than the windows', shape (n, w, 19).
+            qvel: Likewise, shape (n, w, 18).
+        """
+        n = len(rig.gain)
+        now = self._windows
+        qpos = np.broadcast_to(now.qpos, (n, *now.qpos.shape)) if qpos is None else qpos
+        qvel = np.broadcast_to(now.qvel, (n, *now.qvel.shape)) if qvel is None else qvel
+        out = np.empty((n, self._count, BLOCKS, 34))
+        for i in range(0, n, self._sets):
+            part = slice(i, i + self._sets)
+            out[part] = self._run(_taken(rig, part), qpos[part], qvel[part])
+        return out
+
+    def foot_forces(self, rig: Rig) -> tuple[Floats, Floats]:
+        """Force of the ground on each foot under one rig: tangential and normal [N], shape (w, steps, 4)."""
+        forces = np.empty((WINDOW_STEPS, self._count, 4, 3))
+        self._run(rig, self._windows.qpos[None], self._windows.qvel[None], forces)
+        along = forces.transpose(1, 0, 2, 3)
+        return np.hypot(along[..., 0], along[..., 1]), along[..., 2]
+
+    def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
+        sets, windows, robots = len(rig.gain), self._windows, self._robots
+        sims = sets * self._count
+        robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
+        robots.set_bodies(_repeated(rig.body, self._count))
+        drives = _Drives(rig, windows, self._age)
+        coulomb = np.repeat(rig.coulomb, self._count)[:, None]
+        robots.set_friction(np.repeat(rig.viscous, self._count)[:, None] + drives.damping, coulomb)
+        robots.place(qpos.reshape(sims, 19), qvel.reshape(sims, 18))
+        q, dq = robots.qpos[:sims], robots.qvel[:sims]
+        total = np.zeros((sims, BLOCKS, 34))
+        for step in range(WINDOW_STEPS):
+            block = total[:, step // BLOCK_STEPS]
+            block[:, :19] += q
+            block[:, 19:22] += dq[:, :3]
+            block[:, 22:] += dq[:, 6:]
+            robots.step(drives.torque(step, q[:, 7:], dq[:, 6:]))
+            if forces is not None:
+                forces[step] = robots.foot_force[:sims]
+        return total.reshape(sets, self._count, BLOCKS, 34) / BLOCK_STEPS
+
+
+class _Drives:
+    """Torques of all simulations of a batch."""
+
+    def __init__(self, rig: Rig, windows: Windows, age: Floats) -> None:
+        self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
+        self._sets, self._count = len(rig.gain), len(windows.start_s)
+        steps = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)
+        self._whole = steps.astype(np.int64)
+        self._part = (steps - self._whole)[:, None, None]
+        strength = rig.gain[:, None] * (1.0 - rig.sag[:, None] * age)
+        self._strength = strength.reshape(-1, 1)
+        self._loss = np.repeat(rig.loss, self._count)[:, None]
+        self._corner = np.repeat(rig.corner, self._count)[:, None] * _PER_CALF
+        self._is_late, self._saturates = bool(np.any(steps > 0.0)), bool(np.any(rig.loss != 0.0))
+        # Over a step in which its torque were not held, a drive would see its own mean velocity: half of the damping
+        # is the engine's, which is implicit, and the angle is half a step ahead.
+        half = 0.5 * np.repeat(rig.continuous, self._count)[:, None]
+        self.damping = half * windows.kd * self._strength
+        self._kd = self._kd - half * self._kd + half * PHYSICS_DT * self._kp
+        self._is_even = bool(np.all(strength == 1.0))
+
+    def torque(self, step: int, position: Floats, velocity: Floats) -> Floats:
+        """At the joints over the coming step [Nm], shape (sims, 12)."""
+        torque = self._command(step) - self._kp * position - self._kd * velocity
+        if self._saturates:
+            beyond = np.maximum(np.abs(torque) - self._corner, 0.0)
+            torque -= np.sign(torque) * self._loss * beyond
+        return torque if self._is_even else self._strength * torque
+
+    def _command(self, step: int) -> Floats:
+        now = HISTORY_STEPS + step
+        if not self._is_late:
+            return np.tile(self._told[:, now], (self._sets, 1))
+        newer, older = (self._told[:, now - self._whole - k].transpose(1, 0, 2) for k in (0, 1))
+        return np.asarray(((1.0 - self._part) * newer + self._part * older).reshape(-1, 12))
+
+
+def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
+    """Ratio of impedances (n,) and impedance (n, 2) of contacts: their give is (1 - d) / d of the engine's d."""
+    give = (1.0 / np.array(solver.impedance) - 1.0) * np.exp(rig.give)[:, None]
+    return solver.impratio * np.exp(-rig.creep), 1.0 / (1.0 + give)
+
+
+def _taken(rig: Rig, part: slice) -> Rig:
+    body = BodyModel(**{f.name: getattr(rig.body, f.name)[part] for f in fields(BodyModel)})
+    return Rig(body=body, **{f.name: getattr(rig, f.name)[part] for f in fields(Rig) if f.name != "body"})
+
+
+def _repeated(body: BodyModel, count: int) -> BodyModel:
+    return BodyModel(**{f.name: np.repeat(getattr(body, f.name), count, axis=0) for f in fields(BodyModel)})

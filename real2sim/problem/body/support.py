@@ -1,0 +1,41 @@
+"""Whether a robot stands on its legs: the weight that its drives' torques carry."""
+
+import numpy as np
+
+from saltus import go1
+from saltus.kinematics import foot_jacobian, rotation_matrix
+from saltus.recordings.run_log import RunLog
+
+GRAVITY = 9.81
+LEAST_SHARE = 0.5
+"""Of the robot's weight. In the mean over a log the ground gives all of it; motors a third weaker than told still seem
+to give two thirds."""
+EVERY = 5
+"""Rows of which one is looked at: drives follow legs, which move below 20 Hz."""
+
+
+def carried_by(log: RunLog) -> float:
+    """Share of the claimed weight that the commanded torques put on the ground, in the mean over a log.
+
+    In the mean the forces on a body that ends as it began are its weight, in jumps too; a robot that is carried, or
+    hangs, puts none on its feet. Legs are taken as light.
+
+    Args:
+        log: With base "free", its pose measured, and the twelve joints of a Go1.
+    """
+    joints, base = log.joints, log.base
+    if base is None:
+        raise ValueError("the log has no base.csv")
+    part = slice(None, None, EVERY)
+    torque = np.asarray(log.meta["kp"]) * (joints.q_des[part] - joints.q[part])
+    if joints.dq is not None:
+        wanted = 0.0 if joints.dq_des is None else joints.dq_des[part]
+        torque = torque + np.asarray(log.meta["kd"]) * (wanted - joints.dq[part])
+    if joints.tau_ff is not None:
+        torque = torque + joints.tau_ff[part]
+    jacobian = np.asarray(foot_jacobian(joints.q[part])).swapaxes(-1, -2)
+    pushed = -np.einsum("nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3))  # on the robot, base frame
+    row = np.clip(np.searchsorted(base.time_s, joints.time_s[part]), 0, len(base.time_s) - 1)
+    up = rotation_matrix(base.values[row, 3:7])[:, 2]  # the world's vertical in the base frame
+    weight = GRAVITY * (go1.MASS + float(log.meta.get("payload_kg") or 0.0))
+    return float(np.mean(np.einsum("nli,ni->n", pushed, up)) / weight)

@@ -1,0 +1,71 @@
+"""Noise of measured depth by range, from second differences along rows, which no smooth error of geometry survives."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.stats import median_abs_deviation
+
+from saltus.real2sim.problem.problem import Floats
+
+BINS = 10
+FEWEST = 40  # second differences in a bin: their spread is then known to a tenth
+OUTLIER = 5.0  # spreads of a bin; mixed pixels at edges are beyond
+LEAST_M = 1e-3 / math.sqrt(12.0)  # rounding to a run log's unit of depth
+SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over that of white x
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthNoise:
+    """Standard deviation sqrt((quadratic z^2)^2 + constant^2) of one pixel at depth z."""
+
+    quadratic: float
+    """[1/m]."""
+    constant: float
+    """[m]."""
+
+    def sigma(self, depth: Floats) -> Floats:
+        """[m], shape as `depth` [m]."""
+        return np.sqrt((self.quadratic * depth**2) ** 2 + self.constant**2)
+
+
+def second_differences(values: Floats) -> Floats:
+    """Of unit gain for white noise, along the last axis but one, shape (frames, rows, columns - 2)."""
+    bend = values[..., 2:] - 2.0 * values[..., 1:-1] + values[..., :-2]
+    return bend / np.sqrt(SECOND_DIFFERENCE)
+
+
+def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
+    """Fits the noise to second differences; NaN is missing.
+
+    Args:
+        depth: predicted, at the middle of each difference [m].
+        difference: from `second_differences` of measured less predicted depth [m], shape as `depth`.
+    """
+    known = np.isfinite(difference) & np.isfinite(depth)
+    z, d = depth[known], difference[known]
+    if z.size < FEWEST:
+        return DepthNoise(quadratic=1.3e-3, constant=LEAST_M)
+    order = np.argsort(z)
+    parts = np.array_split(order, min(BINS, max(1, z.size // FEWEST)))
+    range_m = np.array([np.median(z[part]) for part in parts])
+    variance = np.array([_variance(d[part], z[part])[0] for part in parts])
+    design = np.stack([range_m**4, np.ones_like(range_m)], axis=1) / variance[:, None]
+    (quadratic, constant), _ = nnls(design, 1.0 - LEAST_M**2 / variance)
+    return DepthNoise(quadratic=float(np.sqrt(quadratic)), constant=float(np.sqrt(constant + LEAST_M**2)))
+
+
+def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
+    """Logarithm of the variance of second differences [m], outliers cut, and its standard deviation; shapes (n,)."""
+    variance, count = _variance(difference, depth)
+    # neighbouring differences share two of three samples: about half of them are worth one independent each
+    return float(np.log(variance)), float(np.sqrt(4.0 / max(count, 2)))
+
+
+def _variance(difference: Floats, depth: Floats) -> tuple[float, int]:
+    """Variance without outliers [m^2], at least that of rounding, and of how many."""
+    relative = difference / depth**2  # far pixels are noisier: that makes no outlier
+    spread = median_abs_deviation(relative, scale="normal") * depth**2
+    kept = difference[np.abs(difference) < OUTLIER * np.maximum(spread, LEAST_M)]  # rounding may leave mostly zeros
+    return max(float(np.mean(kept**2)), LEAST_M**2), len(kept)

@@ -1,0 +1,71 @@
+"""Spread of the noise in parts of a log: by segment and range."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.real2sim.problem.camera.data import CameraData
+from saltus.real2sim.problem.camera.noise import log_variance, second_differences
+from saltus.real2sim.problem.camera.pixels import PixelGrid
+from saltus.real2sim.problem.problem import Floats, Indices
+
+RANGES = 4  # parts of the range in which noise is told apart: it grows with the square
+FEWEST_DIFFERENCES = 60
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseParts:
+    """Second differences along rows, in parts.
+
+    What a wrong prediction leaves at the ghost of an edge, as a temporal filter makes them, is no noise: the spread is
+    that beside whatever is predicted.
+    """
+
+    grid: PixelGrid
+    measured: Floats
+    """At the grid [m], shape (kept, pixels)."""
+    at: tuple[Indices, ...]
+    """Of each part its differences, places in all of them."""
+    depth: tuple[Floats, ...]
+    """Their depth without effects [m]."""
+    segment: Indices
+    """Of each part, shape (parts,)."""
+    deviation: Floats
+    """Standard deviation of the logarithm of the variance by chance, shape (parts,)."""
+    range4: Floats
+    """Mean fourth power of depth [m^4], shape (parts,)."""
+
+    def log_variances(self, predicted: Floats) -> Floats:
+        """Logarithm of the variance [m^2] in each part beside predicted depth [m] of shape (kept, pixels)."""
+        difference = second_differences(self.grid.as_image(self.measured - predicted)).ravel()
+        return np.array([log_variance(difference[at], z)[0] for at, z in zip(self.at, self.depth, strict=True)])
+
+    def means(self, values: Floats) -> Floats:
+        """Means over each part of values at the grid, shape (kept, pixels)."""
+        middle = self.grid.as_image(values)[..., 1:-1].ravel()
+        return np.array([np.mean(middle[at]) for at in self.at])
+
+
+def noise_parts(data: CameraData) -> NoiseParts:
+    """The parts of a log that have enough differences."""
+    depth = data.grid.as_image(data.predicted)[..., 1:-1].ravel()
+    known = np.isfinite(data.difference).ravel()
+    owner = np.repeat(data.owner, data.difference[0].size)
+    limits = np.quantile(depth[known], np.linspace(0.0, 1.0, RANGES + 1)).tolist() if known.any() else []
+    found = []
+    for k in np.unique(data.owner):
+        for low, high in itertools.pairwise(limits):
+            at = np.flatnonzero(known & (owner == k) & (depth >= low) & (depth <= high))
+            if len(at) >= FEWEST_DIFFERENCES:
+                found.append((int(k), at, log_variance(data.difference.ravel()[at], depth[at])[1]))
+    parts = [at for _, at, _ in found]
+    return NoiseParts(
+        grid=data.grid,
+        measured=data.measured,
+        at=tuple(parts),
+        depth=tuple(depth[at] for at in parts),
+        segment=np.array([k for k, _, _ in found], dtype=np.int64),
+        deviation=np.array([deviation for _, _, deviation in found]),
+        range4=np.array([np.mean(depth[at] ** 4) for at in parts]),
+    )

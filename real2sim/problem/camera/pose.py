@@ -1,0 +1,130 @@
+"""Where the camera of a run log was and where it looked, as the log claims and measures it."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.stats import median_abs_deviation
+
+from saltus.errors import RecordingError
+from saltus.go1 import STAND_HEIGHT
+from saltus.kinematics import rotation_matrix
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.recordings.run_log import RunLog
+
+SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
+SMOOTHING_ORDER = 3
+LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
+STILL = np.array([0.0, 0.0, STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0])
+"""Pose of a base of which nothing is said: position [m] and quaternion."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClaimedCamera:
+    """What `meta.json` says of the camera."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    position: Floats
+    """Optical centre, trunk frame [m], shape (3,)."""
+    pitch: float
+    """Nose down positive [rad]."""
+    rate_hz: float
+    latency_s: float
+    range_m: float
+    """What is farther reads as this far; infinite where nothing is said."""
+
+    def tangents(self, row: Indices, column: Indices) -> Floats:
+        """Where pixels look, camera frame (right, down, forward), of depth 1. Shapes (n,) -> (3, n)."""
+        x, y = (column + 0.5 - self.cx) / self.fx, (row + 0.5 - self.cy) / self.fy
+        return np.stack([x, y, np.ones_like(x)])
+
+
+def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
+    """Reads the camera out of `meta.json`.
+
+    Raises:
+        RecordingError: a key is missing or no number.
+    """
+    camera = meta.get("camera") or {}
+    try:
+        return ClaimedCamera(
+            **{name: float(camera[name]) for name in ("fx", "fy", "cx", "cy", "pitch")},
+            position=np.asarray(camera["position"], dtype=np.float64).reshape(3),
+            rate_hz=float(camera.get("rate", 0.0)),
+            latency_s=float(camera.get("latency", 0.0)),
+            range_m=float(camera.get("range_max") or math.inf),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"meta.json: camera lacks or misspells {error}") from error
+
+
+class BaseMotion:
+    """The measured pose of the base at any time: smoothed, then cubic interpolation of position and quaternion.
+
+    An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground at 1.5 m by more
+    than its noise. Akima's interpolation does not swing about a base that is moved by hand from one rest to the next.
+
+    Args:
+        log: its `base.csv` is used; where there is none, the base stands still at the height of a standing robot.
+    """
+
+    def __init__(self, log: RunLog) -> None:
+        self.start_s, self.end_s = -math.inf, math.inf
+        self._spline: Akima1DInterpolator | None = None
+        self._pose = STILL
+        self.noise_m = self.noise_rad = LEAST_NOISE
+        """Standard deviation of what `at` returns, per axis [m] and [rad]."""
+        if log.base is None or not len(log.base.time_s):
+            return
+        time_s, first = np.unique(log.base.time_s, return_index=True)
+        pose = log.base.values[first, :7].copy()
+        # q and -q are one rotation: a spline must not run from one to the other
+        flips = np.cumprod(np.where(np.sum(pose[1:, 3:] * pose[:-1, 3:], axis=1) < 0.0, -1.0, 1.0))
+        pose[1:, 3:] *= flips[:, None]
+        self._pose = np.median(pose, axis=0)
+        if len(time_s) >= 4:
+            self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
+            smooth, left = _smoothed(time_s, pose)
+            self._spline = Akima1DInterpolator(time_s, smooth)
+            self.noise_m = max(left * _spread(pose[:, :3] - smooth[:, :3]), LEAST_NOISE)
+            # a rotation by a small angle is half of it in the quaternion
+            self.noise_rad = max(2.0 * left * _spread(pose[:, 3:] - smooth[:, 3:]), LEAST_NOISE)
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""
+        if self._spline is None:
+            pose = np.broadcast_to(self._pose, (len(time_s), 7))
+        else:
+            pose = self._spline(np.clip(time_s, self.start_s, self.end_s))
+        quaternion = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+        return pose[:, :3], rotation_matrix(quaternion)
+
+
+def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
+    """Cubic least squares over `SMOOTHING_S` about each sample, shape (n, 7), where a log is sampled that densely.
+
+    Also returns what is left of white noise, over what was taken away. A stretch ends where samples are missing: the
+    robot may have been carried elsewhere.
+    """
+    gaps = np.diff(time_s)
+    window = 2 * round(0.5 * SMOOTHING_S / float(np.median(gaps))) + 1
+    if window <= SMOOTHING_ORDER + 1:
+        return pose, 0.0
+    smooth = pose.copy()
+    for part in np.split(np.arange(len(time_s)), np.flatnonzero(gaps > SMOOTHING_S) + 1):
+        if len(part) > window:
+            smooth[part] = savgol_filter(pose[part], window, SMOOTHING_ORDER, axis=0)
+    # of least squares, the weight of a sample in its own estimate is the share of the variance that stays
+    own = float(savgol_coeffs(window, SMOOTHING_ORDER)[window // 2])
+    return smooth, math.sqrt(own / (1.0 - own))
+
+
+def _spread(values: Floats) -> float:
+    """Standard deviation without outliers, of the axis that has most."""
+    return float(np.max(median_abs_deviation(values, axis=0, scale="normal")))

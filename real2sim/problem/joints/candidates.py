@@ -1,0 +1,284 @@
+"""Effects of joints as unknowns: coordinates in which 0 is absent, and their way to and from physical parameters."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.real2sim.problem.joints.drives import Drives, lost
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Unknown
+
+KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
+NO_KNEE = 200.0  # [Nm] told where the loss never reaches that share
+LOOP_RATE = "drive_rate"
+"""Nuisance: how much faster than claimed the drive closes its loop."""
+
+
+def _size(name: str, low: float, high: float, scale: float) -> Unknown:
+    return Unknown(name=name, low=low, high=high, scale=scale)
+
+
+def _weight() -> Unknown:
+    """How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
+    return Unknown(name="weight", low=0.0, high=1.0, scale=0.2, stated=1.0)
+
+
+def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
+    return Unknown(name=name, low=low, high=high, scale=scale, is_shape=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """One effect: its unknowns, and shapes that fits start from."""
+
+    effect: str
+    unknowns: tuple[Unknown, ...]
+    starts: tuple[tuple[float, ...], ...]
+    model_error: float = 0.02
+    resolution: float = 0.0
+    faithful: float = 1.0
+
+
+# Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
+# hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
+# that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
+KINDS = (
+    Kind(
+        effect="command_delay",
+        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=5e-5,
+    ),
+    Kind(
+        effect="feedforward_delay",
+        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=4e-4,  # packets come with jitter, of which a delay says nothing
+    ),
+    Kind(
+        effect="actuator_lag",
+        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
+    ),
+    # starts are shares of the largest speed and torque of the log
+    Kind(
+        effect="torque_speed_limit",
+        unknowns=(
+            _weight(),
+            _shape("corner", 0.0, 30.0, 1.0),
+            _shape("span", 0.3, 60.0, 1.0),
+        ),
+        starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
+    ),
+    Kind(
+        effect="torque_saturation",
+        unknowns=(
+            _size("loss", 0.0, 1.0, 0.05),
+            _shape("corner", 1.0, 34.0, 0.5),
+            _shape("rounding", 0.05, 10.0, 0.5),
+        ),
+        starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
+    ),
+    Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),), resolution=4e-3),
+    Kind(effect="battery_sag", unknowns=(_size("loss_at_end", 0.0, 0.7, 0.01),), starts=((0.1,),)),
+    Kind(
+        effect="viscous_friction", unknowns=(_size("coefficient", 0.0, 5.0, 0.02),), starts=((0.1,),), resolution=2e-3
+    ),
+    Kind(effect="coulomb_friction", unknowns=(_size("torque", 0.0, 5.0, 0.04),), starts=((0.2,),), resolution=2e-3),
+    Kind(
+        effect="stiction",
+        unknowns=(_size("breakaway", 0.0, 5.0, 0.1), _shape("stribeck_velocity", 0.01, 2.0, 0.02)),
+        starts=((0.3, 0.05), (0.3, 0.25)),
+        model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
+        faithful=0.95,
+    ),
+    Kind(effect="backlash", unknowns=(_size("width", 0.0, 0.15, 2e-3),), starts=((0.01,),)),
+    Kind(effect="armature", unknowns=(_size("added", -1e-3, 0.1, 5e-4),), starts=((0.0,),), resolution=7e-5),
+    Kind(effect="encoder_bias", unknowns=(_size("bias", -0.3, 0.3, 2e-3),), starts=((0.0,),), resolution=4e-3),
+    Kind(
+        effect="encoder_quantisation",
+        unknowns=(_weight(), _shape("step", 2e-4, 0.1, 1e-6)),
+        starts=((1.0, 0.005),),
+        faithful=0.95,
+    ),
+    Kind(
+        effect="velocity_filter",
+        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
+    ),
+    Kind(effect=LOOP_RATE, unknowns=(_size("rate", 0.0, 1.0, 0.25),), starts=((0.5,),)),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """How far a log goes at one place of all legs."""
+
+    speed: float
+    """Largest [rad/s]."""
+    torque: float
+    """Largest commanded [Nm]."""
+    steps: tuple[float, ...]
+    """Steps of an encoder that the angles suggest [rad]."""
+
+
+class JointCandidates:
+    """All candidates of the joints, at every place of a leg.
+
+    Args:
+        places: Names of the joints of a leg, from the base outwards, e.g. ("hip", "thigh", "calf").
+        limit: Torque limits of the joints [Nm], shape (branches, joints).
+        reached: What the log shows of each place, in the order of `places`.
+        left_out: Effects that the log cannot show.
+    """
+
+    def __init__(
+        self, places: Sequence[str], limit: Floats, reached: Sequence[Reached], left_out: Sequence[str] = ()
+    ) -> None:
+        self._places, self._limit = tuple(places), limit
+        self._column: dict[tuple[str, int], slice] = {}
+        listed: list[Candidate] = []
+        start = 0
+        for kind in (kind for kind in KINDS if kind.effect not in left_out):
+            # the loop of a leg's drives has one rate
+            whole_leg = kind.effect == LOOP_RATE
+            for joint, place in enumerate(self._places[:1] if whole_leg else self._places):
+                listed.append(
+                    Candidate(
+                        effect=kind.effect,
+                        where=place,
+                        unknowns=kind.unknowns,
+                        starts=_starts(kind, reached[joint]),
+                        is_nuisance=whole_leg,
+                        model_error=kind.model_error,
+                        resolution=kind.resolution,
+                        faithful=kind.faithful,
+                    )
+                )
+                self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
+                start += len(kind.unknowns)
+        self.listed = tuple(listed)
+        self.count = start
+
+    def drives(self, unknowns: Floats, dt_s: float) -> Drives:
+        """What sets of unknowns, shape (sets, branches, unknowns), do to the drives."""
+
+        def get(effect: str) -> tuple[Floats, ...] | None:
+            return self._values(effect, unknowns)
+
+        def single(effect: str) -> Floats | None:
+            values = get(effect)
+            return None if values is None else values[0]
+
+        speed, saturation = get("torque_speed_limit"), get("torque_saturation")
+        return Drives(
+            count=len(unknowns),
+            dt_s=dt_s,
+            limit=self._limit[..., None],
+            command_delay=single("command_delay"),
+            feedforward_delay=single("feedforward_delay"),
+            lag=single("actuator_lag"),
+            speed=None if speed is None else (speed[0], speed[1], speed[1] + speed[2]),
+            saturation=None if saturation is None else (saturation[0], saturation[1], saturation[2]),
+            gain=single("torque_gain"),
+            sag=single("battery_sag"),
+            viscous=single("viscous_friction"),
+            coulomb=single("coulomb_friction"),
+            stiction=_pair(get("stiction")),
+            width=single("backlash"),
+            armature=single("armature"),
+            bias=single("encoder_bias"),
+            quantisation=_pair(get("encoder_quantisation")),
+            velocity_filter=single("velocity_filter"),
+            rate=single(LOOP_RATE),
+        )
+
+    def columns(self, effect: str, joint: int) -> slice:
+        """Where the unknowns of an effect at the joint of a leg stand."""
+        return self._column[effect, joint]
+
+    def has(self, effects: Sequence[str], unknowns: Floats) -> np.ndarray:
+        """Which sets have one of the effects anywhere, shape (sets,)."""
+        found = np.zeros(len(unknowns), dtype=bool)
+        for (effect, _), columns in self._column.items():
+            if effect in effects:
+                found |= np.any(unknowns[:, :, columns.start] != 0.0, axis=1)
+        return found
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """Parameters in the names and units of the schema."""
+        first = float(values[0])
+        limit = float(self._limit[0, self._places.index(candidate.where)])
+        match candidate.effect:
+            case "torque_speed_limit":
+                corner, span = float(values[1]), float(values[2])
+                return {"corner": _estimate(corner, "rad/s"), "no_load": _estimate(corner + span, "rad/s")}
+            case "torque_saturation":
+                return knee_and_plateau(lambda torque: lost(torque, *values), limit)
+            case "torque_gain":
+                return {"gain": _estimate(1.0 + first, "")}
+            case "stiction":
+                return {
+                    "breakaway": _estimate(first, "Nm"),
+                    "stribeck_velocity": _estimate(float(values[1]), "rad/s"),
+                }
+            case "encoder_quantisation":
+                return {"step": _estimate(float(values[1]), "rad")}
+        return {candidate.unknowns[0].name: _estimate(first, UNITS.get(candidate.effect, ""))}
+
+    def _values(self, effect: str, unknowns: Floats) -> tuple[Floats, ...] | None:
+        """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
+        columns = [self._column.get((effect, joint)) for joint in range(len(self._places))]
+        present = [columns[0] if c is None else c for c in columns if columns[0] is not None]
+        if not present or not np.any(unknowns[:, :, [c.start for c in present]]):
+            return None
+        kind = next(kind for kind in KINDS if kind.effect == effect)
+        values = []
+        for i, unknown in enumerate(kind.unknowns):
+            array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
+            values.append(np.clip(array, unknown.low, unknown.high) if unknown.is_shape else array)
+        return tuple(values)
+
+
+def _starts(kind: Kind, reached: Reached) -> tuple[tuple[float, ...], ...]:
+    match kind.effect:
+        case "torque_speed_limit":
+            return tuple((weight, a * reached.speed, b * reached.speed) for weight, a, b in kind.starts)
+        case "torque_saturation":
+            return tuple((loss, corner * reached.torque, rounding) for loss, corner, rounding in kind.starts)
+        case "encoder_quantisation" if reached.steps:
+            return tuple((1.0, step) for step in reached.steps)
+    return kind.starts
+
+
+UNITS = {
+    "command_delay": "s",
+    "feedforward_delay": "s",
+    "actuator_lag": "s",
+    "viscous_friction": "Nm s/rad",
+    "coulomb_friction": "Nm",
+    "backlash": "rad",
+    "armature": "kg m2",
+    "encoder_bias": "rad",
+    "velocity_filter": "s",
+}
+"""Of the effects whose only unknown is their parameter."""
+
+
+def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, Estimate]:
+    """Parameters of a saturation that takes `taken` of a commanded torque [Nm] at a joint with this limit torque."""
+    torque = np.linspace(0.0, NO_KNEE, 20001)[1:]
+    beyond = taken(torque) >= KNEE_LOSS * torque
+    knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE
+    plateau = limit - float(taken(np.array([limit]))[0])
+    return {"knee": _estimate(knee, "Nm"), "plateau": _estimate(plateau, "Nm")}
+
+
+def _estimate(value: float, unit: str) -> Estimate:
+    return Estimate(value=value, unit=unit)
+
+
+def _pair(values: tuple[Floats, ...] | None) -> tuple[Floats, Floats] | None:
+    return None if values is None else (values[0], values[1])

@@ -1,0 +1,173 @@
+"""The effects of many sets of unknowns, as arrays that act on all simulations of a replay at once.
+
+The physics is that of `saltus.effects`; a test holds the two together. Here a delay knows the whole log in advance,
+effects that no set has cost nothing, and four effects have a weight, 0 absent and 1 present, so that they come in
+smoothly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.effects.actuator_lag import lag_weights
+from saltus.effects.velocity_filter import low_pass_weights
+from saltus.real2sim.problem.problem import Floats
+
+Indices = NDArray[np.int64]
+Hinges = tuple[tuple[Floats, Floats], ...]
+
+
+class Memory:
+    """What encoders and drives remember from the last instant; None where nothing has been yet."""
+
+    def __init__(self) -> None:
+        self.velocity: Floats | None = None
+        self.filtered: Floats | None = None
+        self.lagged: Floats | None = None
+        self.steepness: Floats | None = None
+        """By how much the torque of the last call falls with velocity [Nm s/rad], where a speed limit holds it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drives:
+    """Arrays of shape (branches, joints, sets); None is an effect that no set has."""
+
+    count: int
+    """Number of sets."""
+    dt_s: float
+    limit: Floats
+    """Torque limits of the joints [Nm], shape (branches, joints, 1)."""
+    command_delay: Floats | None = None
+    feedforward_delay: Floats | None = None
+    lag: Floats | None = None
+    speed: tuple[Floats, Floats, Floats] | None = None
+    """Weight, corner and no-load speed [rad/s]."""
+    saturation: tuple[Floats, Floats, Floats] | None = None
+    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
+    hinges: Hinges = ()
+    """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape (joints, 1)."""
+    gain: Floats | None = None
+    """Less 1."""
+    sag: Floats | None = None
+    viscous: Floats | None = None
+    coulomb: Floats | None = None
+    stiction: tuple[Floats, Floats] | None = None
+    """Breakaway [Nm] and Stribeck velocity [rad/s]."""
+    width: Floats | None = None
+    armature: Floats | None = None
+    bias: Floats | None = None
+    quantisation: tuple[Floats, Floats] | None = None
+    """Weight and step [rad]."""
+    velocity_filter: Floats | None = None
+    rate: Floats | None = None
+    """Of the drive's loop: 0 at the replay's own, 1 without end."""
+
+    @property
+    def is_dry(self) -> bool:
+        """Whether there is dry friction."""
+        return self.coulomb is not None or self.stiction is not None
+
+    def sent(self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices) -> Floats:
+        """Law and feed-forward [Nm] that the drives use at the instants, shape (windows, branches, joints, sets).
+
+        Args:
+            law: kp q_des + kd dq_des [Nm], shape (instants, branches, joints).
+            feedforward: [Nm], the same shape.
+            instants: Now, shape (windows,).
+            first: Of the stretch of the log: nothing older is used. Shape (windows,).
+            last: Of the stretch: nothing newer is used.
+        """
+        if self.command_delay is None and self.feedforward_delay is None:
+            rows = np.minimum(instants, last)
+            return (law[rows] + feedforward[rows])[..., None]
+        delay = np.zeros((*law.shape[1:], 1)) if self.command_delay is None else self.command_delay
+        if self.feedforward_delay is None:
+            return _late(law + feedforward, instants, delay / self.dt_s, first, last)
+        own = (delay + self.feedforward_delay) / self.dt_s
+        late = _late(law, instants, delay / self.dt_s, first, last)
+        return late + _late(feedforward, instants, own, first, last)
+
+    def sensed(self, position: Floats, velocity: Floats, memory: Memory) -> tuple[Floats, Floats]:
+        """What the encoders read."""
+        if self.bias is not None:
+            position = position + self.bias
+        if self.quantisation is not None:
+            weight, step = self.quantisation
+            position = position + weight * (np.round(position / step) * step - position)
+        if self.velocity_filter is None:
+            return position, velocity
+        if memory.velocity is None or memory.filtered is None:
+            filtered = velocity.copy()
+        else:
+            new, old, kept = low_pass_weights(self.velocity_filter, self.dt_s)
+            filtered = new * velocity + old * memory.velocity + kept * memory.filtered
+        memory.velocity, memory.filtered = velocity.copy(), filtered
+        return position, filtered
+
+    def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, memory: Memory) -> Floats:
+        """Torque on the motor's side of the play."""
+        if self.lag is not None:
+            start = torque if memory.lagged is None else memory.lagged
+            in_mean, at_end = lag_weights(self.lag, self.dt_s)
+            memory.lagged = torque + at_end * (start - torque)
+            torque = torque + in_mean * (start - torque)
+        if self.speed is not None:
+            torque, memory.steepness = self._limited(torque, velocity, *self.speed)
+        if self.saturation is not None or self.hinges:
+            torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
+        if self.gain is not None:
+            torque = torque * (1.0 + self.gain)
+        if self.sag is not None:
+            torque = torque * (1.0 - elapsed * self.sag)
+        return torque
+
+    def friction(self, velocity: Floats) -> Floats:
+        """Level of dry friction [Nm]."""
+        level = np.zeros(()) if self.coulomb is None else self.coulomb
+        if self.stiction is not None:
+            breakaway, width = self.stiction
+            level = level + breakaway * np.exp(-((velocity / width) ** 2))
+        return level
+
+    def _saturated(self, magnitude: Floats) -> Floats:
+        """What saturation takes from a commanded torque >= 0; a law and pieces add up."""
+        missing = np.zeros(()) if self.saturation is None else lost(magnitude, *self.saturation)
+        for slope, corner in self.hinges:
+            missing = missing + slope * np.maximum(magnitude - corner, 0.0)
+        return missing
+
+    def _limited(
+        self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, no_load: Floats
+    ) -> tuple[Floats, Floats]:
+        direction = np.sign(velocity)
+        along = torque * direction
+        share = np.clip((no_load - np.abs(velocity)) / (no_load - corner), 0.0, 1.0)
+        bound = self.limit * share
+        allowed = np.maximum(np.minimum(along, bound), -self.limit)
+        falls = (along > bound) & (share > 0.0) & (share < 1.0)
+        steepness = np.where(falls, weight * self.limit / (no_load - corner), 0.0)
+        return torque + weight * (allowed - along) * direction, steepness
+
+
+def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
+    """Torque [Nm] that saturation takes from a torque >= 0: none at 0, in the end `slope` times what is above `corner`.
+
+    The corner is rounded over a few times `rounding`: iron saturates little by little.
+    """
+    at_zero = np.logaddexp(0.0, -corner / rounding)
+    return np.asarray(slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero))
+
+
+def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:
+    """A held stream that is `steps` instants late, shape (branches, joints, sets), averaged over the coming one."""
+    whole = np.floor(steps).astype(np.int64)
+    part = steps - whole
+    branches, joints = stream.shape[1:]
+    place = np.arange(branches * joints).reshape(branches, joints, 1)
+    row = instants[:, None, None, None] - whole
+    first, last = first[:, None, None, None], last[:, None, None, None]
+    newer = np.clip(row, first, last) * (branches * joints) + place
+    older = np.clip(row - 1, first, last) * (branches * joints) + place
+    flat = stream.reshape(-1)
+    return np.asarray((1.0 - part) * flat[newer] + part * flat[older])

@@ -1,0 +1,117 @@
+"""What a log of joints cannot show, and what it shows at a glance."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saltus.real2sim.problem.joints.candidates import Reached
+from saltus.real2sim.problem.joints.motion import Rows
+from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.recordings.run_log import RunLog
+
+LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
+LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed of robots of this class (unitree_ros)
+LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
+LEAST_SAG_S = 5.0  # a battery does not empty in less
+FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
+"""Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
+BIN = 5e-5
+"""Of the histogram of angles [rad]: a tenth of the finest step."""
+TELLING = 6.0
+"""Spreads of a spectrum by which a step must stand out: of 20000 values noise reaches 4.3."""
+LEAST_SCORE = 0.1
+"""Of a step: angles that are multiples of it up to noise of a third of it."""
+LEAST_MOVING = 0.3  # rad/s: a joint that is faster passes a step of 5 mrad in 8 rows
+LEAST_ROWS = 500  # that move: a second
+LINES = 8
+"""Of the spectrum, over one of the largest angle: phases are then good to 0.4 rad."""
+REFINED = 201  # steps between two lines of the spectrum
+SAME_STEP = 0.01
+MOST_STEPS = 3
+MOST = 0.9995  # quantile that counts as the largest: noise has outliers
+
+
+def untestable(log: RunLog, rows: Rows, reached: Sequence[Reached]) -> dict[str, str]:
+    """Effects that this log cannot show, and why."""
+    torque, speed = max(r.torque for r in reached), max(r.speed for r in reached)
+    why: dict[str, str] = {}
+    if log.joints.tau_ff is None:
+        why["feedforward_delay"] = "the log has no tau_ff"
+    elif np.max(np.ptp(rows.tau_ff, axis=0)) < 1e-6:
+        why["feedforward_delay"] = "tau_ff never changes"
+    if torque < LEAST_TORQUE:
+        why["torque_saturation"] = f"max |tau| commanded {torque:.1f} < {LEAST_TORQUE:g} Nm"
+    if speed < LEAST_FAST:
+        why["torque_speed_limit"] = f"max |dq| {speed:.1f} < {LEAST_FAST:g} rad/s"
+    if speed < LEAST_SPEED:
+        for effect in ("viscous_friction", "coulomb_friction", "stiction", "armature", "velocity_filter"):
+            why[effect] = f"max |dq| {speed:.3f} < {LEAST_SPEED:g} rad/s: nothing moves"
+    if rows.time_s[-1] - rows.time_s[0] < LEAST_SAG_S:
+        why["battery_sag"] = f"the log lasts {rows.time_s[-1] - rows.time_s[0]:.1f} < {LEAST_SAG_S:g} s"
+    return why
+
+
+def reached_by(
+    rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]
+) -> tuple[Reached, ...]:
+    """How far the log goes at each place of the legs.
+
+    Args:
+        rows: Of the log.
+        kp: Shape (joints,).
+        kd: Shape (joints,).
+        branches: Joints of each leg, shape (branches, joints).
+        steps: What `encoder_steps` found.
+    """
+    dq = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
+    asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - dq) + rows.tau_ff)
+    speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(dq), asked))
+    return tuple(
+        Reached(
+            speed=float(speed[joints].max()),
+            torque=float(torque[joints].max()),
+            steps=_distinct([step for j in joints if (step := steps[j]) is not None]),
+        )
+        for joints in branches.T
+    )
+
+
+def _distinct(steps: Sequence[float]) -> tuple[float, ...]:
+    """Medians of steps that differ by less than `SAME_STEP`."""
+    ordered = np.sort(np.asarray(steps, dtype=np.float64))
+    if not len(ordered):
+        return ()
+    parts = np.split(ordered, np.flatnonzero(np.diff(ordered) > SAME_STEP * ordered[1:]) + 1)
+    return tuple(float(np.median(part)) for part in parts)[:MOST_STEPS]
+
+
+def encoder_steps(rows: Rows) -> tuple[float | None, ...]:
+    """Step [rad] of which the angles of each joint are near multiples; None where there is none."""
+    dq = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
+    return tuple(
+        # a joint at rest is near a multiple of almost anything
+        _step(angles[np.abs(speed) > LEAST_MOVING])
+        for angles, speed in zip(rows.q.T, dq.T, strict=True)
+    )
+
+
+def _step(angles: Floats) -> float | None:
+    if len(angles) < LEAST_ROWS:
+        return None
+    bins = np.floor((angles - angles.min()) / BIN).astype(np.int64)
+    counts = np.bincount(bins)
+    # multiples are counted from 0: far from it, lines must lie close for the phase to be right between them
+    size = LINES * max(len(counts), int(np.abs(angles).max() / BIN))
+    spectrum = np.fft.rfft(counts, n=size) / len(angles)
+    frequency = np.fft.rfftfreq(size, BIN)
+    # angles that are multiples of a step are in phase at one over it
+    score = np.real(spectrum * np.exp(-2j * np.pi * frequency * (angles.min() + 0.5 * BIN)))
+    tried = (frequency > 1.0 / COARSEST_STEP) & (frequency < 1.0 / FINEST_STEP)
+    spread = float(np.median(np.abs(score[tried]))) / 0.6745
+    best = int(np.argmax(np.where(tried, score, -np.inf)))
+    if score[best] < max(TELLING * spread, LEAST_SCORE):
+        return None
+    # the spectrum's lines are wide; near the best one, from the angles themselves
+    near = np.linspace(frequency[max(best - 1, 0)], frequency[best + 1], REFINED)
+    some = angles[:: max(1, len(angles) // LEAST_ROWS)]
+    return float(1.0 / near[np.argmax(np.cos(2.0 * np.pi * near[:, None] * some).sum(axis=1))])

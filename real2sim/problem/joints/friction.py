@@ -1,0 +1,46 @@
+"""Dry friction and added inertia in a batch of short chains."""
+
+import numpy as np
+
+from saltus.real2sim.problem.problem import Floats
+
+SWEEPS = 3
+"""Of the joints of a chain: friction at one changes what the others feel by a third or less, and each step starts from
+the impulses of the last."""
+
+
+def with_inertia(inverse: Floats, added: Floats) -> Floats:
+    """Inverse of the mass matrix after `added` [kg m^2] at the joints, one rank-one update a joint.
+
+    Args:
+        inverse: Shape (windows, branches, joints, joints, sets or 1).
+        added: Shape (..., joints, sets), broadcast with the windows.
+    """
+    added = added + np.zeros_like(inverse[:, :, 0])  # the shape that both have together
+    for joint in range(inverse.shape[2]):
+        column, row = inverse[:, :, :, joint], inverse[:, :, joint]
+        extra = added[:, :, joint]
+        share = extra / (1.0 + extra * column[:, :, joint])
+        inverse = inverse - column[:, :, :, None] * (row * share[:, :, None])[:, :, None]
+    return inverse
+
+
+def rubbed(velocity: Floats, inverse: Floats, limit: Floats, impulse: Floats) -> Floats:
+    """Velocities after dry friction has acted for a step.
+
+    Args:
+        velocity: Without it [rad/s], shape (windows, branches, joints, sets).
+        inverse: Of the mass matrix, shape (windows, branches, joints, joints, sets or 1).
+        limit: Largest impulse of friction over the step [Nm s].
+        impulse: That of the last step, from which the search starts; becomes that of this step.
+    """
+    np.clip(impulse, -limit, limit, out=impulse)
+    velocity = velocity + np.einsum("wbij...,wbj...->wbi...", inverse, impulse)
+    for _ in range(SWEEPS):
+        for joint in range(velocity.shape[2]):
+            column, own = inverse[:, :, :, joint], impulse[:, :, joint]
+            stopping = own - velocity[:, :, joint] / column[:, :, joint]
+            new = np.clip(stopping, -limit[..., joint, :], limit[..., joint, :])
+            velocity += column * (new - own)[:, :, None]
+            impulse[:, :, joint] = new
+    return velocity

@@ -1,0 +1,254 @@
+"""The problem of the joints: which effects in drives and encoders make a held robot move as its log says."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from saltus import go1
+from saltus.errors import RecordingError
+from saltus.real2sim.problem.joints.candidates import JointCandidates, knee_and_plateau
+from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
+from saltus.real2sim.problem.joints.excitation import encoder_steps, reached_by, untestable
+from saltus.real2sim.problem.joints.grid import Grid
+from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
+from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
+from saltus.real2sim.problem.joints.replay import Simulated, replay
+from saltus.real2sim.problem.log import segments_of
+from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem
+from saltus.recordings.run_log import RunLog
+from saltus.sim.held import HeldRobot
+
+SAMPLE_S = 0.016
+"""Rows are averaged over this long: motions of 10 Hz keep 96 %, and a log of 30 s has 2000 samples a signal."""
+FLOOR = {"q": 1e-4, "dq": 5e-3, "tau_est": 2e-2}
+"""Smallest noise of a sample to believe in [rad], [rad/s], [Nm]: the replay itself is as good as that."""
+CLIP = 100.0
+STOP = 0.01  # rad: nearer than this to its limit a joint may touch
+TOGETHER = 32
+"""Sets that are simulated together: their arrays then stay in the cache of a core."""
+DRY, PLAY, INERTIA = ("coulomb_friction", "stiction"), ("backlash",), ("armature", "viscous_friction")
+"""Effects that make the replay of all who are simulated with them slower."""
+
+
+class JointProblem(Problem):
+    """Joints of a robot whose base is held; each leg is a block.
+
+    Args:
+        log: With `meta["base"]` "fixed".
+
+    Attributes:
+        reached: How far the log goes at each place of the legs.
+        limit: Torque limit of each place [Nm], shape (places,).
+
+    Raises:
+        RecordingError: a base that moves, or too few rows.
+        ModelError: a robot that cannot be read or lacks a joint.
+    """
+
+    name = "joints"
+    _assumed: Hinges = ()
+
+    def __init__(self, log: RunLog) -> None:
+        meta = log.meta
+        if meta.get("base") != "fixed":
+            raise RecordingError(f"the joints need a held base, the log claims base {meta.get('base')!r}")
+        names = list(meta["joints"])
+        self._robot = HeldRobot(str(meta["robot"]), names, _base_quaternion(log))
+        self._rows = uniform_rows(log)
+        kp, kd = (np.broadcast_to(np.asarray(meta[key], dtype=np.float64), (len(names),)) for key in ("kp", "kd"))
+        branches = self._robot.branches
+        self._motion = motion_of(self._rows, self._robot, kp, kd)
+        self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
+        self._averaged = max(1, round(SAMPLE_S / self._rows.dt_s))
+        self.samples_per_residual = float(self._averaged)
+        self._windows = windows_of(self._rows, branches, self._motion.every, self._averaged)
+        self.segments = segments_of(log)
+        self._place_samples()
+        places, self.blocks, self.places = _named(names, branches)
+        self.reached = reached_by(self._rows, kp, kd, branches, self._steps)
+        self.untestable = untestable(log, self._rows, self.reached)
+        limits = _torque_limits(branches)
+        self.limit = limits[0]
+        self._candidates = JointCandidates(places, limits, self.reached, tuple(self.untestable))
+        self.candidates = self._candidates.listed
+        self._name_samples(places)
+        self._learn_noise()
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """Whitened residuals, shape (n, blocks, m), of unknowns of shape (n, blocks, unknowns)."""
+        out = np.empty((len(unknowns), len(self.blocks), len(self.segment)))
+        for members in self._groups(unknowns):
+            for start in range(0, len(members), TOGETHER):
+                part = members[start : start + TOGETHER]
+                out[part] = self._residuals(unknowns[part])
+        return out
+
+    def residuals_with_hinges(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
+        """Residuals with saturations in pieces, shape (sets, blocks x m).
+
+        Args:
+            unknowns: Of all else, shape (sets, blocks, unknowns).
+            corners: Torque from which on each piece takes [Nm], shape (places, pieces).
+            slopes: What share it takes, shape (sets, blocks, places, pieces).
+        """
+        drives = self._candidates.drives(unknowns, self._motion.dt_s)
+        return self._whitened(replace(drives, hinges=_hinges(corners, slopes))).reshape(len(slopes), -1)
+
+    def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
+        """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
+
+        Args:
+            corners: As in `residuals_with_hinges`.
+            slopes: What share each piece takes, shape (blocks, places, pieces).
+        """
+        problem = copy(self)
+        problem._assumed = _hinges(corners, slopes[None])
+        return problem
+
+    def columns_of(self, effect: str, place: str) -> slice:
+        """Where the unknowns of an effect at a place of a leg stand."""
+        return self._candidates.columns(effect, list(self.places[0]).index(place))
+
+    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
+        """Parameters in the schema's names and units."""
+        if self._assumed and candidate.effect == "torque_saturation":
+            place = list(self.places[0]).index(candidate.where)
+            pieces = [(float(slopes[:, place].mean()), float(corners[place, 0])) for slopes, corners in self._assumed]
+            return knee_and_plateau(
+                lambda x: lost(x, *values) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
+                float(self.limit[place]),
+            )
+        return self._candidates.physical(candidate, values)
+
+    def _residuals(self, unknowns: Floats) -> Floats:
+        return self._whitened(replace(self._candidates.drives(unknowns, self._motion.dt_s), hinges=self._assumed))
+
+    def _whitened(self, drives: Drives) -> Floats:
+        apart = self._apart(self._simulate(drives))
+        white = self._whitening.white(apart, self._fresh)[self._kept]  # (samples, signals, branches, joints, sets)
+        if self._grid.exists:
+            grid = self._grid.residuals(drives.quantisation, drives.count)[self._kept]
+            white = np.concatenate([white, grid[:, None]], axis=1)
+        white = np.clip(np.nan_to_num(white, nan=CLIP, posinf=CLIP, neginf=-CLIP), -CLIP, CLIP)
+        white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
+        return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
+
+    def _simulate(self, drives: Drives) -> Simulated:
+        return replay(self._motion, self._windows, drives, self._averaged)
+
+    def _apart(self, simulated: Simulated) -> Floats:
+        """Measured minus simulated, shape (samples, signals, branches, joints, sets)."""
+        made = [getattr(simulated, signal) for signal in self._signals]
+        flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)
+        apart = self._measured[..., None] - flat
+        apart[self._missing] = 0.0
+        return np.asarray(apart)
+
+    def _claimed_gap(self) -> Floats:
+        """What the claimed model leaves, shape (samples, signals, branches, joints)."""
+        nothing = np.zeros((1, len(self.blocks), self._candidates.count))
+        return self._apart(self._simulate(self._candidates.drives(nothing, self._motion.dt_s)))[..., 0]
+
+    def _groups(self, unknowns: Floats) -> list[Any]:
+        """Sets that need the same parts of the replay."""
+        key = sum(2**i * self._candidates.has(effects, unknowns) for i, effects in enumerate((DRY, PLAY, INERTIA)))
+        return [np.flatnonzero(key == value) for value in np.unique(key)]
+
+    def _place_samples(self) -> None:
+        """Which rows make a sample, what was measured there, and which samples lie in a segment."""
+        windows, rows, size = self._windows, self._rows, self._averaged
+        every = self._motion.every
+        means = windows.length // (every * size)
+        first = (windows.start + windows.warm_up)[:, None] // every + size * np.arange(means)
+        is_whole = (first + size - 1) * every <= windows.last[:, None]
+        self._sample = np.flatnonzero(is_whole.reshape(-1))
+        start = first[is_whole]
+        within = start[:, None] + np.arange(size)
+        time_s = rows.time_s[within].mean(axis=1)
+        self._signals = tuple(s for s in ("q", "dq", "tau_est") if getattr(rows, s) is not None)
+        branches = self._robot.branches
+        measured = {s: getattr(rows, s) for s in self._signals} | {"q": np.where(rows.q_is_known, rows.q, np.nan)}
+        signals = [measured[s][within].mean(axis=1)[:, branches] for s in self._signals]
+        self._measured = np.stack(signals, axis=1)  # (samples, signals, branches, joints)
+        self._missing = ~np.isfinite(self._measured) | self._after_a_stop()[:, None, :, None]
+        self._measured = np.nan_to_num(self._measured)
+        self._time = time_s
+        self._steps = encoder_steps(rows)
+        self._grid = Grid(rows, self._steps, within, branches)
+        self._fresh = np.flatnonzero(np.diff(start, prepend=-size) != size)
+        index = np.full(len(time_s), -1)
+        for i, segment in enumerate(self.segments):
+            index[(time_s >= segment.start_s) & (time_s < segment.end_s)] = i
+        self._kept = np.flatnonzero(index >= 0)
+        self._segment = index[self._kept]
+
+    def _after_a_stop(self) -> Any:
+        """Samples after a leg has come near a stop of a joint, until its window ends: shape (samples, branches).
+
+        The replay has no stops.
+        """
+        windows, rows, robot = self._windows, self._rows, self._robot
+        near = np.asarray((rows.q < robot.lower + STOP) | (rows.q > robot.upper - STOP))
+        of_leg = np.asarray(near[:, robot.branches].any(axis=2))
+        every, means = self._motion.every, windows.length // (self._motion.every * self._averaged)
+        first = windows.start // every
+        behind = np.zeros((len(first), means, of_leg.shape[1]), dtype=bool)
+        for i, start in enumerate(first):
+            whole = of_leg[start : start + (windows.warm_up + windows.length) // every]
+            hit = np.logical_or.accumulate(whole)[windows.warm_up // every + self._averaged - 1 :: self._averaged]
+            behind[i, : len(hit)] = hit[:means]
+        return behind.reshape(-1, of_leg.shape[1])[self._sample]
+
+    def _name_samples(self, places: Sequence[str]) -> None:
+        kinds = (*self._signals, *(("grid",) if self._grid.exists else ()))
+        count = len(kinds) * len(places)
+        self.signals = tuple(f"{signal}_{place}" for signal in kinds for place in places)
+        self.signal = np.repeat(np.arange(count), len(self._kept))
+        self.segment = np.tile(self._segment, count)
+        self.time_s = np.tile(self._time[self._kept], count)
+
+    def _learn_noise(self) -> None:
+        floor = np.array([FLOOR[s] for s in self._signals])[:, None, None] * np.ones(self._measured.shape[2:])
+        rows, branches = self._rows, self._robot.branches
+        signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
+        pieces = repeated(rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged)
+        # an encoder that hunts between two steps does so differently each time: there all pieces are noise
+        is_coarse = np.array([step is not None for step in self._steps])[branches]
+        rough = whitening(smooth_left_out(self._claimed_gap()), floor, is_coarse)
+        self._whitening: Whitening = (
+            quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse) if pieces else rough
+        )
+
+
+def _hinges(corners: Floats, slopes: Floats) -> Hinges:
+    return tuple((slopes[..., k].transpose(1, 2, 0), corners[:, k, None]) for k in range(corners.shape[1]))
+
+
+def _base_quaternion(log: RunLog) -> Sequence[float]:
+    if log.base is None or not len(log.base.values):
+        return (1.0, 0.0, 0.0, 0.0)
+    mean = np.nanmedian(log.base.values[:, 3:7], axis=0)
+    return tuple((mean / np.linalg.norm(mean)).tolist())
+
+
+def _torque_limits(branches: Indices) -> Floats:
+    """Limits to which the schema refers: a Go1's for legs of three joints, else its smallest."""
+    if branches.shape[1] == 3:
+        return np.tile(go1.TORQUE_LIMIT[:3], (len(branches), 1))
+    return np.full(branches.shape, go1.TORQUE_LIMIT.min())
+
+
+def _named(
+    names: Sequence[str], branches: Indices
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[dict[str, str], ...]]:
+    """Places within a branch, names of the branches, and for each which joint a place is."""
+    split = [[names[j].removesuffix("_joint").rpartition("_") for j in branch] for branch in branches]
+    places = tuple(place for _, _, place in split[0])
+    if any(tuple(place for _, _, place in joints) != places for joints in split) or len(set(places)) < len(places):
+        places = tuple(f"joint{i}" for i in range(branches.shape[1]))
+    blocks = tuple(joints[0][0] or f"branch{i}" for i, joints in enumerate(split))
+    found = [dict(zip(places, [names[j] for j in branch], strict=True)) for branch in branches]
+    return places, blocks, tuple(found)

@@ -1,0 +1,222 @@
+"""Replays the commands of a log to many simulated robots at once, each with other effects in its drives.
+
+The base is held, so that legs are short open chains; near the measured motion their equation of motion is linear with
+known coefficients (`saltus.sim.held`). All windows of the log and all sets of effects advance together, in arrays of
+shape (windows, branches, joints, sets), the sets last because they are most.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.real2sim.problem.joints.drives import Drives, Memory
+from saltus.real2sim.problem.joints.friction import rubbed, with_inertia
+from saltus.real2sim.problem.joints.play import Play
+from saltus.real2sim.problem.problem import Floats
+
+Indices = NDArray[np.int64]
+
+DIVERGED = 1e3
+"""[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a log says about a motion, on a uniform grid of instants at which the drives compute their torque."""
+
+    dt_s: float
+    """Between instants."""
+    every: int
+    """Instants per row of the log."""
+    law: Floats
+    """kp q_des + kd dq_des [Nm], shape (instants, branches, joints)."""
+    feedforward: Floats
+    """[Nm], the same shape."""
+    kp: Floats
+    """Shape (branches, joints)."""
+    kd: Floats
+    """Shape (branches, joints)."""
+    inverse_mass: Floats
+    """Of what a step of the midpoint rule has for a mass matrix; shape (instants, branches, joints, joints)."""
+    offset: Floats
+    """Halfway to the next instant [Nm], shape (instants, branches, joints)."""
+    feedback: Floats
+    """Stiffness and damping of the legs, shape (instants, branches, joints, 2 joints)."""
+    armature: Floats
+    """Claimed [kg m^2], shape (branches, joints)."""
+    elapsed: Floats
+    """Share of the log that is over, shape (instants,)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows:
+    """Stretches that are simulated on their own, from the measured state."""
+
+    start: Indices
+    """First instant, shape (windows,)."""
+    first: Indices
+    """First instant of the stretch that a window lies in."""
+    last: Indices
+    """Last instant of that stretch; beyond it commands are held and nothing is compared."""
+    warm_up: int
+    """Instants until the simulation has forgotten how it was started."""
+    length: int
+    """Instants after that."""
+    position: Floats
+    """At the start [rad], shape (windows, branches, joints)."""
+    velocity: Floats
+    """[rad/s], the same shape."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulated:
+    """Means over `averaged` rows, each of shape (windows, means, branches, joints, sets)."""
+
+    q: Floats
+    dq: Floats
+    tau_est: Floats
+
+
+def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> Simulated:
+    """Simulates every window with every set of effects.
+
+    Args:
+        motion: Of the log.
+        windows: `length` must be a multiple of `averaged` rows.
+        drives: Effects of the sets.
+        averaged: Rows of the log that make one sample.
+    """
+    simulation = _Simulation(motion, windows, drives)
+    per_mean = averaged * motion.every
+    means = windows.length // per_mean
+    sums = np.zeros((3, len(windows.start), means, *motion.kp.shape, drives.count))
+    with np.errstate(over="ignore", invalid="ignore"):  # who diverges is clipped
+        for k in range(windows.warm_up + windows.length):
+            q, dq, believed = simulation.measure(k)
+            after = k - windows.warm_up
+            if after >= 0 and after % motion.every == 0:
+                into = sums[:, :, after // per_mean]
+                into[0] += q
+                into[1] += dq
+                into[2] += believed
+            simulation.advance(k)
+    sums /= averaged
+    return Simulated(q=sums[0], dq=sums[1], tau_est=sums[2])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FastLoop:
+    """A drive that evaluates its law n times in a step of the replay: what its torque, a staircase, does over the step.
+
+    The state is taken to follow a parabola; sums over the n stairs, with 1 - rate for 1/n, give the weights. Checked
+    against a replay with n times as many steps.
+    """
+
+    mean: Floats
+    """How late in the step, on average, the stairs know the state [s]."""
+    moment: Floats
+    """Of the staircase about the middle of the step [s^3]: an early push moves a joint farther than a late one."""
+    ahead: Floats
+    """From the last step's acceleration to the coming one's, in steps."""
+    later: Floats
+    """When, in the step, the acceleration is the one that counts [s]."""
+
+    @classmethod
+    def of(cls, rate: Floats, dt_s: float) -> "_FastLoop":
+        later = (1.0 + rate) / 6.0
+        return cls(
+            mean=0.5 * dt_s * rate,
+            moment=dt_s**3 / 12.0 * rate * (2.0 - rate),
+            ahead=0.5 + later,
+            later=dt_s * later,
+        )
+
+
+class _Simulation:
+    """The state of all windows and sets."""
+
+    def __init__(self, motion: Motion, windows: Windows, drives: Drives) -> None:
+        self._motion, self._windows, self._drives = motion, windows, drives
+        shape = (*windows.position.shape, drives.count)
+        joints = shape[2]
+        self._state = np.empty((shape[0], shape[1], 2 * joints, shape[3]))
+        self._q, self._v = self._state[:, :, :joints], self._state[:, :, joints:]
+        self._q[...] = windows.position[..., None]
+        self._v[...] = windows.velocity[..., None]
+        if drives.bias is not None:
+            self._q -= drives.bias
+        self._acceleration, self._earlier = np.zeros((2, *shape))
+        self._loop = None if drives.rate is None else _FastLoop.of(drives.rate, motion.dt_s)
+        self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
+        rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
+        self._play = None if drives.width is None else Play(drives.width, rotor, shape)
+        self._memory = Memory()
+        self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
+        self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
+
+    def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
+        """What encoders read and drives believe at instant k of all windows."""
+        drives = self._drives
+        q, v = drives.sensed(self._q, self._v, self._memory)
+        seen_q, seen_v = q, v
+        if self._play is not None:  # the encoder of the law is on the motor's side
+            seen_q, seen_v = q + self._play.offset, v + self._play.rate
+        sent = drives.sent(
+            self._motion.law, self._motion.feedforward, self._windows.start + k, self._windows.first, self._windows.last
+        )
+        self._believed = sent - self._kp * seen_q - self._kd * seen_v
+        return q, v, self._believed
+
+    def advance(self, k: int) -> None:
+        """On to instant k + 1."""
+        motion, drives, q, v = self._motion, self._drives, self._q, self._v
+        rows, dt = np.minimum(self._windows.start + k, self._windows.last), self._motion.dt_s
+        # 1. torque until the next instant; a faster loop knows newer states as the step goes on
+        torque = self._believed
+        slope = self._falling(v)
+        if self._loop is not None and slope is not None:
+            torque = torque - self._loop.mean * slope
+        torque = drives.delivered(torque, v, motion.elapsed[rows][:, None, None, None], self._memory)
+        # 2. what resists it
+        load = motion.offset[rows][..., None] + motion.feedback[rows] @ self._state
+        added = drives.armature
+        if self._play is not None:
+            torque, missing = self._play.transmitted(torque)
+            added = -missing if added is None else np.where(missing > 0.0, -self._claimed, added)
+        if drives.viscous is not None:  # the midpoint rule: at half of the step's change of velocity
+            load = load + drives.viscous * v
+            added = 0.5 * dt * drives.viscous + (0.0 if added is None else added)
+        if self._memory.steepness is not None:
+            stiff = self._memory.steepness
+            change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative
+            # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3 + x) / (6 + x) is
+            # the weight with which a linear decay is exact, to second order
+            added = (dt * (3.0 + change) / (6.0 + change)) * stiff + (0.0 if added is None else added)
+        # 3. the legs
+        inverse = motion.inverse_mass[rows][..., None]
+        if added is None:
+            acceleration = motion.inverse_mass[rows] @ (torque - load)
+        else:
+            inverse = with_inertia(inverse, added)
+            acceleration = np.einsum("wbij...,wbj...->wbi...", inverse, torque - load)
+        faster = v + dt * acceleration
+        if drives.is_dry:
+            faster = rubbed(faster, inverse, dt * drives.friction(v), self._impulse)
+            acceleration = (faster - v) / dt
+        if self._play is not None:
+            faster = self._play.moved(faster, acceleration, inverse, dt)
+        q += (0.5 * dt) * (v + faster)
+        if self._loop is not None and slope is not None:
+            q += self._loop.moment * self._mobility[rows] * slope
+        np.clip(q, -DIVERGED, DIVERGED, out=q)
+        np.clip(faster, -DIVERGED, DIVERGED, out=v)
+        self._earlier, self._acceleration = self._acceleration, acceleration
+
+    def _falling(self, velocity: Floats) -> Floats | None:
+        """By how much the law's torque falls in a second, on average over the coming step [Nm/s]; None if held."""
+        loop = self._loop
+        if loop is None:
+            return None
+        coming = self._acceleration + loop.ahead * (self._acceleration - self._earlier)
+        return np.asarray(self._kp * (velocity + loop.later * coming) + self._kd * coming)

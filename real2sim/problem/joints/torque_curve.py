@@ -1,0 +1,55 @@
+"""A saturation as pairs of commanded and delivered torque, and its way into the effect of a profile."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saltus import go1
+from saltus.effects.torque_saturation import CURVE_REDUCTION, TorqueSaturation
+from saltus.real2sim.problem.problem import Floats
+
+Curve = tuple[tuple[float, float], ...]
+"""Pairs of commanded and delivered torque at a joint [Nm]."""
+
+LOSS_AT_KNEE = 0.05
+"""Definition of the knee of a saturation: the command at which this share is lost."""
+DIGITS = 4
+"""Of torques in a profile [Nm]: points that are nearer are one."""
+BEYOND_NM = 5.0
+"""From the last corner to the last point of a curve: it gives the slope with which the curve goes on."""
+
+
+def delivered(curve: Curve, torque: Floats) -> Floats:
+    """Delivered torque for a commanded one >= 0 [Nm]; beyond its last point a curve goes on with its last slope."""
+    asked, given = np.array(((0.0, 0.0), *curve)).T
+    slope = (given[-1] - given[-2]) / (asked[-1] - asked[-2])
+    return np.asarray(np.interp(torque, asked, given) + slope * np.maximum(torque - asked[-1], 0.0))
+
+
+def with_curve(before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:
+    """A saturation with this curve at some joints, indices of `go1.JOINTS`, and what it was at the others."""
+    scale = go1.REDUCTION / CURVE_REDUCTION
+    starts, falls = before.corners
+    own = starts[falls != 0.0] / np.broadcast_to(scale, falls.shape)[falls != 0.0]
+    asked = np.array([asked for asked, _ in curve])
+    points = np.concatenate([own, *(asked / scale[j] for j in joints)])
+    points = np.unique(np.round([*points, points.max() + BEYOND_NM], DIGITS))
+    commanded = points[points > 0.0, None] * scale  # (n, 12)
+    given = np.array(before.delivered(commanded))
+    given[:, joints] = delivered(curve, commanded[:, joints])
+    table = np.round(np.column_stack([points[points > 0.0], given / scale]), DIGITS)
+    if np.ptp(table[:, 1:], axis=1).max() == 0.0:
+        table = table[:, :2]
+    return TorqueSaturation(curve=tuple(tuple(row) for row in table.tolist()))
+
+
+def as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
+    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
+    if not saturation.curve:
+        return saturation
+    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * go1.TORQUE_LIMIT  # (n, 12): each joint up to its limit
+    given = np.asarray(saturation.delivered(grid))
+    lost = 1.0 - given / grid >= LOSS_AT_KNEE
+    knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)
+    plateau = np.where(np.isfinite(knee), given[-1], np.inf)
+    return TorqueSaturation(knee=tuple(knee.tolist()), plateau=tuple(plateau.tolist()))

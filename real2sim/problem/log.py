@@ -1,0 +1,194 @@
+"""Run logs as the search wants them: several runs read as one, and cut into segments."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.errors import RecordingError
+from saltus.real2sim.problem.problem import Segment
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log, segments
+
+Floats = NDArray[np.float64]
+
+PAUSE_S = 1.0  # between runs that are read as one: longer than any memory of a joint or a camera
+BLOCK_S = 5.0  # of a log that names no segments and never rests: some periods of any motion that excites
+QUIET_S = 0.5  # commands that rest this long part two motions
+SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
+
+SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "payload_kg", "camera")
+"""What runs must claim alike to be read as one: the base simulator is built from it."""
+
+
+def load(paths: Sequence[Path]) -> RunLog:
+    """Reads one or several runs as one log: later runs follow the first with a pause between.
+
+    Raises:
+        RecordingError: no run given, one that cannot be read, or runs that claim different rigs.
+    """
+    if not paths:
+        raise RecordingError("name at least one run log")
+    logs = [read_run_log(path) for path in paths]
+    if len(logs) == 1:
+        return _with_model(logs[0], paths[0])
+    for path, log in zip(paths[1:], logs[1:], strict=True):
+        differs = [key for key in SHARED_CLAIMS if log.meta.get(key) != logs[0].meta.get(key)]
+        if differs:
+            raise RecordingError(f"{path} and {paths[0]} cannot be read as one: meta.json '{differs[0]}' differs")
+    logs = [_with_model(log, path) for log, path in zip(logs, paths, strict=True)]
+    return in_sequence(logs, [path.name for path in paths])
+
+
+def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
+    """One log in which each follows the one before, with the claims of the first; segments bear the names of logs."""
+    return _join([_shift(log, name, start) for log, name, start in zip(logs, names, shifts_s(logs), strict=True)])
+
+
+def segments_of(log: RunLog) -> tuple[Segment, ...]:
+    """Segments that the log names, clipped to the time it covers; else motions parted by rests, else blocks.
+
+    Stretches that a log does not name get a name and a condition: those with the same commands are repeats.
+    """
+    start, end = float(np.nanmin(log.joints.time_s)), float(np.nanmax(log.joints.time_s))
+    named = [
+        Segment(
+            name=str(s["name"]),
+            start_s=max(float(s["t0"]), start),
+            end_s=min(float(s["t1"]), end),
+            condition=str(s["condition"]),
+        )
+        for s in segments(log.meta)
+    ]
+    named = [segment for segment in named if segment.end_s > segment.start_s]
+    return tuple(named) if named else _cut(log.joints)
+
+
+def _with_model(log: RunLog, directory: Path) -> RunLog:
+    """The same log, with the robot's model by a path that can be opened from anywhere."""
+    robot = log.meta.get("robot", "go1")
+    if robot == "go1":
+        return log
+    model = directory / str(robot)
+    if not model.is_file():
+        raise RecordingError(f"{directory}: robot is neither 'go1' nor a model beside meta.json: {robot!r}")
+    return replace(log, meta={**log.meta, "robot": str(model)})
+
+
+def _cut(joints: JointTable) -> tuple[Segment, ...]:
+    """Motions parted by rests of the commands; blocks where the commands never rest or never move."""
+    edges = _motions(joints)
+    if len(edges) < 2:
+        start, end = float(joints.time_s[0]), float(joints.time_s[-1])
+        count = max(1, round((end - start) / BLOCK_S))
+        edges = list(itertools.pairwise(np.linspace(start, end, count + 1).tolist()))
+    stretches = [_commands(joints, start, end) for start, end in edges]
+    cut: list[Segment] = []
+    for i, (start, end) in enumerate(edges):
+        same = next((j for j in range(i) if _is_repeat(stretches[i], stretches[j])), i)
+        cut.append(Segment(name=f"part{i}", start_s=start, end_s=end, condition=f"part{same}"))
+    return tuple(cut)
+
+
+def _motions(joints: JointTable) -> list[tuple[float, float]]:
+    """Start and end [s] of the stretches between rests; each keeps the rest after it, in which it settles."""
+    changes = np.flatnonzero(np.any(np.diff(joints.q_des, axis=0) != 0, axis=1)) + 1
+    if not len(changes):
+        return []
+    moving_s = joints.time_s[changes]
+    starts = np.concatenate([[moving_s[0]], moving_s[1:][np.diff(moving_s) > QUIET_S]])
+    ends = np.append(starts[1:], joints.time_s[-1])
+    return [(float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a]
+
+
+def _commands(joints: JointTable, start_s: float, end_s: float) -> Floats:
+    return joints.q_des[(joints.time_s >= start_s) & (joints.time_s < end_s)]
+
+
+def _is_repeat(a: Floats, b: Floats) -> bool:
+    rows = min(len(a), len(b))
+    rest = np.concatenate([a[rows:], b[rows:]])
+    # A stretch may end in a longer rest; two rows are rounding
+    if not rows or (len(rest) > 2 and np.any(np.ptp(rest, axis=0) > 0)):
+        return False
+    return bool(np.sqrt(np.mean((a[:rows] - b[:rows]) ** 2)) < SAME_COMMAND)
+
+
+def shifts_s(logs: Sequence[RunLog]) -> list[float]:
+    """How much later each log's clock must be set so that logs follow each other [s]."""
+    shifts, end = [0.0], float(logs[0].joints.time_s[-1])
+    for log in logs[1:]:
+        shifts.append(end + PAUSE_S - float(log.joints.time_s[0]))
+        end = float(log.joints.time_s[-1]) + shifts[-1]
+    return shifts
+
+
+def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
+    """The same run on a clock that is ahead by `shift_s`; names of its segments tell the run."""
+    named = [
+        {"name": f"{name}/{s.name}", "t0": s.start_s + shift_s, "t1": s.end_s + shift_s, "condition": s.condition}
+        for s in segments_of(log)
+    ]
+    depth = log.depth and replace(
+        log.depth,
+        arrival_s=log.depth.arrival_s + shift_s,
+        capture_s=None if log.depth.capture_s is None else log.depth.capture_s + shift_s,
+    )
+    meta: dict[str, Any] = {**log.meta, "segments": named}
+    return RunLog(
+        meta=meta,
+        joints=replace(log.joints, time_s=log.joints.time_s + shift_s),
+        imu=_later(log.imu, shift_s),
+        base=_later(log.base, shift_s),
+        feet=_later(log.feet, shift_s),
+        depth=depth,
+    )
+
+
+def _later(table: Table | None, shift_s: float) -> Table | None:
+    return table and replace(table, time_s=table.time_s + shift_s)
+
+
+def _join(logs: Sequence[RunLog]) -> RunLog:
+    """One log of runs whose clocks already follow each other; a signal that one run lacks is left out."""
+    signals: dict[str, Floats | None] = {}
+    for signal in ("q", "q_des", "dq", "dq_des", "tau_ff", "tau_est"):
+        parts = [getattr(log.joints, signal) for log in logs]
+        signals[signal] = None if any(part is None for part in parts) else np.concatenate(parts)
+    joints = JointTable(time_s=np.concatenate([log.joints.time_s for log in logs]), **signals)  # type: ignore[arg-type]
+    meta = {**logs[0].meta, "segments": [s for log in logs for s in log.meta["segments"]]}
+    return RunLog(
+        meta=meta,
+        joints=joints,
+        imu=_join_tables([log.imu for log in logs]),
+        base=_join_tables([log.base for log in logs]),
+        feet=_join_tables([log.feet for log in logs]),
+        depth=_join_depth([log.depth for log in logs if log.depth is not None]),
+    )
+
+
+def _join_tables(tables: Sequence[Table | None]) -> Table | None:
+    present = [table for table in tables if table is not None]
+    if not present:
+        return None
+    return Table(
+        time_s=np.concatenate([table.time_s for table in present]),
+        values=np.concatenate([table.values for table in present]),
+    )
+
+
+def _join_depth(tables: Sequence[DepthTable]) -> DepthTable | None:
+    if not tables:
+        return None
+    captures = [table.capture_s for table in tables if table.capture_s is not None]
+    ends = np.cumsum([0, *(int(table.frame_id[-1] - table.frame_id[0]) + 1 for table in tables)])
+    ids = [table.frame_id - table.frame_id[0] + first for table, first in zip(tables, ends, strict=False)]
+    return DepthTable(
+        arrival_s=np.concatenate([table.arrival_s for table in tables]),
+        capture_s=np.concatenate(captures) if len(captures) == len(tables) else None,
+        frame_id=np.concatenate(ids),
+        depth_mm=np.concatenate([table.depth_mm for table in tables]),
+    )

@@ -1,0 +1,56 @@
+"""Quaternions (w, x, y, z) of unit length, in arrays of shape (..., 4)."""
+
+import numpy as np
+
+from saltus.real2sim.problem.problem import Floats
+
+
+def product(a: Floats, b: Floats) -> Floats:
+    """Hamilton product: first `b`, then `a`."""
+    aw, ax, ay, az = (a[..., i] for i in range(4))
+    bw, bx, by, bz = (b[..., i] for i in range(4))
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(quaternion: Floats) -> Floats:
+    """The rotation back."""
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def unit(quaternion: Floats) -> Floats:
+    """Scaled to length 1."""
+    return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+
+
+def from_vector(vector: Floats) -> Floats:
+    """Rotation about an axis by its length [rad], shape (..., 3)."""
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1)
+
+
+def to_vector(quaternion: Floats) -> Floats:
+    """Axis times angle [rad], of the shorter way, shape (..., 3)."""
+    quaternion = np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
+    sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, quaternion[..., :1])
+    return np.asarray(quaternion[..., 1:] * angle / np.where(sine > 1e-12, sine, 1.0))
+
+
+def continuous(quaternion: Floats) -> Floats:
+    """The same rotations with signs that do not change from row to row, shape (n, 4)."""
+    flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0
+    return np.asarray(quaternion * np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))[:, None])
+
+
+def up_in_body(quaternion: Floats) -> Floats:
+    """The world's vertical in the turned frame, shape (..., 3)."""
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)

@@ -1,0 +1,96 @@
+"""Reads the depth stream of a RealSense recording (ROS 1 bag, as the vendor's viewer and SDK write it)."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from saltus.errors import RecordingError
+from saltus.wire.messages import DepthFrame
+
+_LOG = logging.getLogger(__name__)
+_IMAGE = "/image/data"
+_DEFAULT_UNIT_M = 0.001  # librealsense's default depth unit of the D400 family
+_PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
+
+
+def read_realsense(path: Path) -> Iterator[DepthFrame]:
+    """Yields the depth frames of a recording in order of capture.
+
+    Depth unit and intrinsics are the recording's own; where it does not state a unit, 1 mm is assumed and logged.
+    `time_ns` is the camera's clock. A pixel of 0 is invalid, as in `DepthFrame`; 65535 is a plain distance here but
+    would mean "nothing within range" there, so it becomes 65534.
+
+    Raises:
+        RecordingError: not a readable bag, or one without a depth stream or its intrinsics.
+    """
+    try:
+        with Reader(path) as reader:
+            yield from _frames(reader, path)
+    except (ReaderError, OSError) as error:
+        raise RecordingError(f"cannot read RealSense recording {path}: {error}") from error
+
+
+def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    connections = [c for c in reader.connections if c.topic.endswith(_IMAGE) and "/Depth_" in c.topic]
+    if not connections:
+        raise RecordingError(f"{path} holds no depth stream; it has: {sorted(reader.topics)}")
+    stream = connections[0].topic.removesuffix(_IMAGE)
+    sensor = stream.rsplit("/", 1)[0]
+    info = _first(reader, store, f"{stream}/info/camera_info")
+    if info is None:
+        raise RecordingError(f"{path} holds no intrinsics: '{stream}/info/camera_info' is missing")
+    option = _first(reader, store, f"{sensor}/option/Depth Units/value")
+    if option is None:
+        _LOG.warning("%s does not state its depth unit: taking %g m", path, _DEFAULT_UNIT_M)
+    # The option is a float32: 0.001 reads as 0.0010000000475.
+    unit = _DEFAULT_UNIT_M if option is None else round(float(option.data), 9)
+    for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
+        image = store.deserialize_ros1(raw, connection.msgtype)
+        if (image.width, image.height) != (info.width, info.height):
+            raise RecordingError(
+                f"{path}: images of {image.width}x{image.height} do not match the intrinsics, which are for "
+                f"{info.width}x{info.height}"
+            )
+        yield DepthFrame(
+            time_ns=_nanoseconds(image.header.stamp),
+            frame_id=frame_id,
+            depth=_pixels(image, path),
+            depth_unit_m=unit,
+            fx=float(info.K[0]),
+            fy=float(info.K[4]),
+            cx=float(info.K[2]) + _PIXEL_CENTRE,
+            cy=float(info.K[5]) + _PIXEL_CENTRE,
+        )
+
+
+def _first(reader: Reader, store: Any, topic: str) -> Any | None:
+    """The first message of a topic; None where there is none."""
+    connections = [c for c in reader.connections if c.topic == topic]
+    if not connections:  # an empty choice means all of them to the reader
+        return None
+    connection, _, raw = next(reader.messages(connections))
+    return store.deserialize_ros1(raw, connection.msgtype)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _pixels(image: Any, path: Path) -> np.ndarray:
+    """Pixels of a 16-bit image message, shape (height, width)."""
+    if image.encoding not in ("mono16", "16UC1"):
+        raise RecordingError(f"{path}: depth encoding '{image.encoding}' is not one of mono16, 16UC1")
+    if image.step < 2 * image.width or len(image.data) != image.height * image.step:
+        raise RecordingError(
+            f"{path}: an image of {image.width}x{image.height} has {len(image.data)} bytes, {image.step} to a row"
+        )
+    rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)
+    order = ">u2" if image.is_bigendian else "<u2"
+    pixels = np.ascontiguousarray(rows[:, : 2 * image.width]).view(order)
+    return np.minimum(pixels, 65534).astype(np.uint16)

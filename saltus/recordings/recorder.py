@@ -1,0 +1,153 @@
+"""Writes a run as one MCAP file that viewers open and that survives a crash up to its last half second.
+
+Every recorded topic is a channel of CDR messages with its ROS 2 definition, one channel for each sender; the channel's
+metadata hold the sender's boot id. A record keeps the sequence, the capture time (publish time) and the arrival (log
+time), all in the run's clock, so that a replay can check order and age as live.
+"""
+
+import contextlib
+import json
+import platform
+import time
+from collections import Counter
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from saltus import config
+from saltus.config import RunConfig
+from saltus.errors import MessageError, RecordingError
+from saltus.provenance import commit, package_version
+from saltus.recordings import viewer
+from saltus.runtime.ticker import RunClock
+from saltus.wire import codec
+from saltus.wire.bus import RawSample, topic_of, unpack
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import GroundTruth, Message, RobotState
+from saltus.wire.schemas import TYPE_NAME
+
+CHUNK_BYTES = 256 * 1024
+FLUSH_S = 0.5  # what a crash may cost
+SCHEMA = "saltus-recording/1"
+METADATA = "saltus"
+METADATA_END = "saltus/end"
+PACKAGES = ("saltus", "numpy", "mujoco", "eclipse-zenoh", "onnxruntime", "mcap", "rosbags")
+SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
+
+
+class Recorder:
+    """Writes one recording.
+
+    Raises:
+        RecordingError: the file cannot be created, or, from `write` and `close`, no longer be written.
+    """
+
+    def __init__(self, path: Path, run_config: RunConfig) -> None:
+        self.path = path
+        self.rejected: Counter[str] = Counter()
+        """Samples that were not recorded because they are malformed, by "topic/reason"."""
+        self._clock = RunClock.of(run_config)
+        self.simulated_ns = 0
+        """Lockstep: time of the newest step that was recorded."""
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, bytes], int] = {}
+        self._viewed: Counter[str] = Counter()
+        self._flushed_s = time.monotonic()
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="saltus")
+        self._writer.add_metadata(METADATA, describe(run_config))
+
+    def write(self, raw: RawSample) -> None:
+        """Records one sample of a recorded topic; counts what is malformed."""
+        topic = topic_of(raw.key)
+        if topic is None or not topic.recorded:
+            return
+        try:
+            envelope, message = unpack(topic, raw)
+        except MessageError as error:
+            self.rejected[f"{topic.name}/{error.reason}"] += 1
+            return
+        arrival_ns = self._arrival_ns(raw, message)
+        self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
+        self._viewed[raw.key] += 1
+        for derived in viewer.derive(message, self._viewed[raw.key]):
+            self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
+
+    def flush(self) -> None:
+        """Hands what was written to the operating system, if it is due."""
+        now_s = time.monotonic()
+        if now_s - self._flushed_s >= FLUSH_S:
+            self._flushed_s = now_s
+            try:
+                self._writer.flush()
+            except OSError as error:
+                raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+
+    def close(self, summary: dict[str, str] | None = None) -> None:
+        """Writes the end of the file; without it a reader calls the recording incomplete."""
+        if self._file.closed:
+            return
+        try:
+            self._writer.flush()
+            self._writer.add_metadata(METADATA_END, summary or {})
+            self._writer.finish()
+        except OSError as error:
+            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+        finally:
+            with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
+                self._file.close()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self.close({} if error is None else {"error": str(error)})
+
+    def _arrival_ns(self, raw: RawSample, message: Message) -> int:
+        """In lockstep the simulated time moves with what the robot last said."""
+        if not self._clock.lockstep:
+            return max(0, self._clock.of_monotonic(raw.arrival_ns))
+        if isinstance(message, RobotState | GroundTruth):
+            self.simulated_ns = max(self.simulated_ns, message.time_ns)
+        return self.simulated_ns
+
+    def _add(self, topic: str, type_name: str, envelope: Envelope, arrival_ns: int, payload: bytes) -> None:
+        channel = self._channels.get((topic, envelope.boot_id))
+        try:
+            if channel is None:
+                channel = self._writer.register_channel(
+                    topic, "cdr", self._schema(type_name), {"boot_id": envelope.boot_id.hex()}
+                )
+                self._channels[topic, envelope.boot_id] = channel
+            self._writer.add_message(
+                channel_id=channel,
+                log_time=arrival_ns,
+                data=payload,
+                publish_time=max(0, envelope.capture_ns),
+                sequence=envelope.sequence & SEQUENCE_MASK,
+            )
+        except OSError as error:
+            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+
+    def _schema(self, type_name: str) -> int:
+        if type_name not in self._schemas:
+            text = codec.definition_of(type_name)
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text.encode())
+        return self._schemas[type_name]
+
+
+def describe(run_config: RunConfig) -> dict[str, str]:
+    """The metadata of a recording: what is needed to make the run again."""
+    return {
+        "schema": SCHEMA,
+        "config": config.to_toml(run_config),
+        "seed": str(run_config.seed),
+        "commit": commit(),
+        "versions": json.dumps({name: package_version(name) for name in PACKAGES}),
+        "python": platform.python_version(),
+    }

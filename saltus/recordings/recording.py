@@ -1,0 +1,236 @@
+"""Reads a recorded run, whole or damaged, and measures it.
+
+A file that was cut off or has flipped bits reads up to what is lost: `Recording.complete` is false and
+`Recording.lost` says what. Writing is `saltus.recordings.recorder`, run logs of plain tables are
+`saltus.recordings.run_log`.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata
+from mcap.records import Message as Record
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from saltus import config
+from saltus.config import RunConfig
+from saltus.errors import ConfigError, MessageError, RecordingError
+from saltus.recordings.recorder import METADATA, METADATA_END
+from saltus.wire import codec
+from saltus.wire.bus import topic_of
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
+from saltus.wire.topics import TOPICS
+
+RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
+DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "controller/state")
+
+
+@dataclass(eq=False)
+class Recording:
+    """A recorded run. `messages` reads lazily, so long runs fit in memory."""
+
+    path: Path
+    config: RunConfig | None = None
+    """None where the head of the file is lost."""
+    metadata: dict[str, str] = field(default_factory=dict)
+    summary: dict[str, str] = field(default_factory=dict)
+    """What the writer said at the end: restarts, errors."""
+    complete: bool = False
+    """Whether the file has its end and every part of it is sound."""
+    lost: list[str] = field(default_factory=list)
+    """What is missing, one line each."""
+    _channels: dict[int, Channel] = field(default_factory=dict)
+    _chunks: list[Chunk] = field(default_factory=list)
+
+    def topics(self) -> list[str]:
+        """Names of the topics that have messages; those of one topic table row count as one."""
+        known = {topic_of(channel.topic[1:]) for channel in self._channels.values()}
+        return [name for name, topic in TOPICS.items() if topic in known]
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
+        """Yields (arrival in the run's clock [ns], envelope, message) in order of arrival.
+
+        Args:
+            topic: A row of `saltus.wire.topics`; "status" yields those of all processes, "status/render" those of one.
+
+        Raises:
+            RecordingError: a message does not fit this version's messages.
+        """
+        for arrival_ns, envelope, payload, key in self._records(topic):
+            row = topic_of(key)
+            assert row is not None  # noqa: S101 - `_records` yields rows of the table only
+            try:
+                yield arrival_ns, envelope, codec.decode(row.message, payload)
+            except MessageError as error:
+                raise RecordingError(f"{self.path}: {topic} was written by another version: {error}") from error
+
+    def payloads(self, topic: str) -> Iterator[tuple[int, Envelope, bytes]]:
+        """Like `messages`, but not decoded."""
+        for arrival_ns, envelope, payload, _ in self._records(topic):
+            yield arrival_ns, envelope, payload
+
+    def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
+        wanted: dict[int, tuple[str, bytes]] = {}
+        for number, channel in self._channels.items():
+            key = channel.topic[1:]
+            row = topic_of(key)
+            if row is not None and topic in (row.name, key):
+                wanted[number] = key, bytes.fromhex(channel.metadata.get("boot_id", ""))
+        for chunk in self._chunks:
+            for record in breakup_chunk(chunk):
+                if isinstance(record, Record) and record.channel_id in wanted:
+                    key, boot_id = wanted[record.channel_id]
+                    envelope = Envelope(record.sequence, record.publish_time, boot_id)
+                    yield record.log_time, envelope, record.data, key
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicTiming:
+    """How often a topic came and how old it was."""
+
+    count: int
+    lost: int
+    """Messages that the sender counted and the recording does not have."""
+    rate_hz: float
+    age_p50_ms: float
+    age_p99_ms: float
+
+
+def read_recording(path: Path) -> Recording:
+    """Opens a recording, checks every part of it, and keeps what is sound.
+
+    Raises:
+        RecordingError: there is no file, or nothing of it is a recording.
+    """
+    recording = Recording(path)
+    try:
+        with path.open("rb") as file:
+            _Reader(recording).read(file)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    return recording
+
+
+class _Reader:
+    """Fills a recording from a file that may be damaged anywhere."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.ended = False
+        self.begun = False
+
+    def read(self, file: BinaryIO) -> None:
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_MAX)
+        lost = self.recording.lost
+        try:
+            for record in reader.records:
+                self._take(record)
+        except Exception as error:  # damaged bytes fail in many ways; all mean the same
+            if not self.begun:
+                raise RecordingError(f"{self.recording.path} is not a recording (MCAP): {_reason(error)}") from error
+            lost.append(f"everything after part {len(self.recording._chunks)}: {_reason(error)}")
+        if not self.ended and not lost:
+            lost.append("the end of the file")
+        self.recording.complete = self.ended and not lost
+
+    def _take(self, record: McapRecord) -> None:
+        recording = self.recording
+        if isinstance(record, Header):
+            self.begun = True
+        elif isinstance(record, Chunk):
+            self._take_chunk(record)
+        elif isinstance(record, Metadata):
+            self._take_metadata(record)
+        elif isinstance(record, Channel):  # the summary repeats them: those of a damaged part come back
+            recording._channels.setdefault(record.id, record)
+        elif isinstance(record, Footer):
+            self.ended = True
+
+    def _take_chunk(self, chunk: Chunk) -> None:
+        recording = self.recording
+        try:
+            if chunk.uncompressed_size > RECORD_MAX:
+                raise RecordingError(f"claims {chunk.uncompressed_size} bytes")
+            records = breakup_chunk(chunk, validate_crc=True)
+        except Exception as error:  # as above
+            start, end = 1e-9 * chunk.message_start_time, 1e-9 * chunk.message_end_time
+            recording.lost.append(f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}")
+            return
+        recording._chunks.append(chunk)
+        for record in records:
+            if isinstance(record, Channel):
+                recording._channels[record.id] = record
+
+    def _take_metadata(self, record: Metadata) -> None:
+        if record.name == METADATA_END:
+            self.recording.summary = record.metadata
+        elif record.name == METADATA:
+            self.recording.metadata = record.metadata
+            try:
+                self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
+            except ConfigError as error:
+                self.recording.lost.append(f"the configuration: {error}")
+
+
+def _reason(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
+def digest(recording: Recording) -> str:
+    """sha256 over capture time and payload of heightmaps, plans and robot states, in order.
+
+    A message that was resent in lockstep counts once. Two lockstep runs of one seed give the same digest.
+
+    Raises:
+        RecordingError: a message is missing.
+    """
+    total = hashlib.sha256()
+    for topic in DIGEST_TOPICS:
+        sequence: dict[bytes, int] = {}
+        seen_ns = -1
+        for _, envelope, payload in recording.payloads(topic):
+            expected = sequence.get(envelope.boot_id, 0) + 1
+            if envelope.sequence != expected:
+                raise RecordingError(f"{recording.path}: {topic} {expected} is missing, {envelope.sequence} came")
+            sequence[envelope.boot_id] = envelope.sequence
+            if envelope.capture_ns > seen_ns:
+                seen_ns = envelope.capture_ns
+                total.update(topic.encode() + seen_ns.to_bytes(8, "little") + payload)
+    return total.hexdigest()
+
+
+def rates_and_ages(recording: Recording) -> dict[str, TopicTiming]:
+    """Rate and age of each recorded stream.
+
+    Age is arrival at the recorder minus capture, in the run's clock: in lockstep the simulated time of arrival.
+    """
+    timings = {}
+    for topic in recording.topics():
+        rows = [(arrival, e.capture_ns, e.boot_id, e.sequence) for arrival, e, _ in recording.payloads(topic)]
+        if len(rows) < 2 or TOPICS[topic].rate_hz == 0.0:
+            continue
+        arrival_ns, capture_ns = (np.array(column, dtype=np.int64) for column in list(zip(*rows, strict=True))[:2])
+        span_s = 1e-9 * float(arrival_ns[-1] - arrival_ns[0])
+        p50, p99 = np.percentile(1e-6 * (arrival_ns - capture_ns), [50, 99])
+        timings[topic] = TopicTiming(
+            count=len(rows),
+            lost=_lost([(boot_id, sequence) for _, _, boot_id, sequence in rows]),
+            rate_hz=(len(rows) - 1) / span_s if span_s > 0 else 0.0,
+            age_p50_ms=float(p50),
+            age_p99_ms=float(p99),
+        )
+    return timings
+
+
+def _lost(senders: list[tuple[bytes, int]]) -> int:
+    highest: dict[bytes, int] = {}
+    count: dict[bytes, int] = {}
+    for boot_id, sequence in senders:
+        highest[boot_id] = max(sequence, highest.get(boot_id, 0))
+        count[boot_id] = count.get(boot_id, 0) + 1
+    return sum(highest[boot_id] - count[boot_id] for boot_id in highest)

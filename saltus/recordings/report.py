@@ -1,0 +1,273 @@
+"""One HTML file about one recorded run: what happened, in pictures."""
+
+import html
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+
+from saltus import go1
+from saltus.config import RunConfig, to_toml
+from saltus.provenance import commit
+from saltus.recordings.recording import Recording
+from saltus.recordings.summary import RunSummary, shown
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import (
+    ControllerMode,
+    Event,
+    Floats,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    RobotState,
+)
+
+# Okabe and Ito's palette: told apart by colour-blind readers
+BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555"
+PROFILE_EVERY = 10  # steps between the profiles that are drawn: more would hide each other
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin: 2em 0 0.3em; } p.note { color: #555; margin: 0.2em 0; }
+table { border-collapse: collapse; margin: 0.5em 0; } td, th { padding: 0.25em 0.9em; text-align: right; }
+th { border-bottom: 2px solid #888; } td:first-child, th:first-child { text-align: left; }
+tr:nth-child(even) { background: #f4f4f4; } table.text td, table.text th { text-align: left; white-space: nowrap; }
+table.text td:last-child { white-space: normal; } pre { background: #f4f4f4; padding: 1em; overflow-x: auto; }
+.good { color: #00664a; } .bad { color: #b03a00; }
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunData:
+    """The messages of a run as arrays, joined by step; n is the number of steps that have a state and a truth."""
+
+    time_s: Floats
+    """Shape (n,), since `start_ns`."""
+    start_ns: int
+    """Time of the first state in the run's clock: the zero of every time that is shown."""
+    position: Floats
+    """True base position in the world [m], shape (n, 3)."""
+    quaternion: Floats
+    """True orientation, shape (n, 4)."""
+    states: list[RobotState]
+    truths: list[GroundTruth]
+    heightmaps: dict[int, Heightmap]
+    plans: dict[int, MotionPlan]
+
+
+def collect(recording: Recording) -> RunData:
+    """Joins the messages of a recording by step."""
+    states = {m.step: m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)}
+    truths = {m.step: m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)}
+    steps = sorted(states.keys() & truths.keys())
+    start = states[steps[0]].time_ns if steps else 0
+    return RunData(
+        time_s=np.array([(states[k].time_ns - start) * 1e-9 for k in steps]),
+        start_ns=start,
+        position=np.array([truths[k].position_base_in_world for k in steps]).reshape(-1, 3),
+        quaternion=np.array([truths[k].quaternion_base_in_world for k in steps]).reshape(-1, 4),
+        states=[states[k] for k in steps],
+        truths=[truths[k] for k in steps],
+        heightmaps={m.step: m for _, _, m in recording.messages("heightmap/heightmap") if isinstance(m, Heightmap)},
+        plans={m.step: m for _, _, m in recording.messages("policy/plan") if isinstance(m, MotionPlan)},
+    )
+
+
+def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
+    """Writes the report of a run; it opens without a network."""
+    config = recording.config or RunConfig()
+    data = collect(recording)
+    terrain = make_terrain(config.terrain)
+    parts = [
+        f"<h1>{html.escape(_headline(summary, terrain, config))}</h1>",
+        _numbers(summary),
+        "<h2>Terrain, path of the base, and what the robot thought was ahead</h2>",
+        '<p class="note">Dots: predicted heights, one profile in ten; zoom in to see single profiles.</p>',
+        _figure(_path_figure(data, terrain), first=True),
+        "<h2>Height, pitch and speed of the base</h2>",
+        _figure(_body_figure(data)),
+        "<h2>Contact schedule and measured contact</h2>",
+        '<p class="note">Blue: a leg is scheduled to stand. Orange: its foot bears more than 5 N.</p>',
+        _figure(_contact_figure(data)),
+        "<h2>Heightmap error by distance ahead of the base</h2>",
+        '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
+        _figure(_error_figure(data)),
+        "<h2>Rates and ages</h2>",
+        _timing_table(summary),
+        "<h2>Events</h2>",
+        _event_table(recording, data.start_ns),
+        "<h2>Provenance</h2>",
+        f"<pre>commit = {html.escape(commit())}\ndigest = {summary.digest}\n{html.escape(to_toml(config))}</pre>",
+    ]
+    lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
+    body = "\n".join(parts)
+    path.write_text(
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus run</title><style>{STYLE}</style>'
+        f"</head><body>{lost}{body}</body></html>"
+    )
+
+
+def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
+    sizes = ", ".join(_size(name, value) for name, value in terrain.params.items())
+    where = f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
+    speed = f" at {config.speed:g} of real time" if config.speed < 1.0 else ""
+    run = f"seed {config.seed}, {config.pace}{speed}"
+    if summary.success:
+        return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
+    return f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
+
+
+def _size(name: str, value: float) -> str:
+    return f"{name[:-2]} {value:g} m" if name.endswith("_m") else f"{value:g} {name}"
+
+
+def _numbers(summary: RunSummary) -> str:
+    verdict = '<span class="good">success</span>' if summary.success else '<span class="bad">failure</span>'
+    rows = {
+        "outcome": verdict,
+        "distance": shown(summary.distance_m, 2, "m"),
+        "time": shown(summary.time_s, 2, "s"),
+        "mean speed": shown(summary.mean_speed_mps, 2, "m/s"),
+        "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
+        "messages rejected": str(sum(summary.rejected.values())),
+    }
+    cells = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows.items())
+    return f"<table>{cells}</table>"
+
+
+def _figure(figure: go.Figure, *, first: bool = False) -> str:
+    figure.update_layout(template="simple_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, hovermode="closest")
+    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
+    return fragment
+
+
+def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
+    x_end = float(data.position[:, 0].max()) + 1.0 if len(data.position) else 1.0
+    ground_x = np.unique(np.concatenate([np.linspace(-0.6, x_end, 2000), terrain.edges_x - 1e-6, terrain.edges_x]))
+    ground_x = ground_x[(ground_x > -0.7) & (ground_x < x_end)]
+    figure = go.Figure()
+    figure.add_scatter(
+        x=ground_x, y=terrain.height_at(ground_x), name="terrain", fill="tozeroy",
+        line={"color": GREY, "width": 1.5}, fillcolor="rgba(120,120,120,0.25)",
+    )  # fmt: skip
+    for status, colour in (
+        (HeightmapStatus.OK, GREEN),
+        (HeightmapStatus.WARMING, ORANGE),
+        (HeightmapStatus.DEGRADED, RED),
+    ):
+        x, z = _predicted_points(data, status)
+        if len(x):
+            name = f"predicted heights ({status.name.lower()})"
+            figure.add_scattergl(
+                x=x, y=z, mode="markers", name=name, marker={"color": colour, "size": 3, "opacity": 0.5}
+            )
+    figure.add_scatter(x=data.position[:, 0], y=data.position[:, 2], name="base", line={"color": BLUE, "width": 2})
+    figure.update_xaxes(title="x [m]")
+    figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)
+    figure.update_layout(height=430, legend={"orientation": "h", "y": 1.12})
+    return figure
+
+
+def _predicted_points(data: RunData, status: HeightmapStatus) -> tuple[Floats, Floats]:
+    """World x and z of the predicted points of every tenth step."""
+    xs, zs = [], []
+    for truth in data.truths[::PROFILE_EVERY]:
+        heightmap = data.heightmaps.get(truth.step)
+        if heightmap is None or heightmap.status != status:
+            continue
+        cos_yaw = np.cos(_yaw(truth.quaternion_base_in_world))
+        xs.append(truth.position_base_in_world[0] + cos_yaw * np.asarray(heightmap.x))
+        zs.append(truth.position_base_in_world[2] + np.asarray(heightmap.height))
+    empty = np.zeros(0)
+    return (np.concatenate(xs), np.concatenate(zs)) if xs else (empty, empty)
+
+
+def _yaw(quaternion: Floats) -> float:
+    w, x, y, z = quaternion
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def _body_figure(data: RunData) -> go.Figure:
+    w, x, y, z = data.quaternion.T if len(data.quaternion) else np.zeros((4, 0))
+    pitch = np.degrees(np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)))
+    speed = np.array([truth.velocity_base_in_world[0] for truth in data.truths])
+    estimate = np.array([state.velocity_base_in_world[0] for state in data.states])
+    figure = go.Figure()
+    rows = (("height z [m]", data.position[:, 2], BLUE, "y"), ("pitch [deg], nose down positive", pitch, ORANGE, "y2"))
+    for name, values, colour, axis in rows:
+        figure.add_scatter(x=data.time_s, y=values, name=name, yaxis=axis, line={"color": colour})
+    figure.add_scatter(x=data.time_s, y=speed, name="forward speed [m/s]", yaxis="y3", line={"color": GREEN})
+    figure.add_scatter(
+        x=data.time_s, y=estimate, name="its estimate [m/s]", yaxis="y3", line={"color": GREEN, "dash": "dot"}
+    )
+    figure.update_layout(
+        height=520, legend={"orientation": "h", "y": 1.08}, xaxis={"title": "time [s]", "anchor": "y3"},
+        yaxis={"domain": [0.70, 1.0], "title": "z [m]"}, yaxis2={"domain": [0.36, 0.64], "title": "pitch [deg]"},
+        yaxis3={"domain": [0.0, 0.30], "title": "speed [m/s]"},
+    )  # fmt: skip
+    return figure
+
+
+def _contact_figure(data: RunData) -> go.Figure:
+    scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
+    loaded = np.array([truth.foot_force for truth in data.truths]).reshape(-1, 4) > 5.0
+    figure = go.Figure()
+    for index, leg in enumerate(go1.LEGS):
+        level = float(len(go1.LEGS) - index)
+        for mask, colour, shift, name in ((scheduled, BLUE, 0.12, "scheduled"), (loaded, ORANGE, -0.12, "measured")):
+            line = np.where(mask[:, index], level + shift, np.nan)
+            figure.add_scatter(
+                x=data.time_s, y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
+                line={"color": colour, "width": 7}, hoverinfo="skip", text=leg,
+            )  # fmt: skip
+    figure.update_yaxes(tickvals=[4, 3, 2, 1], ticktext=list(go1.LEGS), range=[0.5, 4.5])
+    figure.update_xaxes(title="time [s]")
+    figure.update_layout(height=260, legend={"orientation": "h", "y": 1.2})
+    return figure
+
+
+def _error_figure(data: RunData) -> go.Figure:
+    """Of the steps that the headline's error is of: the robot runs, on a heightmap of status OK."""
+    running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode == ControllerMode.RUN]
+    pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
+    trusted = [(h, t) for h, t in pairs if h.status == HeightmapStatus.OK]
+    figure = go.Figure()
+    if trusted:
+        x = 100 * np.asarray(trusted[0][0].x)
+        error = 100 * np.abs(np.array([np.asarray(h.height) - t.height for h, t in trusted]))
+        claimed = 100 * np.median([np.asarray(h.std) for h, _ in trusted], axis=0)
+        for name, values, colour in (
+            ("median error", np.median(error, axis=0), BLUE),
+            ("90 % of errors are below", np.quantile(error, 0.9, axis=0), RED),
+            ("standard deviation that the model states, median", claimed, GREY),
+        ):
+            figure.add_scatter(x=x, y=values, name=name, mode="lines+markers", line={"color": colour})
+    figure.update_xaxes(title="distance ahead of the base [cm]")
+    figure.update_yaxes(title="[cm]", rangemode="tozero")
+    figure.update_layout(height=330, legend={"orientation": "h", "y": 1.15})
+    return figure
+
+
+def _timing_table(summary: RunSummary) -> str:
+    rows = "".join(
+        f"<tr><td>{topic}</td><td>{rate:.1f}</td><td>{summary.age_ms[topic]['p50']:.1f}</td>"
+        f"<td>{summary.age_ms[topic]['p99']:.1f}</td></tr>"
+        for topic, rate in sorted(summary.rates_hz.items())
+        if topic in summary.age_ms
+    )
+    head = "<tr><th>topic</th><th>rate [Hz]</th><th>age p50 [ms]</th><th>age p99 [ms]</th></tr>"
+    return f"<table>{head}{rows}</table>"
+
+
+def _event_table(recording: Recording, start_ns: int) -> str:
+    events = [message for _, _, message in recording.messages("event") if isinstance(message, Event)]
+    if not events:
+        return "<p>none</p>"
+    rows = "".join(
+        f"<tr><td>{(event.time_ns - start_ns) * 1e-9:.3f} s</td><td>{html.escape(event.process)}</td>"
+        f"<td>{html.escape(event.code)}</td><td>{html.escape(event.detail)}</td></tr>"
+        for event in events
+    )
+    return f'<table class="text"><tr><th>time</th><th>process</th><th>event</th><th>detail</th></tr>{rows}</table>'

@@ -1,0 +1,132 @@
+"""What a recorded run says about itself, as numbers."""
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from saltus.errors import RecordingError
+from saltus.recordings.recording import Recording, digest, rates_and_ages
+from saltus.wire.messages import (
+    ControllerMode,
+    Event,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    ProcessStatus,
+    RobotState,
+)
+
+OUTCOME_CODES = ("finished", "fell", "timeout")
+STOP_CODES = ("heightmap_lost", "heightmap_invalid", "plan_lost")
+"""Events that make a running robot stop."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSummary:
+    """Metrics of one run; times and speeds as `saltus.trial` defines them."""
+
+    terrain: str
+    success: bool
+    cause: str
+    """Why it failed; empty after success."""
+    explanation: str
+    """The same for a person, with what made the robot stop and whether the computer kept up; empty after success."""
+    distance_m: float
+    time_s: float
+    mean_speed_mps: float
+    heightmap_mae_m: float
+    """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
+    digest: str
+    """Empty where the recording lacks a message: in real time a busy machine may drop one."""
+    rates_hz: dict[str, float]
+    age_ms: dict[str, dict[str, float]]
+    rejected: dict[str, int]
+
+
+def shown(value: float, digits: int, unit: str) -> str:
+    """A number for a person; one that nothing was measured for is "unknown"."""
+    return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "unknown"
+
+
+def summarise(recording: Recording) -> RunSummary:
+    """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
+    outcome = _outcome(recording)
+    success, cause = bool(outcome.get("success", False)), str(outcome.get("cause", "the run was cut off"))
+    timing = rates_and_ages(recording)
+    return RunSummary(
+        terrain=recording.config.terrain.terrain if recording.config else "unknown",
+        success=success,
+        cause=cause,
+        explanation="" if success else "; ".join([cause.replace("_", " "), *_reasons(recording)]),
+        distance_m=float(outcome.get("distance_m", np.nan)),
+        time_s=float(outcome.get("time_s", np.nan)),
+        mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
+        heightmap_mae_m=heightmap_error(recording),
+        digest=_digest(recording),
+        rates_hz={topic: row.rate_hz for topic, row in timing.items()},
+        age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
+        rejected=_rejected(recording),
+    )
+
+
+def _digest(recording: Recording) -> str:
+    try:
+        return digest(recording)
+    except RecordingError:
+        return ""
+
+
+def heightmap_error(recording: Recording) -> float:
+    """Mean absolute error of the predicted heights [m] while running on a heightmap of status OK."""
+    running = {
+        state.step
+        for _, _, state in recording.messages("controller/state")
+        if isinstance(state, RobotState) and state.mode == ControllerMode.RUN
+    }
+    truth = {
+        message.step: message.height
+        for _, _, message in recording.messages("plant/truth")
+        if isinstance(message, GroundTruth)
+    }
+    errors = [
+        np.abs(np.asarray(message.height) - truth[message.step])
+        for _, _, message in recording.messages("heightmap/heightmap")
+        if isinstance(message, Heightmap)
+        and message.status == HeightmapStatus.OK
+        and message.step in running
+        and message.step in truth
+    ]
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def _reasons(recording: Recording) -> list[str]:
+    """What stopped a robot that ran, and whether the computer was too slow, one phrase each."""
+    events = [event for _, _, event in recording.messages("event") if isinstance(event, Event)]
+    run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=None)
+    stops = [event for event in events if event.code in STOP_CODES and run_ns is not None and event.time_ns > run_ns]
+    reasons = [f"the robot stopped: {stop.detail}" for stop in stops[:1]]
+    return reasons + [event.detail for event in events if event.code == "too_slow"]
+
+
+def _outcome(recording: Recording) -> dict[str, Any]:
+    """The trial's outcome as the controller announced it."""
+    for _, _, event in recording.messages("event"):
+        if isinstance(event, Event) and event.code in OUTCOME_CODES:
+            outcome: dict[str, Any] = json.loads(event.detail)
+            return outcome
+    return {}
+
+
+def _rejected(recording: Recording) -> dict[str, int]:
+    """Rejected messages by "process: topic/reason", from the last status of every process."""
+    last: dict[str, dict[str, int]] = {}
+    for _, _, status in recording.messages("status"):
+        if isinstance(status, ProcessStatus):
+            last[status.process] = status.rejected
+    total: Counter[str] = Counter()
+    for process, rejected in last.items():
+        total.update({f"{process}: {key}": count for key, count in rejected.items()})
+    return dict(total)

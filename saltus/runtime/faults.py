@@ -1,0 +1,143 @@
+"""Kills a process in the middle of a real-time run, and judges from the recording what the others did about it."""
+
+import os
+import signal
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saltus.config import RunConfig
+from saltus.errors import StackError
+from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.stack import Stack
+from saltus.wire.bus import Latest
+from saltus.wire.messages import (
+    ControllerMode,
+    Event,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
+
+RUN_TIMEOUT_S = 20.0
+SETTLE_S = 4.0
+"""Watched after the kill: a landing (1.1 s at most), a restart (2 s at most), and a second of standing."""
+STANDING_HEIGHT_M = 0.18
+"""A base above this is on its feet: two thirds of the standing height."""
+UPRIGHT_COSINE = 0.87  # 30 degrees
+PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
+"""What stops coming when a process dies."""
+BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
+"""What the service says without a camera, and to one that has just begun."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultResult:
+    """What a kill led to."""
+
+    process: str
+    running_s: float
+    """How long the robot had been running when the process was killed."""
+    told_ms: float
+    """From the last arrival of the dead process's product to the first message of its consumer that says so;
+    infinite where none does."""
+    mode: ControllerMode
+    """Of the controller at the end."""
+    upright: bool
+    """At the end the robot stands on its feet at rest."""
+    back_s: float
+    """From the death noticed to the process being ready again; infinite where it did not come back."""
+
+
+def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: float) -> Recording:
+    """Starts a real-time run, kills a process `after_s` after the robot has begun to run, and goes on watching.
+
+    All times are in the clock of the run.
+
+    Raises:
+        StackError: the robot did not begin to run, or the run could not go on.
+    """
+    with Stack(config, directory) as stack:
+        states = stack.latest("controller/state")
+        if not _until_running(stack, states):
+            raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
+        stack.wait(after_s)
+        os.kill(stack.pid(process), signal.SIGKILL)
+        stack.wait(SETTLE_S)
+    return read_recording(directory / "recording.mcap")
+
+
+def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
+    """Reads from a recording of `kill_during_run` what happened."""
+    died_ns, ready_ns = _death_and_return(recording, process)
+    last_ns = max(
+        (arrival for arrival, _, _ in recording.messages(PRODUCT[process]) if arrival <= died_ns),
+        default=0,
+    )
+    told = next((arrival for arrival in _complaints(recording, process) if arrival > last_ns), None)
+    states = [message for _, _, message in recording.messages("controller/state") if isinstance(message, RobotState)]
+    return FaultResult(
+        process=process,
+        running_s=after_s,
+        told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
+        mode=states[-1].mode,
+        upright=_upright(recording),
+        back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
+    )
+
+
+def _until_running(stack: Stack, states: Latest) -> bool:
+    """Polls until the robot runs."""
+    period_s = 0.02 * stack.config.speed
+    for _ in range(round(RUN_TIMEOUT_S / period_s)):
+        if stack.wait(period_s):
+            return False
+        sample = states.take()
+        if sample is not None and isinstance(sample.message, RobotState) and sample.message.mode == ControllerMode.RUN:
+            return True
+    return False
+
+
+def _death_and_return(recording: Recording, process: str) -> tuple[int, int | None]:
+    died_ns: int | None = None
+    for arrival, _, event in recording.messages("event/supervisor"):
+        if not isinstance(event, Event) or not event.detail.startswith(f"{process}:"):
+            continue
+        if event.code == "process_died":
+            died_ns = arrival
+        elif event.code == "process_ready" and died_ns is not None:
+            return died_ns, arrival
+    if died_ns is None:
+        raise StackError(f"the recording does not show that {process} died")
+    return died_ns, None
+
+
+def _complaints(recording: Recording, process: str) -> Iterable[int]:
+    """Arrival times of the consumer's messages that say that the product is missing."""
+    if process == "render":
+        for arrival, _, heightmap in recording.messages("heightmap/heightmap"):
+            if isinstance(heightmap, Heightmap) and heightmap.status in BLIND:
+                yield arrival
+    elif process == "heightmap":
+        for arrival, _, plan in recording.messages("policy/plan"):
+            if isinstance(plan, MotionPlan) and plan.status == PlanStatus.STOP:
+                yield arrival
+    else:
+        for arrival, _, event in recording.messages("event/controller"):
+            if isinstance(event, Event) and event.code in ("plan_lost", "mode_landing"):
+                yield arrival
+
+
+def _upright(recording: Recording) -> bool:
+    """Whether the robot stands, upright and at rest, in the last half second."""
+    truths = [message for _, _, message in recording.messages("plant/truth") if isinstance(message, GroundTruth)][-50:]
+    _, x, y, _ = np.array([truth.quaternion_base_in_world for truth in truths]).T
+    height = -np.array([truth.height for truth in truths])[:, 10]  # the point under the base
+    speed = np.linalg.norm([truth.velocity_base_in_world for truth in truths], axis=1)
+    cosine = 1 - 2 * (x * x + y * y)
+    return bool(np.all(cosine > UPRIGHT_COSINE) and np.all(height > STANDING_HEIGHT_M) and np.median(speed) < 0.1)

@@ -1,0 +1,187 @@
+"""What the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
+
+A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else:
+
+    from saltus.runtime.process import ProcessContext, run_process
+
+    def body(context: ProcessContext) -> None:
+        service = HeightmapService(...)                        # slow things first
+        states = context.bus.latest("controller/state")        # then subscribe ...
+        frames = context.bus.latest("camera/depth")
+        heightmaps = context.bus.publisher("heightmap/heightmap")
+        done = context.bus.publisher("done", context.name)
+        context.ready()                                        # ... then say so: only now does the run begin
+        ticks = 0
+        while not context.stopped:
+            context.beat(ticks=ticks)                          # cheap; proof of life at least every 0.5 s
+            sample = states.wait(timeout_s=0.1)
+            if sample is None:
+                continue
+            state = sample.message
+            if context.config.pace == "lockstep":
+                context.clock.set(state.time_ns)
+            elif not freshness(states.topic, state.time_ns, context.clock.now_ns()).usable:
+                continue
+            heightmap = service.step(state, frames.take())
+            heightmaps.put(heightmap)
+            done.put(Done(time_ns=state.time_ns, step=state.step, process=context.name))
+            ticks += 1
+
+    if __name__ == "__main__":
+        sys.exit(run_process("heightmap", body))
+
+A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`: `ticker.wait(); context.beat(ticks=ticker.ticks,
+overruns=ticker.overruns)`. A wait that belongs to the run lasts `context.clock.machine_s(seconds)`. The process ends by
+returning from the body (exit code 0), by SIGTERM or SIGINT (`context.stopped` becomes true; finish and return), or
+when the supervisor or its router are gone. A `SaltusError` out of the body becomes an event, one line on stderr and
+exit code 2. When the controller returns, the run is over.
+"""
+
+import argparse
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from saltus import config
+from saltus.config import RunConfig
+from saltus.errors import SaltusError
+from saltus.runtime import cue
+from saltus.runtime.ticker import RunClock
+from saltus.wire.bus import Bus, ZenohBus
+from saltus.wire.messages import Event, ProcessStatus
+
+STATUS_PERIOD_S = 0.5
+"""Of the machine's time: a run that is slowed tells as soon how it goes."""
+ROUTER_LOST_S = 2.0
+LINKED_S = 0.3
+"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody."""
+EXIT_ERROR = 2
+RUN_FILE = "run.toml"
+PEER_FLAG = "--peer"
+
+
+class ProcessContext:
+    """A process and its surroundings.
+
+    Args:
+        name: Row of the process table.
+        run_config: Of the run.
+        run_dir: Of the run.
+        bus: To the other processes.
+        cued: Whether `ready` waits for the supervisor (`saltus.runtime.cue`).
+    """
+
+    def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: bool = False) -> None:
+        self.name = name
+        self.config = run_config
+        self.run_dir = run_dir
+        self.bus = bus
+        self.clock = RunClock.of(run_config)
+        self.stopped = False
+        """Whether the process should finish and return."""
+        self._cued = cued
+        self._ready = False
+        self._status = bus.publisher("status", name)
+        self._events = bus.publisher("event", name)
+        self._parent = os.getppid()
+        self._next_status_s = -math.inf
+        self.opened_s = self._seen_router_s = self.clock.elapsed_s()
+        """When its bus had been opened, by the run's clock."""
+
+    def ready(self) -> None:
+        """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
+        if self._cued and not cue.await_cue(lambda: self.stopped):
+            self.stopped = True
+            return
+        self._ready = True
+        self._next_status_s = -math.inf
+        self.beat(ticks=0)
+
+    def beat(self, *, ticks: int, overruns: int = 0) -> None:
+        """Proof of life; to be called in every round of the loop, at least every 0.5 s. Sends a status when due.
+
+        Args:
+            ticks: Rounds that did work, so far.
+            overruns: Rounds that were left out for lack of time, so far.
+        """
+        now_s = self.clock.elapsed_s()
+        if not self._ready or now_s < self._next_status_s:
+            return
+        self._next_status_s = now_s + STATUS_PERIOD_S * self.clock.speed
+        intakes = [latest.take_intake() for latest in self.bus.latests if latest.topic.publisher != "*"]
+        status = ProcessStatus(
+            time_ns=self.clock.now_ns(),
+            process=self.name,
+            ready=True,
+            ticks=ticks,
+            overruns=overruns,
+            rejected=dict(self.bus.rejected),
+            received={intake.topic.name: intake.received for intake in intakes},
+            silence_us={i.topic.name: round(1e-3 * i.silence_ns * self.clock.speed) for i in intakes},
+        )
+        self._status.put(status)
+        self._check_surroundings(now_s)
+
+    def event(self, code: str, detail: str = "") -> None:
+        """Tells, once, that something began."""
+        self._events.put(Event(time_ns=self.clock.now_ns(), process=self.name, code=code, detail=detail))
+
+    def _check_surroundings(self, now_s: float) -> None:
+        """A process must not outlive its supervisor, however that ended."""
+        if self.bus.connected():
+            self._seen_router_s = now_s
+        if os.getppid() != self._parent or now_s - self._seen_router_s > ROUTER_LOST_S:
+            self.stopped = True
+
+
+def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None) -> int:
+    """Runs the body of a process and returns the exit code.
+
+    Args:
+        name: Row of the process table.
+        body: Called once; returns when the process is finished or `context.stopped` is true.
+        arguments: Instead of those of the command line.
+    """
+    parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
+    parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml")
+    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument(
+        PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
+    )
+    parser.add_argument(cue.FLAG, action="store_true", dest="cued", help="wait for the supervisor when all is loaded")
+    options = parser.parse_args(arguments)
+    try:
+        run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
+        with ZenohBus(options.endpoint, run_config.robot, peer=options.peer) as bus:
+            context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
+            _stop_on_signals(context)
+            return _run_body(context, body)
+    except SaltusError as error:
+        return _failed(name, error)
+
+
+def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -> int:
+    try:
+        body(context)
+    except SaltusError as error:
+        time.sleep(context.clock.machine_s(max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())))
+        context.event("error", str(error))
+        return _failed(context.name, error)
+    return 0
+
+
+def _failed(name: str, error: SaltusError) -> int:
+    sys.stderr.write(f"{name}: {error}\n")
+    return EXIT_ERROR
+
+
+def _stop_on_signals(context: ProcessContext) -> None:
+    def stop(*_: object) -> None:
+        context.stopped = True
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)

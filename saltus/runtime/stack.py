@@ -1,0 +1,393 @@
+"""THE table of processes, and the supervisor that starts, watches, records and stops them.
+
+The supervisor hosts the Zenoh router on a free port of loopback. `Stack.poll` is its whole work: whoever holds a stack
+calls `poll` at 10 Hz or more, or `wait`.
+"""
+
+import contextlib
+import json
+import signal
+import socket
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from saltus import config
+from saltus.config import RunConfig
+from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
+from saltus.recordings.recorder import Recorder
+from saltus.resources import resource
+from saltus.runtime.child import Child, Program, name_exit
+from saltus.runtime.process import PEER_FLAG, RUN_FILE
+from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
+from saltus.runtime.ticker import RunClock
+from saltus.wire.bus import Latest, Publisher, RawSample, Stream, ZenohBus, topic_of, unpack
+from saltus.wire.messages import Done, Event, ProcessStatus
+
+PROGRAMS = (
+    # Open3D alone takes half a second of a free processor, and several on a busy machine
+    Program(name="render", module="saltus.render", restart=True, spare=True),
+    Program(name="heightmap", module="saltus.heightmap", restart=True),
+    Program(name="policy", module="saltus.policy", restart=True),
+    # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
+    Program(name="controller", module="saltus.controller", restart=False),
+)
+
+READY_TIMEOUT_S = 30.0
+HUNG_S = 1.6
+"""Three periods of the proof of life: a message may be lost on a busy machine, and to end what lives ends a run."""
+SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
+RESTART_AFTER_S = 0.15
+"""Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
+STOP_TIMEOUT_S = 3.0
+LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
+POLL_S = 0.01
+RECORDED_AT_A_TIME = 20
+"""Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
+ANSWER_TIMEOUT_S = 0.1
+PORT_ATTEMPTS = 5
+SUPERVISOR = "supervisor"
+RECORDING_FILE = "recording.mcap"
+
+
+class Stack:
+    """The processes of one run, as a context manager.
+
+    Args:
+        run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in. All
+            limits below are in the clock of this run.
+        run_dir: Gets `run.toml`, `recording.mcap` and `logs/<process>.log`.
+        programs: The process table; tests bring their own.
+
+    Raises:
+        StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
+    """
+
+    def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
+        self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
+        self.run_dir = run_dir
+        self.endpoint = ""
+        """Where the router listens."""
+        self.finished = False
+        """Whether the run came to its own end: the controller has returned."""
+        self.rejected: dict[str, dict[str, int]] = {}
+        """Messages that each process refused, by "topic/reason", from its last proof of life."""
+        self.overruns: dict[str, int] = {}
+        """Ticks that each process left out, from its last proof of life."""
+        self.recording_error: str | None = None
+        """Why the recording ended early."""
+        self._clock = RunClock.of(self.config)
+        self._children = {p.name: Child(p, run_dir / "logs" / f"{p.name}.log", self._clock) for p in programs}
+        self.real_time: RealTimeFactor | None = None
+        """In real time: how the run has kept up lately; None until the robot has moved for some seconds."""
+        self.too_slow: RealTimeFactor | None = None
+        """The same of the first time that it did not keep up; None while it does."""
+        self._monitor = RealTimeMonitor(self._clock, robot=programs[-1].name)
+        self._heard_until_s = 0.0
+        """What had arrived by this time of the run's clock has been read."""
+        self._begin_at_s: dict[str, float] = {}  # of those that have died
+        self._events_sent = self._events_seen = 0
+        self._unrecorded: deque[RawSample] = deque()
+        self._resources = contextlib.ExitStack()
+        self._bus: ZenohBus
+        self._stream: Stream
+        self._events: Publisher
+        self._recorder: Recorder
+
+    @property
+    def recording(self) -> Path:
+        """The recording of the run."""
+        return self.run_dir / RECORDING_FILE
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """How often each process was started again."""
+        return {name: child.restarts for name, child in self._children.items()}
+
+    def pid(self, name: str) -> int:
+        """Process id of a process.
+
+        Raises:
+            StackError: there is no such process, or it does not run now.
+        """
+        if name not in self._children:
+            raise StackError(f"no process '{name}': {nearest_hint(name, self._children)}")
+        pid = self._children[name].pid
+        if pid is None:
+            raise StackError(f"{name} is not running")
+        return pid
+
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """The newest message of a topic, to show progress."""
+        return self._bus.latest(topic, suffix)
+
+    def __enter__(self) -> "Stack":
+        logs = self.run_dir / "logs"
+        logs.mkdir(parents=True, exist_ok=True)
+        for old in logs.glob("*.log"):
+            old.unlink()
+        (self.run_dir / RUN_FILE).write_text(config.to_toml(self.config))
+        try:
+            self._open()
+            self._start_all()
+        except BaseException as error:
+            self._resources.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._resources.__exit__(kind, error, trace)
+
+    def poll(self) -> bool:
+        """Records what has arrived and looks after the processes. Returns whether the run goes on.
+
+        Raises:
+            StackError: the controller died; in lockstep any process; or a process does not become ready again.
+        """
+        self._drain()
+        for child in self._children.values():
+            self._look_after(child)
+        return not self.finished
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Polls until the run has come to its end; returns False where the timeout [s, run's clock] came first."""
+        deadline_s = None if timeout_s is None else self._clock.elapsed_s() + timeout_s
+        while self.poll():
+            if deadline_s is not None and self._clock.elapsed_s() >= deadline_s:
+                return False
+            time.sleep(POLL_S)
+        return True
+
+    def _open(self) -> None:
+        self.endpoint, router = open_router()
+        self._resources.callback(router.close)
+        self._bus = ZenohBus(self.endpoint, self.config.robot, peer=self._links_directly)
+        self._resources.callback(self._bus.close)
+        self._stream = self._bus.stream()
+        self._events = self._bus.publisher("event", SUPERVISOR)
+        self._recorder = Recorder(self.recording, self.config)
+        self._resources.push(self._close_recorder)
+        self._resources.callback(self._stop, restart=True)
+        self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand
+
+    def _start_all(self) -> None:
+        """All load at once; the run begins with the last of them, when nothing loads any more."""
+        first = [child for child in self._children.values() if child.program.restart]
+        last = [child for child in self._children.values() if not child.program.restart]
+        for child in first:
+            child.begin(self._arguments)
+            self._load_spare(child)
+        for child in last:
+            child.load(self._arguments)
+        self._poll_until(
+            lambda: all(child.ready for child in first) and not any(child.loading for child in first + last)
+        )
+        for child in last:
+            child.begin(self._arguments)
+        self._poll_until(lambda: all(child.ready for child in last))
+
+    def _load_spare(self, child: Child) -> None:
+        if child.program.spare and self.config.pace == "realtime":
+            child.load(self._arguments)
+
+    def _poll_until(self, condition: Callable[[], bool]) -> None:
+        while not condition() and self.poll():
+            time.sleep(POLL_S)
+
+    @property
+    def _arguments(self) -> list[str]:
+        links = [PEER_FLAG] if self._links_directly else []
+        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, *links]
+
+    @property
+    def _links_directly(self) -> bool:
+        """In lockstep the router passes messages on in the order of cause and effect, as the recorder dates them."""
+        return self.config.pace == "realtime"
+
+    def _look_after(self, child: Child) -> None:
+        if self.finished:
+            return
+        now_s = self._clock.elapsed_s()
+        code = child.exit_code()
+        begin_at_s = self._begin_at_s.get(child.name)
+        if begin_at_s is not None:
+            self._begin_again(child, begin_at_s)
+        elif code is not None:
+            self._ended(child, code)
+        elif child.running() and not child.ready and now_s - child.started_s > READY_TIMEOUT_S:
+            raise StackError(f"{child.name} is not ready after {READY_TIMEOUT_S:g} s{child.log_tail()}")
+        elif (
+            child.alive_s is not None
+            # Not until now: what comes while the rest is recorded has not been read
+            and self._heard_until_s - child.alive_s > HUNG_S
+            and self.config.pace == "realtime"
+        ):
+            child.kill()
+            self._died(child, f"hung: no sign of life for {HUNG_S:g} s")
+        elif child.ready and not child.has_spare and now_s - child.started_s > SPARE_AFTER_S:
+            self._load_spare(child)
+
+    def _ended(self, child: Child, code: int) -> None:
+        self._drain()  # its last words
+        if code == 0 and child.ready and not child.program.restart:
+            self.finished = True
+        else:
+            self._died(child, name_exit(code))
+
+    def _died(self, child: Child, how: str) -> None:
+        self._event("process_died", f"{child.name}: {how}")
+        replaceable = child.program.restart and self.config.pace == "realtime"
+        if not (replaceable and child.ready):  # what dies before it is ready would do so for ever
+            raise StackError(f"{child.name} died ({how}){child.log_tail()}")
+        child.restarts += 1
+        self._begin_again(child, self._clock.elapsed_s() + (0.0 if child.has_spare else RESTART_AFTER_S))
+
+    def _begin_again(self, child: Child, at_s: float) -> None:
+        if self._clock.elapsed_s() < at_s:
+            self._begin_at_s[child.name] = at_s
+        else:
+            self._begin_at_s.pop(child.name, None)
+            child.begin(self._arguments)
+
+    def _drain(self) -> None:
+        self._heard_until_s = self._clock.elapsed_s()
+        samples = self._stream.drain()
+        for raw in samples:
+            self._events_seen += raw.key == f"event/{SUPERVISOR}"
+            self._note_status(raw)
+        self._judge_real_time()
+        self._unrecorded.extend(samples)
+        for _ in range(min(len(self._unrecorded), RECORDED_AT_A_TIME)):
+            self._record(self._unrecorded.popleft())
+        self._record(None)
+
+    def _judge_real_time(self) -> None:
+        """Says once that the run does not keep up. What a death holds up says nothing about the computer."""
+        if any(self.restarts.values()):
+            return
+        factor = self.real_time = self._monitor.verdict()
+        if factor is not None and not factor.kept and self.too_slow is None:
+            self.too_slow = factor
+            self._event("too_slow", str(factor))
+
+    def _record(self, raw: RawSample | None) -> None:
+        """Writes a sample, or flushes. A full disk must not stop a robot."""
+        try:
+            if self.recording_error is not None:
+                return
+            if raw is None:
+                self._recorder.flush()
+            else:
+                self._recorder.write(raw)
+                if self._clock.lockstep:
+                    self._clock.set(self._recorder.simulated_ns)
+        except RecordingError as error:
+            self.recording_error = str(error)
+            self._event("recording_failed", str(error))
+
+    def _note_status(self, raw: RawSample) -> None:
+        topic = topic_of(raw.key)
+        if topic is None or topic.name != "status":
+            return
+        try:
+            _, status = unpack(topic, raw)
+        except MessageError:
+            return  # counted by the recorder
+        child = self._children.get(status.process) if isinstance(status, ProcessStatus) else None
+        arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
+        if child is None or not isinstance(status, ProcessStatus) or arrival_s < child.started_s:
+            return
+        if not child.ready:
+            self._event("process_ready", f"{child.name}: after {arrival_s - child.started_s:.2f} s")
+        child.alive_s = arrival_s
+        if not self._clock.lockstep:
+            self._monitor.take(status)
+        self.rejected[child.name] = status.rejected
+        self.overruns[child.name] = status.overruns
+
+    def _event(self, code: str, detail: str) -> None:
+        self._events_sent += 1
+        self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
+
+    def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
+        deadline_s = self._clock.elapsed_s() + LAST_WORDS_S
+        while self._events_seen < self._events_sent and self._clock.elapsed_s() < deadline_s:
+            self._drain()
+            time.sleep(POLL_S)
+        self._drain()
+        while self._unrecorded:
+            self._record(self._unrecorded.popleft())
+        summary = {
+            "restarts": json.dumps(self.restarts),
+            "rejected": json.dumps({**self.rejected, SUPERVISOR: dict(self._recorder.rejected)}),
+            "overflowed": str(self._stream.overflowed),
+        }
+        if error is not None:
+            summary["error"] = str(error) or type(error).__name__
+        try:
+            self._recorder.close(summary)
+        except RecordingError as failure:
+            self.recording_error = self.recording_error or str(failure)
+
+    def _stop(self, *, restart: bool) -> None:
+        group = [child for child in self._children.values() if child.program.restart == restart]
+        for child in group:
+            child.dismiss()
+            child.signal(signal.SIGTERM)
+        deadline_s = self._clock.elapsed_s() + STOP_TIMEOUT_S
+        while any(child.running() for child in group) and self._clock.elapsed_s() < deadline_s:
+            self._drain()
+            time.sleep(POLL_S)
+        for child in group:
+            child.kill()
+
+
+def open_router() -> tuple[str, Any]:
+    """Opens a Zenoh router on a free port of loopback; returns its endpoint and its session.
+
+    Raises:
+        StackError: no port could be had.
+    """
+    for _ in range(PORT_ATTEMPTS):
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
+        settings.insert_json5("listen/endpoints", f'["{endpoint}"]')
+        try:
+            return endpoint, zenoh.open(settings)
+        except zenoh.ZError as error:  # somebody else took the port in between
+            last = error
+    raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
+
+
+def loopback_round_trip(messages: int = 50) -> float:
+    """Median time of a small message from one client to another and back, through a router on loopback [s].
+
+    Raises:
+        StackError: no router can be had, or nothing arrives.
+    """
+    endpoint, router = open_router()
+    times = []
+    with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:
+        ping, pong = here.publisher("done", "ping"), there.publisher("done", "pong")
+        ping_in, pong_in = there.latest("done", "ping"), here.latest("done", "pong")
+        for step in range(messages):
+            start = time.perf_counter()
+            ping.put(Done(time_ns=0, step=step, process="ping"))
+            if ping_in.wait(ANSWER_TIMEOUT_S) is not None:
+                pong.put(Done(time_ns=0, step=step, process="pong"))
+                if pong_in.wait(ANSWER_TIMEOUT_S) is not None:
+                    times.append(time.perf_counter() - start)
+    if len(times) < messages // 2:  # the first are lost while the subscriptions travel
+        raise StackError(f"of {messages} messages over loopback {len(times)} came back")
+    return statistics.median(times)

@@ -1,0 +1,155 @@
+"""Time: the clock of a run, the age of a message, and a loop of fixed rate."""
+
+import time
+from enum import Enum
+
+from saltus.config import RunConfig
+from saltus.errors import ConfigError
+from saltus.wire.topics import Topic
+
+FUTURE_TOLERANCE_NS = 5_000_000  # clocks of one machine agree; 5 ms is a rounding, more is another clock
+
+
+class Freshness(Enum):
+    """Whether a message may still be used."""
+
+    OK = "ok"
+    DEGRADED = "degraded"
+    INVALID = "invalid"
+    FUTURE = "future"
+    """Captured later than now: a wrong clock, as unusable as INVALID."""
+
+    @property
+    def usable(self) -> bool:
+        """Whether a consumer may act on the message at all."""
+        return self in (Freshness.OK, Freshness.DEGRADED)
+
+
+def freshness(topic: Topic, capture_ns: int, now_ns: int) -> Freshness:
+    """Judges a message by its age, both times in the run's clock."""
+    age_ns = now_ns - capture_ns
+    if age_ns < -FUTURE_TOLERANCE_NS:
+        return Freshness.FUTURE
+    if age_ns > 1e9 * topic.invalid_age_s:
+        return Freshness.INVALID
+    if age_ns > 1e9 * topic.degraded_age_s:
+        return Freshness.DEGRADED
+    return Freshness.OK
+
+
+class RunClock:
+    """The clock of a run: nanoseconds since its start.
+
+    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all processes agree: a
+    run at speed 0.25 takes four seconds for each of its own. All rates, ages and limits of a run are in this clock, so
+    that the same code with the same limits runs on a computer that is too slow for real time. In lockstep it stands at
+    the time that the caller has set: that of the step being answered.
+
+    Args:
+        epoch_ns: Start of the run on the monotonic clock of this machine.
+        lockstep: Whether the caller sets the time.
+        speed: Seconds of the run for each second of the machine.
+    """
+
+    def __init__(self, epoch_ns: int = 0, *, lockstep: bool = False, speed: float = 1.0) -> None:
+        self.epoch_ns = epoch_ns
+        self.lockstep = lockstep
+        self.speed = speed
+        self._now_ns = 0
+
+    @classmethod
+    def of(cls, config: RunConfig) -> "RunClock":
+        """The clock of a run that has begun: its start is in its configuration."""
+        return cls(config.epoch_ns, lockstep=config.pace == "lockstep", speed=config.speed)
+
+    def now_ns(self) -> int:
+        """Time of the run [ns]."""
+        return self._now_ns if self.lockstep else self.elapsed_ns()
+
+    def elapsed_ns(self) -> int:
+        """Time since the start, at the speed of the run, also in lockstep: for watching over processes [ns]."""
+        return self.of_monotonic(time.monotonic_ns())
+
+    def elapsed_s(self) -> float:
+        """`elapsed_ns` in seconds."""
+        return 1e-9 * self.elapsed_ns()
+
+    def set(self, time_ns: int) -> None:
+        """Lockstep: moves the clock to the step being answered. It never goes back.
+
+        Raises:
+            ConfigError: in real time nobody sets the clock.
+        """
+        if not self.lockstep:
+            raise ConfigError('the clock of a real-time run cannot be set: use pace = "lockstep"')
+        self._now_ns = max(self._now_ns, time_ns)
+
+    def of_monotonic(self, monotonic_ns: int) -> int:
+        """A monotonic time of this machine (an arrival) in the run's clock of real time [ns]."""
+        machine_ns = monotonic_ns - self.epoch_ns
+        return machine_ns if self.speed == 1.0 else round(machine_ns * self.speed)
+
+    def machine_s(self, run_s: float) -> float:
+        """How long `run_s` seconds of the run take on this machine [s]."""
+        return run_s / self.speed
+
+
+class Ticker:
+    """Loop of fixed rate on absolute deadlines of the run's clock.
+
+    A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that are missed beyond
+    that are counted as overruns and left out, so that a stall never ends in a long burst.
+
+    Args:
+        rate_hz: of the ticks.
+        catch_up: how many ticks may follow each other without a pause. 1 for hardware, which cannot make up for lost
+            time; more for a simulation, whose time would fall behind the run's clock.
+        clock: Of the run; that of the machine where none is given.
+    """
+
+    BUCKETS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
+    """Upper edges of the histogram of lateness."""
+
+    def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:
+        self._clock = clock or RunClock()
+        self.period_ns = round(1e9 / rate_hz)
+        self.catch_up = catch_up
+        self.ticks = 0
+        self.overruns = 0
+        self.late_max_ns = 0
+        self.late_counts = [0] * (len(self.BUCKETS_US) + 1)
+        self._deadline_ns: int | None = None
+
+    def wait(self) -> int:
+        """Sleeps until the next tick; returns how many ticks were left out before it.
+
+        The first call returns at once and starts the schedule.
+        """
+        now = self._clock.elapsed_ns()
+        if self._deadline_ns is None:
+            self._deadline_ns = now
+        else:
+            self._deadline_ns += self.period_ns
+        missed = max(0, (now - self._deadline_ns) // self.period_ns - (self.catch_up - 1))
+        self._deadline_ns += missed * self.period_ns
+        while (left_ns := self._deadline_ns - self._clock.elapsed_ns()) > 0:
+            time.sleep(self._clock.machine_s(1e-9 * left_ns))
+        self._note(self._clock.elapsed_ns() - self._deadline_ns)
+        self.ticks += 1
+        self.overruns += missed
+        return missed
+
+    def late_us(self, quantile: float) -> float:
+        """Upper bound of a quantile of the lateness at the start of a tick [us], from the histogram."""
+        wanted = quantile * sum(self.late_counts)
+        seen = 0
+        for count, edge in zip(self.late_counts, self.BUCKETS_US, strict=False):
+            seen += count
+            if seen >= wanted:
+                return min(float(edge), 1e-3 * self.late_max_ns)
+        return 1e-3 * self.late_max_ns
+
+    def _note(self, late_ns: int) -> None:
+        self.late_max_ns = max(self.late_max_ns, late_ns)
+        bucket = sum(1 for edge in self.BUCKETS_US if late_ns > 1000 * edge)
+        self.late_counts[bucket] += 1

@@ -1,0 +1,405 @@
+"""Where the processes meet: newest-value topics over Zenoh, with every check between the wire and the caller.
+
+Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in this order of checks:
+size, envelope, payload, capture time, order. Whether a message is fresh enough is for its consumer to judge
+(`saltus.runtime.ticker.freshness`), since only the consumer knows the time at which it is used.
+"""
+
+import ctypes
+import json
+import secrets
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import zenoh
+
+from saltus.errors import MessageError, StackError, nearest_hint
+from saltus.resources import resource
+from saltus.wire import codec
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
+from saltus.wire.topics import TOPICS, Topic
+
+RETIRED_SENDERS = 16
+RING = 8  # samples kept between two takes, so that junk beside a good message is counted and does not hide it
+STREAM_CAPACITY = 20_000  # samples; 20 s of a run
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A message that passed every check."""
+
+    message: Any
+    """Of the topic's type in `saltus.wire.topics`."""
+    envelope: Envelope
+    arrival_ns: int
+    """When it came in, taken or not, on the monotonic clock of this machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawSample:
+    """What arrived, unchecked."""
+
+    key: str
+    """Below the robot's prefix, e.g. "done/render"."""
+    payload: bytes
+    attachment: bytes
+    arrival_ns: int
+    """Arrival on the monotonic clock of this machine."""
+
+
+class Publisher(Protocol):
+    """One key of this process."""
+
+    def put(self, message: Message) -> None:
+        """Sends; never waits for a receiver."""
+
+
+class Bell:
+    """Wakes whoever waits for messages. Thread-safe.
+
+    Who waits notes `rings`, looks whether something has come, and if not calls `wait` with what was noted: it returns
+    at once where something has come in between.
+    """
+
+    def __init__(self) -> None:
+        self.rings = 0
+        """How often it has rung."""
+        self._condition = threading.Condition(threading.Lock())
+
+    def ring(self) -> None:
+        """Wakes everybody."""
+        with self._condition:
+            self.rings += 1
+            self._condition.notify_all()
+
+    def wait(self, heard: int, timeout_s: float) -> None:
+        """Waits until it has rung more often than `heard`, at most `timeout_s`."""
+        with self._condition:
+            self._condition.wait_for(lambda: self.rings != heard, timeout_s)
+
+
+class Slot:
+    """The last samples of one key; older ones than `RING` are gone. One thread fills it, one empties it.
+
+    Args:
+        bell: Rung for every sample.
+    """
+
+    def __init__(self, bell: Bell) -> None:
+        self.bell = bell
+        self._samples: deque[RawSample] = deque(maxlen=RING)
+
+    def push(self, sample: RawSample) -> None:
+        """Adds the newest."""
+        self._samples.append(sample)
+        self.bell.ring()
+
+    def pop(self) -> RawSample | None:
+        """Takes the oldest out."""
+        return self._samples.popleft() if self._samples else None
+
+
+class Stream:
+    """Counted FIFO of everything on the bus, for the recorder. Thread-safe."""
+
+    def __init__(self, capacity: int = STREAM_CAPACITY) -> None:
+        self._samples: deque[RawSample] = deque()
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self.overflowed = 0
+        """Samples dropped because nobody drained in time."""
+
+    def push(self, sample: RawSample) -> None:
+        """Adds a sample, or counts it as dropped."""
+        with self._lock:
+            if len(self._samples) < self._capacity:
+                self._samples.append(sample)
+            else:
+                self.overflowed += 1
+
+    def drain(self) -> list[RawSample]:
+        """Returns what has arrived since the last call, in order of arrival."""
+        with self._lock:
+            samples, self._samples = list(self._samples), deque()
+        return samples
+
+
+@dataclass(frozen=True)
+class Intake:
+    """What came on a key over a while."""
+
+    topic: Topic
+    received: int
+    """Messages that were accepted."""
+    silence_ns: int
+    """The longest time without one, by the clock of this machine."""
+
+
+class Latest:
+    """The newest message of one key, checked."""
+
+    def __init__(self, topic: Topic, slot: Slot, rejected: Counter[str]) -> None:
+        self.topic = topic
+        self.last_arrival_ns: int | None = None
+        """Monotonic time of the last message that was accepted; loss is timed from it."""
+        self._slot = slot
+        self._rejected = rejected
+        self._received = 0
+        self._silence_ns = 0
+        self._counted_from_ns = time.monotonic_ns()
+        self._sender: Envelope | None = None
+        self._retired: deque[bytes] = deque(maxlen=RETIRED_SENDERS)
+
+    def take(self) -> Sample | None:
+        """Returns the newest message that was not yet taken. Never waits, never raises."""
+        newest: Sample | None = None
+        while (raw := self._slot.pop()) is not None:
+            newest = self._check(raw) or newest
+        return newest
+
+    def wait(self, timeout_s: float) -> Sample | None:
+        """Waits for the next message, at most `timeout_s`."""
+        deadline_s, bell = time.monotonic() + timeout_s, self._slot.bell
+        heard = bell.rings
+        while (sample := self.take()) is None and (left_s := deadline_s - time.monotonic()) > 0.0:
+            bell.wait(heard, left_s)
+            heard = bell.rings
+        return sample
+
+    def silent_s(self) -> float:
+        """Seconds since the last accepted message; infinite before the first."""
+        if self.last_arrival_ns is None:
+            return float("inf")
+        return 1e-9 * (time.monotonic_ns() - self.last_arrival_ns)
+
+    def take_intake(self) -> Intake:
+        """What has come since the last call."""
+        now_ns = time.monotonic_ns()
+        last_ns = max(self._counted_from_ns, self.last_arrival_ns or 0)
+        intake = Intake(self.topic, self._received, max(self._silence_ns, now_ns - last_ns))
+        self._received, self._silence_ns, self._counted_from_ns = 0, 0, now_ns
+        return intake
+
+    def _check(self, raw: RawSample) -> Sample | None:
+        try:
+            envelope, message = unpack(self.topic, raw)
+            self._check_order(envelope)
+        except MessageError as error:
+            self._rejected[f"{self.topic.name}/{error.reason}"] += 1
+            return None
+        self._sender = envelope
+        self._received += 1
+        self._silence_ns = max(self._silence_ns, raw.arrival_ns - (self.last_arrival_ns or self._counted_from_ns))
+        self.last_arrival_ns = raw.arrival_ns
+        return Sample(message, envelope, raw.arrival_ns)
+
+    def _check_order(self, envelope: Envelope) -> None:
+        last = self._sender
+        if envelope.boot_id in self._retired:
+            raise MessageError("old_sender", "a newer process has taken over")
+        if last is None:
+            return
+        if envelope.boot_id != last.boot_id:
+            self._retired.append(last.boot_id)
+        elif envelope.sequence == last.sequence:
+            raise MessageError("duplicate", f"sequence {envelope.sequence}")
+        elif envelope.sequence < last.sequence:
+            raise MessageError("out_of_order", f"sequence {envelope.sequence} after {last.sequence}")
+
+
+def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
+    """Checks a sample by itself.
+
+    Raises:
+        MessageError: see the module's docstring.
+    """
+    if len(raw.payload) > codec.PAYLOAD_MAX:
+        raise MessageError("size", f"{len(raw.payload)} bytes")
+    envelope = Envelope.from_bytes(raw.attachment)
+    message: Message = codec.decode(topic.message, raw.payload)
+    if message.time_ns != envelope.capture_ns:
+        raise MessageError("capture_time", f"{message.time_ns} ns in the message, {envelope.capture_ns} ns beside it")
+    return envelope, message
+
+
+class Bus(ABC):
+    """What a process sees of the others.
+
+    Args:
+        prefix: Of the robot's keys.
+        bell: Rung whenever a message comes in. Buses may share one, for a process that waits for any of several robots.
+    """
+
+    def __init__(self, prefix: str, bell: Bell) -> None:
+        self.prefix = prefix
+        self.bell = bell
+        self.boot_id = secrets.token_bytes(16)
+        self.rejected: Counter[str] = Counter()
+        """Messages refused so far by "topic/reason"."""
+        self.latests: list[Latest] = []
+        """Of the keys that were asked for."""
+
+    @abstractmethod
+    def publisher(self, topic: str, suffix: str = "") -> Publisher:
+        """A publisher of `topic`, or of `topic/suffix` where every process has a key of its own."""
+
+    @abstractmethod
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """The newest message of one concrete key."""
+
+    @abstractmethod
+    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+        """Everything below the prefix."""
+
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether messages can travel now."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leaves the bus; may be called twice."""
+
+    def __enter__(self) -> "Bus":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _latest(self, topic: str, slot: Slot) -> Latest:
+        self.latests.append(Latest(TOPICS[topic], slot, self.rejected))
+        return self.latests[-1]
+
+    def _key(self, topic: str, suffix: str) -> str:
+        if topic not in TOPICS:
+            raise MessageError("topic", f"no topic '{topic}': {nearest_hint(topic, TOPICS)}")
+        return "/".join(part for part in (self.prefix, topic, suffix) if part)
+
+
+def topic_of(key: str) -> Topic | None:
+    """The topic of a key below the prefix: "done" of "done/render"; None where there is none."""
+    return TOPICS.get(key) or TOPICS.get(key.rpartition("/")[0])
+
+
+class ZenohBus(Bus):
+    """A bus over one Zenoh router.
+
+    Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
+    messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
+    opened; what is sent before may be lost.
+
+    Args:
+        endpoint: Of the router.
+        prefix: Of the robot's keys.
+        peer: Whether this is a process of the router's own stack. Never to be guessed from the endpoint: behind a
+            tunnel peers would not find each other, and what is between two peers no router carries.
+        bell: See `Bus`; one of its own where none is given.
+
+    Raises:
+        StackError: no router answers at the endpoint.
+    """
+
+    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
+        super().__init__(prefix, bell or Bell())
+        role = "peer" if peer else "client"
+        settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
+        try:
+            settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        except zenoh.ZError as error:
+            raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
+        try:
+            self._session = zenoh.open(settings)
+        except zenoh.ZError as error:
+            raise StackError(f"no Zenoh router at {endpoint}: {error}") from error
+
+    def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
+        """See `Bus.publisher`."""
+        kind = TOPICS[topic].message if topic in TOPICS else None
+        raw = self._session.declare_publisher(
+            self._key(topic, suffix),
+            encoding=codec.encoding_of(kind) if kind is not None else None,
+            # Blocking would stall a control loop for 5 s on one slow subscriber
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        return ZenohPublisher(raw, self.boot_id)
+
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """See `Bus.latest`."""
+        key, slot = self._key(topic, suffix), Slot(self.bell)
+        name = key.removeprefix(f"{self.prefix}/")
+
+        def receive(sample: Any) -> None:
+            _stay()
+            slot.push(_raw(sample, name))
+
+        # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the FIFO lets a slow
+        # consumer fall seconds behind and then blocks the session. Not indirect: with a thread for each key, a state
+        # overtakes the image that was sent before it.
+        self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+        return self._latest(topic, slot)
+
+    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+        """See `Bus.stream`."""
+        stream = Stream(capacity)
+        start = len(self.prefix) + 1
+
+        def receive(sample: Any) -> None:
+            stream.push(_raw(sample, str(sample.key_expr)[start:]))
+
+        self._session.declare_subscriber(f"{self.prefix}/**", receive)
+        return stream
+
+    def connected(self) -> bool:
+        """Whether the router answers."""
+        return bool(self._session.info.routers_zid())
+
+    def close(self) -> None:
+        """Closes the session."""
+        if not self._session.is_closed():
+            self._session.close()
+
+
+class ZenohPublisher:
+    """Counts and sends the messages of one key."""
+
+    def __init__(self, publisher: Any, boot_id: bytes) -> None:
+        self._publisher = publisher
+        self._boot_id = boot_id
+        self._sequence = 0
+
+    def put(self, message: Message) -> None:
+        """Encodes and sends; never waits.
+
+        Raises:
+            MessageError: the message does not have the shape that travels.
+        """
+        payload = codec.encode(message)
+        self._sequence += 1
+        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
+        self._publisher.put(payload, attachment=envelope.to_bytes())
+
+
+_thread = threading.local()
+
+
+def _stay() -> None:
+    """Makes Python keep its state of this thread, one of Zenoh's, from one call to the next.
+
+    It would map memory for a new one at each call and unmap it at its end, which takes longer than the call.
+    """
+    if not hasattr(_thread, "kept"):
+        _thread.kept = True
+        ctypes.pythonapi.PyGILState_Ensure()  # never released
+
+
+def _raw(sample: Any, key: str) -> RawSample:
+    """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
+    payload, attachment = sample.payload, sample.attachment
+    data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)
+    return RawSample(key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns())

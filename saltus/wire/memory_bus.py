@@ -1,0 +1,83 @@
+"""A bus inside one process, for tests and replay: the same codec, checks and counters as over Zenoh."""
+
+import time
+
+from saltus.wire import codec
+from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
+
+
+class MemoryHub:
+    """What the memory buses of several processes share."""
+
+    def __init__(self) -> None:
+        self.bell = Bell()
+        """Of all buses of the hub."""
+        self._slots: dict[str, list[Slot]] = {}
+        self._streams: list[tuple[str, Stream]] = []
+
+    def attach(self, key: str, slot: Slot) -> None:
+        """Subscribes a slot to one key."""
+        self._slots.setdefault(key, []).append(slot)
+
+    def attach_stream(self, prefix: str, stream: Stream) -> None:
+        """Subscribes a stream to all keys below a prefix."""
+        self._streams.append((f"{prefix}/", stream))
+
+    def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
+        """Delivers bytes as they are, malformed ones too."""
+        now_ns = time.monotonic_ns()
+        for slot in self._slots.get(key, ()):
+            slot.push(RawSample(key, payload, attachment, now_ns))
+        for prefix, stream in self._streams:
+            if key.startswith(prefix):
+                stream.push(RawSample(key.removeprefix(prefix), payload, attachment, now_ns))
+
+
+class MemoryBus(Bus):
+    """A bus over a `MemoryHub`; a hub of its own where none is given."""
+
+    def __init__(self, prefix: str, hub: MemoryHub | None = None) -> None:
+        self.hub = hub or MemoryHub()
+        super().__init__(prefix, self.hub.bell)
+
+    def publisher(self, topic: str, suffix: str = "") -> "MemoryPublisher":
+        """See `Bus.publisher`."""
+        return MemoryPublisher(self.hub, self._key(topic, suffix), self.boot_id)
+
+    def latest(self, topic: str, suffix: str = "") -> Latest:
+        """See `Bus.latest`."""
+        slot = Slot(self.bell)
+        self.hub.attach(self._key(topic, suffix), slot)
+        return self._latest(topic, slot)
+
+    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+        """See `Bus.stream`."""
+        stream = Stream(capacity)
+        self.hub.attach_stream(self.prefix, stream)
+        return stream
+
+    def connected(self) -> bool:
+        """Always."""
+        return True
+
+    def close(self) -> None:
+        """Nothing to leave."""
+
+
+class MemoryPublisher:
+    """Encodes and delivers the messages of one key."""
+
+    def __init__(self, hub: MemoryHub, key: str, boot_id: bytes) -> None:
+        self._hub = hub
+        self._key = key
+        self._boot_id = boot_id
+        self._sequence = 0
+
+    def put(self, message: Message) -> None:
+        """Encodes and delivers; raises as `saltus.wire.codec.encode` does."""
+        payload = codec.encode(message)
+        self._sequence += 1
+        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
+        self._hub.inject(self._key, payload, envelope.to_bytes())

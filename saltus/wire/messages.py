@@ -1,0 +1,235 @@
+"""What the processes say to each other: frozen dataclasses, SI units, one meaning for each field.
+
+Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's geometric
+centre, x forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base, origin at the base.
+Legs are in the order FR, FL, RR, RL; joints in the order hip, thigh, calf of each leg.
+Quaternions are (w, x, y, z), base to world. `time_ns` is the capture time in the run's own clock: the moment
+at which the thing was true, not the moment at which it was sent.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating]
+
+
+class HeightmapStatus(IntEnum):
+    """How far a heightmap may be trusted."""
+
+    OK = 0
+    WARMING = 1  # fewer frames since the last reset of the memory than the model needs
+    DEGRADED = 2  # the image is 50 ms older than nominal, too many pixels or images are missing, or the output is stuck
+    INVALID = 3  # the image is 100 ms older than nominal, or the output is not plausible
+
+
+class PlanStatus(IntEnum):
+    """What the planner asks the controller to do."""
+
+    STAND = 0  # stay on all four feet
+    GO = 1  # follow the plan
+    STOP = 2  # land, then stand: the planner cannot see
+
+
+class ControllerMode(IntEnum):
+    """State of the leg controller."""
+
+    STAND = 0
+    RUN = 1
+    COAST = 2  # the plan is late: hold the last plan, finish the present flight phase
+    LANDING = 3  # bring all feet down, then stand
+    STOPPED = 4  # stands after a fault; needs a new run to jump again
+    DAMP = 5  # joint damping only: not upright, or a state that is not finite
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthFrame:
+    """One depth image with what is needed to interpret it."""
+
+    time_ns: int
+    frame_id: int
+    depth: NDArray[np.uint16]
+    """Depth along the optical axis, shape (height, width), in units of `depth_unit_m`; 0 is invalid, 65535 is
+    "nothing within range"."""
+    depth_unit_m: float
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    """Intrinsics [px]: pixel (u, v) looks through ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotState:
+    """What a robot measures and estimates about itself at one instant."""
+
+    time_ns: int
+    step: int
+    """Policy step (100 Hz) since the start of the run."""
+    quaternion_base_in_world: Floats
+    """Shape (4,), from the IMU."""
+    angular_velocity_base: Floats
+    """Gyroscope, base frame [rad/s], shape (3,)."""
+    acceleration_base: Floats
+    """Accelerometer (specific force), base frame [m/s^2], shape (3,)."""
+    joint_position: Floats
+    """[rad], shape (12,)."""
+    joint_velocity: Floats
+    """[rad/s], shape (12,)."""
+    joint_torque: Floats
+    """Torque that the drives believe they apply [Nm], shape (12,)."""
+    velocity_base_in_world: Floats
+    """Estimate [m/s], shape (3,)."""
+    base_height: float
+    """Estimated height of the base above the feet in stance [m]."""
+    leg_contact: NDArray[np.bool_]
+    """Scheduled contact, shape (4,)."""
+    leg_progress: Floats
+    """Progress in the present stance or swing, [0, 1], shape (4,)."""
+    leg_trusted: NDArray[np.bool_]
+    """Leg is in the middle half of its stance: its foot may be taken to be on the ground. Shape (4,)."""
+    cycle: int
+    """Number of completed gait cycles."""
+    mode: ControllerMode
+    depth_due: int
+    """Lockstep: the newest `DepthFrame.frame_id` that is due at this step; -1 where none is, or in real time."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Heightmap:
+    """The sagittal terrain profile at the time of the robot state with the same step."""
+
+    time_ns: int
+    step: int
+    x: Floats
+    """Distance ahead of the base along its yaw [m], shape (30,)."""
+    height: Floats
+    """Terrain height relative to the base [m], shape (30,)."""
+    std: Floats
+    """Of `height` [m]: 1.645 of it to each side hold 90 % of the errors (`saltus.heightmap.service.quantiles`), shape
+    (30,)."""
+    status: HeightmapStatus
+    depth_age_s: float
+    """Age of the image that was used; infinite where there is none yet."""
+    frame_id: int
+    """The image that was used; -1 where there is none yet."""
+    model_id: str
+    """First 16 hexadecimal digits of the model file's sha256."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionPlan:
+    """The centroidal reference that the leg controller tracks."""
+
+    time_ns: int
+    step: int
+    status: PlanStatus
+    stepping_frequency_hz: float
+    velocity_x: float
+    """Forward velocity of the base, yaw frame [m/s]."""
+    velocity_z: float
+    """Vertical velocity of the base [m/s]."""
+    pitch_rate: float
+    """Rotation about the y axis of the yaw frame, nose down positive [rad/s]."""
+    foot_residual_front: Floats
+    """Added to the nominal swing position of the front feet, yaw frame [m], shape (3,); y is outward."""
+    foot_residual_rear: Floats
+    """The same for the rear feet."""
+    reason: str
+    """Why the status is not GO; empty otherwise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointCommand:
+    """What a drive is told: torque = kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
+
+    position: Floats
+    """[rad], shape (..., 12)."""
+    velocity: Floats
+    """[rad/s], shape (..., 12)."""
+    kp: Floats
+    """[Nm/rad], shape (..., 12)."""
+    kd: Floats
+    """[Nm s/rad], shape (..., 12)."""
+    torque: Floats
+    """Feed-forward torque [Nm], shape (..., 12)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointLog:
+    """The 500 Hz rows between two policy steps: state measured at a time and the command that takes force then."""
+
+    time_ns: int
+    """Time of the first row."""
+    step: int
+    dt_s: float
+    position: Floats
+    """[rad], shape (rows, 12), as all that follow."""
+    velocity: Floats
+    position_desired: Floats
+    velocity_desired: Floats
+    torque_feedforward: Floats
+    torque_estimated: Floats
+    kp: Floats
+    kd: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GroundTruth:
+    """What only a simulator knows. Read by the camera, labels and reports; never by perception or control."""
+
+    time_ns: int
+    step: int
+    position_base_in_world: Floats
+    quaternion_base_in_world: Floats
+    velocity_base_in_world: Floats
+    angular_velocity_base: Floats
+    joint_position: Floats
+    foot_force: Floats
+    """Vertical ground reaction [N], shape (4,)."""
+    height: Floats
+    """True terrain profile relative to the base at the heightmap's x, shape (30,)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Done:
+    """Lockstep: `process` has finished `step`."""
+
+    time_ns: int
+    step: int
+    process: str
+    frame_id: int = -1
+    """From the camera: the newest frame that is due."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Event:
+    """Something that a person should know, once, when it begins."""
+
+    time_ns: int
+    process: str
+    code: str
+    """Machine-readable, snake_case: "depth_lost", "plan_lost", "mode_landing", ..."""
+    detail: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProcessStatus:
+    """How a process is doing; sent twice a second as proof of life."""
+
+    time_ns: int
+    process: str
+    ready: bool
+    ticks: int
+    overruns: int
+    rejected: dict[str, int] = field(default_factory=dict)
+    """Count of rejected messages by "topic/reason"."""
+    received: dict[str, int] = field(default_factory=dict)
+    """Messages that came since the last status, by topic."""
+    silence_us: dict[str, int] = field(default_factory=dict)
+    """The longest time that passed without one since then, by topic [microseconds, run's clock]."""
+
+
+Message = DepthFrame | RobotState | Heightmap | MotionPlan | JointLog | GroundTruth | Done | Event | ProcessStatus

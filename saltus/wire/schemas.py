@@ -1,0 +1,192 @@
+"""THE table of what travels: the fields of every message, their shapes and the bounds outside which it is refused.
+
+The text of the ROS 2 message definitions is derived from it. Bounds are not limits of the robot: they are wide enough
+for a simulated crash and narrow enough that nothing beyond them can be meant.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+from saltus.wire import messages
+from saltus.wire.messages import Message
+
+Wire = Literal["float64", "int64", "bool", "uint8", "string"]
+
+INDEX_MAX = 2**53  # the largest integer that viewers, which count in doubles, still show exactly
+TEXT_MAX = 2048  # bytes of one string; an event is one line
+JOINTS = 12
+LEGS = 4
+HEIGHTS = 30
+JOINT_ROWS_MAX = 50  # 100 ms of 500 Hz rows: what a stalled loop may hand over at once
+
+DEPTH_TYPE = "saltus_msgs/msg/DepthFrame"
+EVENT_TYPE = "rcl_interfaces/msg/Log"
+STATUS_TYPE = "saltus_msgs/msg/ProcessStatus"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a message as it travels."""
+
+    name: str
+    wire: Wire
+    shape: tuple[int, ...] | None = None
+    """None for a scalar; (-1, n) for any number of rows of n."""
+    low: float = -math.inf
+    high: float = math.inf
+    enum: type[IntEnum] | None = None
+
+    @property
+    def definition(self) -> str:
+        """The field's line in a ROS 2 message definition."""
+        if self.shape is None:
+            return f"{self.wire} {self.name}"
+        count = "" if -1 in self.shape else math.prod(self.shape)
+        return f"{self.wire}[{count}] {self.name}"
+
+
+def _vector(name: str, size: int, bound: float, low: float | None = None) -> Field:
+    return Field(name, "float64", (size,), -bound if low is None else low, bound)
+
+
+def _scalar(name: str, low: float, high: float) -> Field:
+    return Field(name, "float64", None, low, high)
+
+
+def _index(name: str, low: int = 0) -> Field:
+    return Field(name, "int64", None, low, INDEX_MAX)
+
+
+def _rows(name: str, bound: float) -> Field:
+    return Field(name, "float64", (-1, JOINTS), -bound, bound)
+
+
+ROUNDING = 1e-6
+QUATERNION = 1.0 + ROUNDING
+ANGULAR_VELOCITY = 500.0  # [rad/s]; the gyroscope ends at 35, a simulated impact does not
+ACCELERATION = 1e5  # [m/s^2]
+VELOCITY = 100.0  # [m/s]
+POSITION = 1e4  # [m]
+HEIGHT = 100.0  # [m]
+ANGLE = 100.0  # [rad]; joints end at 4.5
+JOINT_SPEED = 1e4  # [rad/s]; drives end at 30
+TORQUE = 1e4  # [Nm]; drives end at 36, what a PD law asks for does not
+GAIN = 1e4
+FORCE = 1e6  # [N]
+FREQUENCY = 20.0  # [Hz]; the original's gait lies between 1 and 4
+PLAN_VELOCITY = 10.0  # [m/s], [rad/s]
+FOOT_RESIDUAL = 1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
+
+FIELDS: dict[type[Message], tuple[Field, ...]] = {
+    messages.RobotState: (
+        _index("step"),
+        _vector("quaternion_base_in_world", 4, QUATERNION),
+        _vector("angular_velocity_base", 3, ANGULAR_VELOCITY),
+        _vector("acceleration_base", 3, ACCELERATION),
+        _vector("joint_position", JOINTS, ANGLE),
+        _vector("joint_velocity", JOINTS, JOINT_SPEED),
+        _vector("joint_torque", JOINTS, TORQUE),
+        _vector("velocity_base_in_world", 3, VELOCITY),
+        _scalar("base_height", -HEIGHT, HEIGHT),
+        Field("leg_contact", "bool", (LEGS,)),
+        _vector("leg_progress", LEGS, 1.0 + ROUNDING, low=-ROUNDING),
+        Field("leg_trusted", "bool", (LEGS,)),
+        _index("cycle"),
+        Field("mode", "uint8", enum=messages.ControllerMode),
+        _index("depth_due", low=-1),
+    ),
+    messages.Heightmap: (
+        _index("step"),
+        _vector("x", HEIGHTS, HEIGHT),
+        _vector("height", HEIGHTS, HEIGHT),
+        _vector("std", HEIGHTS, HEIGHT, low=0.0),
+        Field("status", "uint8", enum=messages.HeightmapStatus),
+        _scalar("depth_age_s", -1.0, math.inf),
+        _index("frame_id", low=-1),
+        Field("model_id", "string"),
+    ),
+    messages.MotionPlan: (
+        _index("step"),
+        Field("status", "uint8", enum=messages.PlanStatus),
+        _scalar("stepping_frequency_hz", 0.0, FREQUENCY),
+        _scalar("velocity_x", -PLAN_VELOCITY, PLAN_VELOCITY),
+        _scalar("velocity_z", -PLAN_VELOCITY, PLAN_VELOCITY),
+        _scalar("pitch_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
+        _vector("foot_residual_front", 3, FOOT_RESIDUAL),
+        _vector("foot_residual_rear", 3, FOOT_RESIDUAL),
+        Field("reason", "string"),
+    ),
+    messages.JointLog: (
+        _index("step"),
+        _scalar("dt_s", 1e-5, 1.0),
+        _rows("position", ANGLE),
+        _rows("velocity", JOINT_SPEED),
+        _rows("position_desired", ANGLE),
+        _rows("velocity_desired", JOINT_SPEED),
+        _rows("torque_feedforward", TORQUE),
+        _rows("torque_estimated", TORQUE),
+        _rows("kp", GAIN),
+        _rows("kd", GAIN),
+    ),
+    messages.GroundTruth: (
+        _index("step"),
+        _vector("position_base_in_world", 3, POSITION),
+        _vector("quaternion_base_in_world", 4, QUATERNION),
+        _vector("velocity_base_in_world", 3, VELOCITY),
+        _vector("angular_velocity_base", 3, ANGULAR_VELOCITY),
+        _vector("joint_position", JOINTS, ANGLE),
+        _vector("foot_force", LEGS, FORCE),
+        _vector("height", HEIGHTS, POSITION),
+    ),
+    messages.Done: (_index("step"), Field("process", "string"), _index("frame_id", low=-1)),
+}
+"""Messages that travel as types of our own: a `std_msgs/Header` with the capture time, then these fields."""
+
+FRAME: dict[type[Message], str] = {
+    messages.DepthFrame: "camera",
+    messages.RobotState: "base",
+    messages.Heightmap: "base_yaw",
+    messages.MotionPlan: "base_yaw",
+    messages.JointLog: "base",
+    messages.GroundTruth: "world",
+    messages.Done: "",
+    messages.ProcessStatus: "",
+}
+"""Frame in each message's header."""
+
+TYPE_NAME: dict[type[Message], str] = {
+    messages.DepthFrame: DEPTH_TYPE,
+    messages.Event: EVENT_TYPE,
+    messages.ProcessStatus: STATUS_TYPE,
+    **{kind: f"saltus_msgs/msg/{kind.__name__}" for kind in FIELDS},
+}
+"""ROS 2 type of each message."""
+
+DEFINITIONS: dict[str, str] = {
+    DEPTH_TYPE: (
+        "std_msgs/Header header\n"
+        "sensor_msgs/Image image\n"
+        "sensor_msgs/CameraInfo camera_info\n"
+        "float64 depth_unit_m\n"
+        "int64 frame_id\n"
+    ),
+    STATUS_TYPE: (
+        "std_msgs/Header header\n"
+        "string process\n"
+        "bool ready\n"
+        "int64 ticks\n"
+        "int64 overruns\n"
+        "string[] rejected\n"
+        "int64[] rejected_count\n"
+        "string[] received\n"
+        "int64[] received_count\n"
+        "int64[] silence_us\n"
+    ),
+    **{
+        TYPE_NAME[kind]: "\n".join(["std_msgs/Header header", *(f.definition for f in fields)]) + "\n"
+        for kind, fields in FIELDS.items()
+    },
+}
+"""ROS 2 message definitions of the types that are our own."""
