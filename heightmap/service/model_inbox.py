@@ -68,7 +68,7 @@ class ModelInbox:
         """
         path = self._path
         _ask_for_checksum(path)
-        command = [sys.executable, "-m", "saltus.heightmap.service.trial_load", str(path)]
+        command = [sys.executable, "-P", "-m", "saltus.heightmap.service.trial_load", str(path)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment) as self._process:

@@ -51,14 +51,9 @@ class BackgroundEvaluation:
     def start(self, checkpoint: Path, now_s: float) -> None:
         """Begins to evaluate a checkpoint, which may be replaced by the next one, but not changed."""
         self._started_s = now_s
-        command = [
-            sys.executable,
-            "-m",
-            "saltus.policy.training.standard_evaluation",
-            str(checkpoint),
-            str(self._table),
-        ]
-        command += ["--trials", str(self._trials), "--processes", str(self._processes), "--kinds", *self._kinds]
+        command = [sys.executable, "-P", "-m", "saltus.policy.training.standard_evaluation"]
+        command += [str(checkpoint), str(self._table), "--trials", str(self._trials)]
+        command += ["--processes", str(self._processes), "--kinds", *self._kinds]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
         self._process = subprocess.Popen(  # a group of its own, so that its workers end with it
             command, env=environment, stdout=subprocess.DEVNULL, start_new_session=True

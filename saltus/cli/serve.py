@@ -12,11 +12,11 @@ Peer = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 def serve(module: str, run_dir: Path, endpoint: str, *more: str, peer: bool) -> int:
-    """Runs `python -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
+    """Runs `python -P -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
     from saltus.runtime.process import PEER_FLAG
 
     links = [PEER_FLAG] if peer else []
-    command = [sys.executable, "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
+    command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
     return subprocess.run(command, check=False).returncode
 
 

@@ -139,7 +139,7 @@ class _Launch:
         self._line.setblocking(False)
         with theirs, log.open("ab") as file:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments, cue.FLAG],
+                [sys.executable, "-P", "-m", module, *arguments, cue.FLAG],
                 stdin=theirs.fileno(),
                 stdout=file,
                 stderr=subprocess.STDOUT,
