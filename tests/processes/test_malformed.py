@@ -115,7 +115,7 @@ class Victim:
         self.log = directory / "log"
         with self.log.open("wb") as file:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", name, "--run-dir", str(directory), "--endpoint", endpoint],
+                [sys.executable, "-m", f"saltus.{name}", "--run-dir", str(directory), "--endpoint", endpoint],
                 stdout=file,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": str(HERE), "OMP_NUM_THREADS": "1"},
