@@ -20,7 +20,7 @@ _LOW, _HIGH = Constant(RESIDUAL_LOW), Constant(RESIDUAL_HIGH)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Action:
-    """The values of a motion plan, for a batch of robots; meaning and frames as in `saltus.wire.messages.MotionPlan`."""
+    """The values of a motion plan, for a batch of robots; meaning and frames as in `MotionPlan`."""
 
     stepping_frequency_hz: Floats
     """Shape (...)."""

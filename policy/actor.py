@@ -50,7 +50,7 @@ class PolicyActor:
         return action_from_values(self.values(features(observation, heights)))
 
     def values(self, given: Floats) -> Floats:
-        """Values of `saltus.policy.bounds.ACTIONS`, shape (..., 10), for `saltus.policy.features`, shape (..., SIZE)."""
+        """Values of `ACTIONS`, shape (..., 10), for `saltus.policy.features`, shape (..., SIZE)."""
         flat = np.ascontiguousarray(given.reshape(-1, SIZE), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))

@@ -15,7 +15,7 @@ _NEVER = 2**30  # a tick that does not come
 
 
 class LateImages:
-    """Which image each robot has in hand; the law of `saltus.heightmap.data.delivery.deliver`, tick by tick, without pauses.
+    """Which image each robot has in hand; the law of `delivery.deliver`, tick by tick, without pauses.
 
     Args:
         count: Number of robots.

@@ -14,7 +14,7 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 
 
 class Predictor(Protocol):
-    """Anything that answers each robot state with a heightmap, as `saltus.heightmap.service.service.HeightmapService` does."""
+    """Anything that answers each robot state with a heightmap, as a `HeightmapService` does."""
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
         """Advances by one tick; `frame` has arrived since the last call."""

@@ -1,4 +1,6 @@
-"""Adds a round of data from robots on a GPU to datasets: `python -m saltus.heightmap.training.gpu_rollouts --out FOLDER`.
+"""Adds a round of data from robots on a GPU to datasets.
+
+    python -m saltus.heightmap.training.gpu_rollouts --out FOLDER
 
 Prints a line for each batch, and at the end one JSON object: labelled steps of 10 ms a second with and without
 writing, rendering, noise and the predictor in the loop included.

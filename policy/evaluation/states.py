@@ -10,7 +10,7 @@ from saltus.wire.messages import Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotStates:
-    """What a batch of robots knows: the fields of `saltus.wire.messages.RobotState`, each with a leading dimension n."""
+    """What a batch of robots knows: the fields of `RobotState`, each with a leading dimension n."""
 
     time_s: float
     step: int

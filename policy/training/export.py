@@ -1,4 +1,7 @@
-"""From a checkpoint to the ONNX file that the planner process runs: `python -m saltus.policy.training.export CHECKPOINT FILE`."""
+"""From a checkpoint to the ONNX file that the planner process runs.
+
+`python -m saltus.policy.training.export CHECKPOINT FILE`
+"""
 
 import argparse
 import json

@@ -1,6 +1,7 @@
 """The deployed stack on the courses that the policy is meant for, while it is still being trained.
 
-    python -m saltus.policy.training.standard_evaluation CHECKPOINT TABLE [--kinds stairs gap] [--trials 8] [--processes 4]
+    python -m saltus.policy.training.standard_evaluation CHECKPOINT TABLE [--kinds stairs gap] [--trials 8]
+        [--processes 4]
 
 Exports the checkpoint and runs it as deployed: the law in numpy, exact stance forces, ONNX Runtime, MuJoCo, all effects
 of the drives, what a trial draws. One row a course is added to TABLE. `saltus.policy.training.background_evaluation`

@@ -1,4 +1,6 @@
-"""Trains the motion policy: `python -m saltus.policy.training.train --out FOLDER`, on a CPU or on GPUs, resumable at any time.
+"""Trains the motion policy, on a CPU or on GPUs, resumable at any time.
+
+    python -m saltus.policy.training.train --out FOLDER
 
 The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `progress.csv`,
 `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m saltus.policy.training.train ...` N
