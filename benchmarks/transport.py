@@ -43,9 +43,10 @@ from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
 from saltus.runtime.stack import open_router
 from saltus.runtime.ticker import Ticker
-from saltus.wire.bus import Bell, ZenohBus
+from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
+from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "bench"
 RATE_HZ = 100.0

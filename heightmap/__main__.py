@@ -9,7 +9,7 @@ from functools import partial
 
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.runtime.process import PEER_FLAG, ProcessContext, run_process
-from saltus.wire.bus import ZenohBus
+from saltus.wire.zenoh_bus import ZenohBus
 
 
 def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:

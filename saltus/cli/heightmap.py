@@ -69,8 +69,8 @@ class Serve:
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.runtime.stack import open_router
-        from saltus.wire.bus import ZenohBus
         from saltus.wire.messages import HeightmapStatus
+        from saltus.wire.zenoh_bus import ZenohBus
 
         frames = list(read_realsense(recording))
         if not self.assume_level:

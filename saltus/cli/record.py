@@ -26,7 +26,7 @@ class Record:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.recordings.recorder import Recorder
         from saltus.runtime.process import RUN_FILE
-        from saltus.wire.bus import ZenohBus
+        from saltus.wire.zenoh_bus import ZenohBus
 
         run_config = config.load(RunConfig, self.run_dir / RUN_FILE)
         with ZenohBus(self.endpoint, run_config.robot) as bus:

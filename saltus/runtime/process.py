@@ -51,8 +51,9 @@ from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.runtime import cue
 from saltus.runtime.ticker import RunClock
-from saltus.wire.bus import Bus, ZenohBus
+from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
+from saltus.wire.zenoh_bus import ZenohBus
 
 STATUS_PERIOD_S = 0.5
 """Of the machine's time: a run that is slowed tells as soon how it goes."""

@@ -28,8 +28,9 @@ from saltus.runtime.child import Child, Program, name_exit
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.ticker import RunClock
-from saltus.wire.bus import Latest, Publisher, RawSample, Stream, ZenohBus, topic_of, unpack
+from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
+from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
     # Open3D alone takes half a second of a free processor, and several on a busy machine

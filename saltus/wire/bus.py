@@ -1,12 +1,10 @@
-"""Where the processes meet: newest-value topics over Zenoh, with every check between the wire and the caller.
+"""Where the processes meet: newest-value topics, with every check between the wire and the caller.
 
 Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in this order of checks:
 size, envelope, payload, capture time, order. Whether a message is fresh enough is for its consumer to judge
 (`saltus.runtime.ticker.freshness`), since only the consumer knows the time at which it is used.
 """
 
-import ctypes
-import json
 import secrets
 import threading
 import time
@@ -15,10 +13,7 @@ from collections import Counter, deque
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import zenoh
-
-from saltus.errors import MessageError, StackError, nearest_hint
-from saltus.resources import resource
+from saltus.errors import MessageError, nearest_hint
 from saltus.wire import codec
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
@@ -283,123 +278,3 @@ class Bus(ABC):
 def topic_of(key: str) -> Topic | None:
     """The topic of a key below the prefix: "done" of "done/render"; None where there is none."""
     return TOPICS.get(key) or TOPICS.get(key.rpartition("/")[0])
-
-
-class ZenohBus(Bus):
-    """A bus over one Zenoh router.
-
-    Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
-    messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
-    opened; what is sent before may be lost.
-
-    Args:
-        endpoint: Of the router.
-        prefix: Of the robot's keys.
-        peer: Whether this is a process of the router's own stack. Never to be guessed from the endpoint: behind a
-            tunnel peers would not find each other, and what is between two peers no router carries.
-        bell: See `Bus`; one of its own where none is given.
-
-    Raises:
-        StackError: no router answers at the endpoint.
-    """
-
-    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
-        super().__init__(prefix, bell or Bell())
-        role = "peer" if peer else "client"
-        settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
-        try:
-            settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
-        except zenoh.ZError as error:
-            raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
-        try:
-            self._session = zenoh.open(settings)
-        except zenoh.ZError as error:
-            raise StackError(f"no Zenoh router at {endpoint}: {error}") from error
-
-    def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
-        """See `Bus.publisher`."""
-        kind = TOPICS[topic].message if topic in TOPICS else None
-        raw = self._session.declare_publisher(
-            self._key(topic, suffix),
-            encoding=codec.encoding_of(kind) if kind is not None else None,
-            # Blocking would stall a control loop for 5 s on one slow subscriber
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-        )
-        return ZenohPublisher(raw, self.boot_id)
-
-    def latest(self, topic: str, suffix: str = "") -> Latest:
-        """See `Bus.latest`."""
-        key, slot = self._key(topic, suffix), Slot(self.bell)
-        name = key.removeprefix(f"{self.prefix}/")
-
-        def receive(sample: Any) -> None:
-            _stay()
-            slot.push(_raw(sample, name))
-
-        # Not Zenoh's channels: who looks into them again and again notices 0.3 ms late, and the FIFO lets a slow
-        # consumer fall seconds behind and then blocks the session. Not indirect: with a thread for each key, a state
-        # overtakes the image that was sent before it.
-        self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
-        return self._latest(topic, slot)
-
-    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
-        """See `Bus.stream`."""
-        stream = Stream(capacity)
-        start = len(self.prefix) + 1
-
-        def receive(sample: Any) -> None:
-            stream.push(_raw(sample, str(sample.key_expr)[start:]))
-
-        self._session.declare_subscriber(f"{self.prefix}/**", receive)
-        return stream
-
-    def connected(self) -> bool:
-        """Whether the router answers."""
-        return bool(self._session.info.routers_zid())
-
-    def close(self) -> None:
-        """Closes the session."""
-        if not self._session.is_closed():
-            self._session.close()
-
-
-class ZenohPublisher:
-    """Counts and sends the messages of one key."""
-
-    def __init__(self, publisher: Any, boot_id: bytes) -> None:
-        self._publisher = publisher
-        self._boot_id = boot_id
-        self._sequence = 0
-
-    def put(self, message: Message) -> None:
-        """Encodes and sends; never waits.
-
-        Raises:
-            MessageError: the message does not have the shape that travels.
-        """
-        payload = codec.encode(message)
-        self._sequence += 1
-        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
-        self._publisher.put(payload, attachment=envelope.to_bytes())
-
-
-_thread = threading.local()
-
-
-def _stay() -> None:
-    """Makes Python keep its state of this thread, one of Zenoh's, from one call to the next.
-
-    It would map memory for a new one at each call and unmap it at its end, which takes longer than the call.
-    """
-    if not hasattr(_thread, "kept"):
-        _thread.kept = True
-        ctypes.pythonapi.PyGILState_Ensure()  # never released
-
-
-def _raw(sample: Any, key: str) -> RawSample:
-    """Copies a sample out of Zenoh; what is beyond the limit is not worth a copy of its own."""
-    payload, attachment = sample.payload, sample.attachment
-    data = payload.to_bytes() if len(payload) <= codec.PAYLOAD_MAX else bytes(codec.PAYLOAD_MAX + 1)
-    return RawSample(key, data, b"" if attachment is None else attachment.to_bytes(), time.monotonic_ns())

@@ -22,8 +22,8 @@ from saltus.resources import resource
 from saltus.runtime.process import RUN_FILE
 from saltus.runtime.stack import open_router
 from saltus.runtime.ticker import RunClock, Ticker
-from saltus.wire.bus import ZenohBus
 from saltus.wire.messages import DepthFrame, HeightmapStatus
+from saltus.wire.zenoh_bus import ZenohBus
 
 ROBOTS = ("fleet/0", "fleet/1", "fleet/2")
 READY_S = 60.0

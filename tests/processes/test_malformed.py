@@ -20,10 +20,11 @@ from saltus.runtime.process import RUN_FILE
 from saltus.runtime.stack import open_router
 from saltus.runtime.ticker import RunClock
 from saltus.wire import codec, schemas
-from saltus.wire.bus import Latest, ZenohBus
+from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Done, Message
 from saltus.wire.topics import TOPICS
+from saltus.wire.zenoh_bus import ZenohBus
 
 HERE = Path(__file__).parent
 READY_S = 60.0

@@ -15,10 +15,11 @@ from saltus.errors import MessageError, StackError
 from saltus.resources import resource
 from saltus.runtime.stack import open_router
 from saltus.wire import codec
-from saltus.wire.bus import RING, Bell, Bus, Latest, Sample, ZenohBus
+from saltus.wire.bus import RING, Bell, Bus, Latest, Sample
 from saltus.wire.codec import Envelope
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done
+from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "go1/0"
 KEY = f"{PREFIX}/done/render"
