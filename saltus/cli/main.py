@@ -20,8 +20,10 @@ from saltus.cli.real2sim import Real2sim
 from saltus.cli.record import Record
 from saltus.cli.render import Render
 from saltus.cli.replay import Replay
+from saltus.cli.signals import Ended, ending_by_signals, raise_again
 from saltus.cli.up import Up
 from saltus.errors import SaltusError
+from saltus.provenance import commit, package_version
 
 Command = (
     Annotated[Demo, subcommand("demo")]
@@ -42,11 +44,29 @@ INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command and returns its exit code: 0, 1 (it ran and failed), 2 (bad input), 130 (interrupted)."""
+    """Runs one command and returns its exit code: 0, 1 (it ran and failed), 2 (bad input), 130 (interrupted).
+
+    SIGTERM and SIGHUP end it as Ctrl-C does, and then end this process by the same signal.
+    """
     try:
+        with ending_by_signals():
+            return _run(sys.argv[1:] if arguments is None else arguments)
+    except Ended as end:
+        sys.stdout.flush()
+        raise_again(end.number)
+        return INTERRUPTED
+
+
+def _run(arguments: Sequence[str]) -> int:
+    try:
+        if list(arguments) == ["--version"]:
+            print(f"saltus {package_version('saltus')} ({commit()})")
+            return 0
         command = _parse(arguments)
         _check_seeds(command)
         return command.run()
+    except Ended:
+        raise
     except SaltusError as error:
         print(f"saltus: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -62,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
 
 
-def _parse(arguments: Sequence[str] | None) -> Command:
+def _parse(arguments: Sequence[str]) -> Command:
     """Parses the command line; what tyro would print as a box becomes one line."""
     box = io.StringIO()
     try:

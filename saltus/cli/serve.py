@@ -1,5 +1,6 @@
 """Runs one process of the stack in the foreground."""
 
+import contextlib
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -8,16 +9,28 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+END_S = 5.0  # a robot lands and stands within 1.5 s
 Peer = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 def serve(module: str, run_dir: Path, endpoint: str, *more: str, peer: bool) -> int:
-    """Runs `python -P -m module` against a router and returns its exit code; Ctrl-C reaches it and ends it."""
+    """Runs `python -P -m module` against a router and returns its exit code.
+
+    Ctrl-C and the signals that end a command end it too, cleanly.
+    """
     from saltus.runtime.process import PEER_FLAG
 
     links = [PEER_FLAG] if peer else []
     command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
-    return subprocess.run(command, check=False).returncode
+    with subprocess.Popen(command) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(END_S)
+            process.kill()
+            raise
 
 
 @dataclass(frozen=True, kw_only=True)

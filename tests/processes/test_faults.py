@@ -44,7 +44,12 @@ def steps_recorded(path: Path) -> int:
         return 0
 
 
-def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(speed: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM), (signal.SIGHUP, -signal.SIGHUP)]
+)
+def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(
+    number: signal.Signals, code: int, speed: float, tmp_path: Path
+) -> None:
     command = [
         sys.executable,
         "-m",
@@ -60,8 +65,8 @@ def test_an_interrupted_demo_lands_closes_the_recording_and_exits_with_130(speed
     deadline_s = time.monotonic() + 30.0 / speed
     while steps_recorded(tmp_path / "recording.mcap") < 50 and time.monotonic() < deadline_s:
         time.sleep(0.1)
-    demo.send_signal(signal.SIGINT)
-    assert demo.wait(timeout=20.0 / speed) == 130
+    demo.send_signal(number)
+    assert demo.wait(timeout=20.0 / speed) == code
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.complete
     modes = [state.mode for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
