@@ -14,8 +14,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from saltus.real2sim.pipeline import Examined, examine, judge
+from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.log import load
+from saltus.real2sim.results import Examined
 from saltus.real2sim.search.decide import REMAINDER_RMS
 
 LARGE = 3.0

@@ -21,7 +21,8 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import Judgement, find
+from saltus.real2sim.pipeline import find
+from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 
 LATENCY_S = 0.050  # paper

@@ -7,7 +7,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from saltus.effects.profile import IDEAL, Profile
@@ -20,62 +20,20 @@ from saltus.real2sim.problem.log import SHARED_CLAIMS, in_sequence, load, shifts
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.rebased import Rebased
 from saltus.real2sim.resolve import resolved
-from saltus.real2sim.screening.align import ClockOffset, align
-from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.results import Compared, Examined, Judgement, Progress
+from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
-from saltus.real2sim.search.findings import Findings, FoundEffect
+from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.search.narrowed import Narrowed
 from saltus.real2sim.search.saturation_curve import with_curves
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked import Stacked, stackable
-from saltus.real2sim.verdict import Verdict, merge
+from saltus.real2sim.verdict import merge
 from saltus.recordings.run_log import RunLog
 
 SIMULATIONS = 250
 """Sets of unknowns that a search of an ordinary log tries, for the progress bar."""
-Progress = Callable[[str, float], None]
-"""Told the name of a stage and the share of all that is done."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Compared:
-    """What became of the problem of one sensor."""
-
-    problem: Problem
-    findings: Findings
-    log: RunLog
-    """What the problem is about: of a problem that several logs pose, all of them in sequence."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Examined:
-    """All that was found in runs that are read as one log."""
-
-    log: RunLog
-    faults: tuple[Fault, ...]
-    offsets: tuple[ClockOffset, ...] = ()
-    compared: tuple[Compared, ...] = ()
-    """What several logs show together is told with the first of them."""
-    untestable: dict[str, str]
-    """Effects that no sensor of the log shows, and why."""
-    failures: tuple[str, ...] = ()
-    """Sensors that could not be compared, and why."""
-
-    @property
-    def is_bad(self) -> bool:
-        """Whether fitting to this log makes no sense."""
-        return any(fault.is_fatal for fault in self.faults)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Judgement:
-    """All that is known in the end."""
-
-    verdict: Verdict
-    patch: Patch
-    examined: tuple[Examined, ...]
-    evidence: tuple[Evidence, ...]
 
 
 def find(

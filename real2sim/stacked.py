@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem, Segment
-from saltus.real2sim.reporting.localise import Driver
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Indices, Problem, Segment
 from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
 from saltus.real2sim.search.layout import Layout
 from saltus.real2sim.search.split import split

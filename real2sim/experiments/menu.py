@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import chain as joined
+from pathlib import Path
 from typing import Literal
 
 from saltus import go1
@@ -13,6 +14,9 @@ from saltus.real2sim.experiments.safety import Limits
 from saltus.terrain import flat, step
 from saltus.terrain.terrain import Terrain
 
+SEPARATIONS = Path(__file__).parent / "separations.json"
+"""What was measured of each experiment: `saltus.real2sim.experiments.separations` writes it, `next_experiment` reads
+it."""
 WALL_M = 0.9
 """Height of a step that is a wall: it fills the upper half of an image of the Go1's camera from 1 m."""
 STEP_M = 0.15

@@ -13,16 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
-from saltus.real2sim.experiments.menu import EXPERIMENTS
+from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
 from saltus.real2sim.resolve import largest
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import NextExperiment
-
-TABLE = Path(__file__).parent / "separations.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +113,7 @@ def _table(members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, 
 @cache
 def separations() -> dict[str, Separations]:
     """The measured table, by experiment."""
-    return {name: _separations(entry) for name, entry in json.loads(TABLE.read_text())["experiments"].items()}
+    return {name: _separations(entry) for name, entry in json.loads(SEPARATIONS.read_text())["experiments"].items()}
 
 
 def _separations(entry: dict[str, dict[str, list[float]] | list[list[float]]]) -> Separations:

@@ -16,8 +16,7 @@ import numpy as np
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.instruments import SensorNoise
-from saltus.real2sim.experiments.menu import EXPERIMENTS, Experiment
-from saltus.real2sim.experiments.next_experiment import TABLE
+from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experiment
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.problem.problem import Candidate, Floats, Problem, Unknown
 from saltus.real2sim.sensors import SENSORS
@@ -130,7 +129,7 @@ def _short(value: float) -> float:
 
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named, and writes the table."""
-    measured: dict[str, Any] = json.loads(TABLE.read_text())["experiments"] if TABLE.exists() else {}
+    measured: dict[str, Any] = json.loads(SEPARATIONS.read_text())["experiments"] if SEPARATIONS.exists() else {}
     for name in names or list(EXPERIMENTS):
         measured[name] = measure(EXPERIMENTS[name])
         order = [known for known in EXPERIMENTS if known in measured]
@@ -138,7 +137,7 @@ def main(names: list[str]) -> None:
             "source": "python -m saltus.real2sim.experiments.separations",
             "experiments": {known: measured[known] for known in order},
         }
-        TABLE.write_text(json.dumps(table, indent=1) + "\n")
+        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.reporting.localise import Driver
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -72,6 +70,18 @@ class Estimate:
 
     value: float
     unit: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driver:
+    """Something that may drive a residual, at the residual's instants."""
+
+    name: str
+    """E.g. "tau"."""
+    unit: str
+    values: Floats
+    """Shape (n,), with sign; for a regime 1 within it, else 0."""
+    is_regime: bool = False
 
 
 class Problem(ABC):

@@ -9,9 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from saltus.real2sim.problem.problem import Driver, Floats
 
 CHUNKS = 20  # parts of a log whose disagreement tells how sure a statement is
 MIN_SURE = 3.0  # jackknife standard errors
@@ -19,18 +18,6 @@ MIN_SHARE = 0.1  # of a residual's power: less is not worth a sentence
 MIN_CONTRAST = 1.5  # RMS beyond a threshold, over that on this side
 QUANTILES = np.linspace(0.1, 0.9, 17)  # where thresholds are looked for
 BINS = 5
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Driver:
-    """Something that may drive a residual, at the residual's instants."""
-
-    name: str
-    """E.g. "tau"."""
-    unit: str
-    values: Floats
-    """Shape (n,), with sign; for a regime 1 within it, else 0."""
-    is_regime: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.reporting.localise import Channel, Driver
+from saltus.real2sim.problem.problem import Driver, Problem
+from saltus.real2sim.reporting.localise import Channel
 from saltus.recordings.run_log import JointTable, RunLog
 
 Floats = NDArray[np.float64]

@@ -5,7 +5,6 @@ where the page says otherwise.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.offline import get_plotlyjs
@@ -17,12 +16,10 @@ from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.reporting import figures, text
 from saltus.real2sim.reporting.localise import Channel, localise
 from saltus.real2sim.reporting.regimes import channels_of
+from saltus.real2sim.results import Compared, Examined, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.recordings.report import STYLE
 from saltus.recordings.run_log import RunLog
-
-if TYPE_CHECKING:
-    from saltus.real2sim.pipeline import Compared, Examined, Judgement
 
 MORE_STYLE = """
 h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; margin: 1.5em 0 0.2em; }
@@ -32,7 +29,7 @@ SAID_BEFORE, SAID_AFTER = 6, 3
 """Statements on where the gap lies, and on what is left."""
 
 
-def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL, seed: int = 0) -> None:
+def write_report(judgement: Judgement, path: Path, *, profile: Profile = IDEAL, seed: int = 0) -> None:
     """Writes the report.
 
     Args:
@@ -65,14 +62,14 @@ def write_report(judgement: "Judgement", path: Path, *, profile: Profile = IDEAL
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _examined(examined: "Examined", *, is_alone: bool) -> str:
+def _examined(examined: Examined, *, is_alone: bool) -> str:
     """What was found in the runs of one rig."""
     clocks = text.clocks(examined)
     parts = ["<h2>Clocks</h2>", clocks] if clocks else []
     return "".join([*parts, *(_compared(compared, is_alone) for compared in examined.compared)])
 
 
-def _compared(compared: "Compared", is_alone: bool) -> str:
+def _compared(compared: Compared, is_alone: bool) -> str:
     """The evidence of one sensor."""
     problem, findings, log = compared.problem, compared.findings, compared.log
     which = "" if is_alone else f" of {', '.join(problem.blocks)}"

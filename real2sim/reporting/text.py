@@ -5,17 +5,15 @@ import json
 import platform
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from saltus.effects.profile import Profile, profile_to_toml
 from saltus.provenance import commit, package_version
 from saltus.real2sim.reporting.localise import Statement
 from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.results import Examined, Judgement
 from saltus.real2sim.search.findings import FoundEffect, Rung
 from saltus.real2sim.verdict import Gap, Verdict
-
-if TYPE_CHECKING:
-    from saltus.real2sim.pipeline import Examined, Judgement
 
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
@@ -124,12 +122,12 @@ def idle_models(ladder: Sequence[Rung]) -> str:
     return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
 
 
-def clocks(examined: "Examined") -> str:
+def clocks(examined: Examined) -> str:
     """How late streams are against each other."""
     return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examined.offsets)
 
 
-def provenance(judgement: "Judgement", profile: Profile, seed: int) -> str:
+def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
     """Logs by their contents, code by its commit, and what was claimed."""
     logs = _table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], text=True)
     runs = sum(compared.findings.evaluations for each in judgement.examined for compared in each.compared)

@@ -4,8 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem
-from saltus.real2sim.reporting.localise import Driver
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Problem
 
 
 class Narrowed(Problem):

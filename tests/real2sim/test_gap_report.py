@@ -13,14 +13,14 @@ from linear_problem import LinearProblem
 from rig_logs import joints_log
 
 from saltus.real2sim.patch import Applicability, Evidence, Patch
-from saltus.real2sim.pipeline import Compared, Examined, Judgement
 from saltus.real2sim.problem.camera.problem import CameraProblem
-from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting import figures
-from saltus.real2sim.reporting.localise import Channel, Driver
+from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.reporting.report import write_report
 from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.results import Compared, Examined, Judgement
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.search.search import search

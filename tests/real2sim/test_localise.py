@@ -5,7 +5,8 @@ import pytest
 from rig_logs import Rig, joints_log
 
 from saltus import go1
-from saltus.real2sim.reporting.localise import Channel, Driver, in_words, localise, table
+from saltus.real2sim.problem.problem import Driver
+from saltus.real2sim.reporting.localise import Channel, in_words, localise, table
 from saltus.real2sim.reporting.regimes import drivers_of
 
 ROWS = 3000

@@ -111,11 +111,6 @@ class BodyProblem(Problem):
         return estimates(candidate.effect, self._claims, values)
 
     @property
-    def claims(self) -> Claims:
-        """What the log claims of body and ground."""
-        return self._claims
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, "effect.unknown"."""
         return self._names
@@ -141,7 +136,7 @@ class BodyProblem(Problem):
         self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
         self._whiten = self._whitening(noise, has_gyro=has_gyro)
         self.candidates = candidates(self._claims, self._slipperiest(slips_at))
-        self.untestable = untestable(self, self._at_rest, ratio, normal)
+        self.untestable = untestable(self, self._names, self._at_rest, self._claims.friction, ratio, normal)
 
     def _slipperiest(self, otherwise: float) -> float:
         """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.

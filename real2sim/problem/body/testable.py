@@ -1,14 +1,9 @@
 """Which effects on body and ground a log cannot show, and why."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from saltus.go1 import PHYSICS_DT
-from saltus.real2sim.problem.problem import Floats
-
-if TYPE_CHECKING:
-    from saltus.real2sim.problem.body.problem import BodyProblem
+from saltus.real2sim.problem.problem import Floats, Problem
 
 TYPICAL = {
     "payload_mass": {"mass": 1.0},
@@ -41,17 +36,20 @@ LEAST_SIGMA = 6.0
 error of a sixth of it, and a search over a dozen effects asks for four."""
 
 
-def untestable(problem: "BodyProblem", at_rest: Floats, ratio: Floats, normal: Floats) -> dict[str, str]:
+def untestable(
+    problem: Problem, names: tuple[str, ...], at_rest: Floats, friction: float, ratio: Floats, normal: Floats
+) -> dict[str, str]:
     """Effects that would not be seen, with the reason.
 
     Args:
         problem: Whose residuals are asked.
+        names: Of all unknowns, "effect.unknown".
         at_rest: Unknowns without effects, shape (unknowns,).
+        friction: Claimed.
         ratio: Tangential over normal force of feet under load, 0 where there is none, shape (w, steps, 4).
         normal: Normal force [N], same shape.
     """
-    names = problem.names
-    typical = TYPICAL | {"foot_friction": {"less": 0.5 * problem.claims.friction}}
+    typical = TYPICAL | {"foot_friction": {"less": 0.5 * friction}}
     sets = np.tile(at_rest, (len(typical) + 1, 1))
     for i, (effect, values) in enumerate(typical.items()):
         for unknown, value in values.items():
@@ -61,7 +59,7 @@ def untestable(problem: "BodyProblem", at_rest: Floats, ratio: Floats, normal: F
     found = {}
     for effect, s in zip(typical, size, strict=True):
         if s < LEAST_SIGMA:
-            because = _because(effect, problem.claims.friction, ratio, normal)
+            because = _because(effect, friction, ratio, normal)
             found[effect] = f"{because}{IN_WORDS[effect]} would move all residuals by {s:.1f} sigma"
     return found
 
