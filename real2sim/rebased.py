@@ -7,12 +7,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Problem, Unknown
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem, Unknown
 
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""

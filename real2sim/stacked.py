@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Indices, Problem, Segment
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem, Segment
 from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
 from saltus.real2sim.search.layout import Layout
 from saltus.real2sim.search.split import split

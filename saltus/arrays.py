@@ -8,6 +8,10 @@ import array_api_compat
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Floats: TypeAlias = NDArray[np.float64]
+"""A numpy array of doubles; docstrings say its shape and unit."""
+Indices: TypeAlias = NDArray[np.int64]
+"""A numpy array of whole numbers: places in another array, or counts."""
 Array: TypeAlias = Any
 """A numpy array or a torch tensor: the array API standard has no static type yet. Where a law says so, also a float."""
 

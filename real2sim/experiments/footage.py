@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
@@ -15,8 +16,6 @@ from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import Mount, moved_camera
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.terrain import Terrain
-
-Floats = NDArray[np.float64]
 
 POOLING = 5  # as many pixels of the D435i as make one of the model's image
 AXIAL_NOISE = 1.3e-3  # standard deviation over squared depth [1/m], plane fits on frames of a D435i

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.effects.imu import ImuReading
-from saltus.real2sim.experiments.motions import Commands, Floats
+from saltus.real2sim.experiments.motions import Commands
 from saltus.recordings.run_log import JointTable, Table
 from saltus.sim.state import PlantState
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.kinematics import (
     foot_kinematics,
     foot_position,
@@ -18,8 +18,6 @@ from saltus.kinematics import (
     rotation_matrix,
 )
 from saltus.sim.plant import GRAVITY
-
-Floats = NDArray[np.float64]
 
 CENTRE = go1.STAND_POSE
 """About what joints of a held robot move [rad]: a stand, near the middle of the range of the calf."""

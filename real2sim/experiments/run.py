@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.arrays import Floats, Indices
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.footage import Camera, film
 from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
-from saltus.real2sim.experiments.motions import Floats, Section
+from saltus.real2sim.experiments.motions import Section
 from saltus.recordings.run_log import SCHEMA, DepthTable, RunLog
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
@@ -143,7 +143,7 @@ def _play(
     experiment: Experiment,
     section: Section,
     index: int,
-    ticks: NDArray[np.int64],
+    ticks: Indices,
     now: float,
     tape: _Tape,
 ) -> float:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
-from saltus.real2sim.experiments.motions import Commands, Floats
+from saltus.real2sim.experiments.motions import Commands
 
 RUNAWAY = 1.5
 """Share of a joint's published speed limit at which a robot is stopped: a drive that works cannot exceed its limit by

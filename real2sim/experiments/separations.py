@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experiment
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.problem.problem import Candidate, Floats, Problem, Unknown
+from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.sensors import SENSORS
 
 SEED = 20

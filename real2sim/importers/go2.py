@@ -13,13 +13,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.recordings.run_log import SCHEMA, JointTable, RunLog, write_run_log
-
-Floats = NDArray[np.float64]
 
 LEGS = ("FL", "FR", "RL", "RR")
 """In the order of the columns. The recording says "FR, FL, RR, RL"; but then gravity would pull all hips outwards by

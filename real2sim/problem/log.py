@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log, segments
-
-Floats = NDArray[np.float64]
 
 PAUSE_S = 1.0  # between runs that are read as one: longer than any memory of a joint or a camera
 BLOCK_S = 5.0  # of a log that names no segments and never rests: some periods of any motion that excites

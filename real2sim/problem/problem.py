@@ -9,11 +9,7 @@ statistics.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from saltus.arrays import Floats, Indices
 
 
 @dataclass(frozen=True, kw_only=True)

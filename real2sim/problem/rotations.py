@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 
 
 def product(a: Floats, b: Floats) -> Floats:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 
 MEAN_S = 0.02
 """Noise is read from means over so long, as those are what residuals are made of: cables and belts ring, filters of

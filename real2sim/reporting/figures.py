@@ -6,7 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from saltus.real2sim.problem.problem import Driver, Floats
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Driver
 from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import TIME
 from saltus.real2sim.reporting.text import LEAST_NATS

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Driver, Floats
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Driver
 
 CHUNKS = 20  # parts of a log whose disagreement tells how sure a statement is
 MIN_SURE = 3.0  # jackknife standard errors

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting.localise import Channel
 from saltus.recordings.run_log import JointTable, RunLog
-
-Floats = NDArray[np.float64]
 
 TIME = "time in the run"
 """Name of the driver that every residual has."""

@@ -13,10 +13,9 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
 from saltus.recordings.run_log import RunLog, Table
-
-Floats = NDArray[np.float64]
 
 SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
 GRID_S = 0.005
@@ -247,7 +246,7 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
     return fit_offset(stream, reference, is_relative=True)
 
 
-def _foretold(log: RunLog, base: Table, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Motion:
+def _foretold(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
     """Chosen pixels at every pose that a camera could tell apart."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     terrain = log.meta.get("terrain")

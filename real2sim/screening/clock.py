@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
-
-Floats = NDArray[np.float64]
 
 MIN_ROWS = 20  # fewer have no median to speak of
 LOST_ROW = 1.6  # times the usual step: jitter stays below, one lost row makes it 2

@@ -4,13 +4,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import DepthTable, RunLog, Table
-
-Floats = NDArray[np.float64]
 
 FRAMES = 12  # spread over the log
 PIXELS = 400  # of each
@@ -85,7 +83,7 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
         )
 
 
-def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: NDArray[np.int64]) -> Floats:
+def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: Indices) -> Floats:
     """Images that pose and terrain imply at the claimed latency, shape (frames, height, width) [m]."""
     assert log.depth is not None  # noqa: S101 - the caller looks at its images
     when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))

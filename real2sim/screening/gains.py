@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
-
-Floats = NDArray[np.float64]
 
 MAX_DELAY_S = 0.04  # of a command packet: the largest that is looked for, and more
 DELAYS = 21

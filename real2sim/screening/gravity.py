@@ -7,13 +7,11 @@ limb. Where it is the opposite of the model's, all columns of the joint have the
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
-
-Floats = NDArray[np.float64]
 
 STATES = 200  # at which weights are computed, spread over the log
 MIN_WEIGHT = 0.5  # Nm: a hip of a Go1 holds 0.7

@@ -8,12 +8,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
 from saltus.recordings.run_log import JointTable, RunLog
-
-Floats = NDArray[np.float64]
 
 SLOW_S = 0.3  # moving average that leaves what a position-controlled leg follows: below 1.5 Hz
 RATE_S = 0.1  # moving average over which dq must be the rate of q: longer than any delay or filter

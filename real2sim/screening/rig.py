@@ -3,13 +3,11 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog, Table
-
-Floats = NDArray[np.float64]
 
 UNIT_NORM = 0.01  # of a quaternion: four decimals in a text file make 1e-4
 GRAVITY = 9.81

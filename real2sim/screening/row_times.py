@@ -6,10 +6,9 @@ joints moved, against how fast they were, tells how many states passed; where no
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-Floats = NDArray[np.float64]
+from saltus.arrays import Floats
 
 SLACK_S = 0.004  # that a state may be off its row's time: two states
 FAR = 20  # rows over which velocities are compared with angles: many states, whatever their times

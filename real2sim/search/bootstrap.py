@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.split import TEST, Mask, Split
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Indices, Problem
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.split import Mask
 
 CHANCE = 4.0

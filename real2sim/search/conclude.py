@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Estimate, Floats, Problem
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Estimate, Problem
 from saltus.real2sim.search import bootstrap, decide, estimates, signature
 from saltus.real2sim.search.cells import Cells
 from saltus.real2sim.search.decide import Court, Scored

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 from saltus.real2sim.search import bootstrap
 from saltus.real2sim.search.cells import Cells
 from saltus.real2sim.search.findings import Confusion

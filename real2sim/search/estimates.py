@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
 from saltus.real2sim.search import bootstrap
 from saltus.real2sim.search.decide import Court
 from saltus.real2sim.search.findings import FoundEffect, Interval

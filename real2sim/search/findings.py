@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.problem.problem import Estimate, Floats
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Estimate
 
 ProblemRuling = Literal["named", "set", "unexplained", "no_gap"]
 

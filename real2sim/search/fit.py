@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Indices, Problem
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.layout import STEP, Layout, Model
 from saltus.real2sim.search.quadratic import Quadratic, bounded_minimum
 from saltus.real2sim.search.split import Split

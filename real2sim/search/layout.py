@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Candidate, Floats, Indices, Problem
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Candidate, Problem
 
 STEP = 0.25
 """Finite differences step by this fraction of an unknown's scale: small against what matters, large against noise of

@@ -4,7 +4,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Problem
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem
 
 
 class Narrowed(Problem):

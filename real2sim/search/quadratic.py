@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Indices
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.search.layout import Layout
 from saltus.real2sim.search.split import TEST, Mask, Split
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Problem
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import decide, estimates, fit
 from saltus.real2sim.search.decide import Court, Scored
 from saltus.real2sim.search.fit import Evaluator

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
 from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.torque_curve import Curve, delivered
-from saltus.real2sim.problem.problem import Floats
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.layout import STEP, Layout
 

@@ -18,7 +18,8 @@ from itertools import combinations
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats, Problem
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import conclude, decide, fit
 from saltus.real2sim.search.cells import Cells
 from saltus.real2sim.search.findings import Findings

@@ -17,7 +17,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.problem.problem import Floats, Indices, Problem
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Problem
 
 Mask = NDArray[np.bool_]
 

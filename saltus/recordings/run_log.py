@@ -21,12 +21,11 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
-
-Floats = NDArray[np.float64]
 
 SCHEMA = "saltus-run/1"
 NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "invalid", 0
@@ -69,7 +68,7 @@ class DepthTable:
 
     arrival_s: Floats
     capture_s: Floats | None
-    frame_id: NDArray[np.int64]
+    frame_id: Indices
     depth_mm: NDArray[np.uint16]
     """Shape (n, height, width); 0 is invalid."""
 

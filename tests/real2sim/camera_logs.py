@@ -9,10 +9,10 @@ import open3d
 from scipy.ndimage import gaussian_filter
 from scipy.signal import lfilter
 
+from saltus.arrays import Floats
 from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
 
-Floats = np.ndarray
 HEIGHT, WIDTH, FOCAL = 48, 64, 40.0
 POSITION, PITCH, LATENCY_S = (0.272, 0.0075, 0.092), 0.52, 0.05
 FLOOR_NOISE = 1.3e-3

@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Segment, Unknown
 
-Floats = NDArray[np.float64]
 WHERES = ("hip", "thigh")
 SEGMENTS, ROWS, ROW_S = 6, 200, 0.01
 

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Segment, Unknown
-
-Floats = NDArray[np.float64]
 
 KP, KD, INERTIA, GRAVITY = 20.0, 0.5, 0.02, 1.5  # a joint of a Go1's class
 STEP_S, ROWS_EVERY, WINDOW_S = 0.004, 4, 1.0

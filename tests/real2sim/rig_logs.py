@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
-
-Floats = NDArray[np.float64]
 
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)

@@ -9,6 +9,7 @@ import open3d
 import pytest
 from camera_logs import FLAT, POST, STEP, WALL, Recipe, Truth, camera_log, chirp, corners, rocking, sine, still
 
+from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.edges import edge_counts
 from saltus.real2sim.problem.camera.frames import frames_of
@@ -16,7 +17,6 @@ from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.recordings.run_log import DepthTable
 
-Floats = np.ndarray
 STEP_SHARE = 0.1  # of an unknown's scale, for differences
 
 

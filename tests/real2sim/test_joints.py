@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
@@ -19,7 +20,6 @@ from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.problem import Floats
 from saltus.real2sim.search.saturation_curve import saturation_curves
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.sim.plant import Plant

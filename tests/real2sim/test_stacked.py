@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats
+from saltus.arrays import Floats
+from saltus.real2sim.problem.problem import Candidate, Estimate
 from saltus.real2sim.resolve import resolved
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.search import search

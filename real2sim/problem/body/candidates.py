@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.effects.torque_saturation import CURVE_REDUCTION
 from saltus.errors import RecordingError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
 from saltus.real2sim.problem.body.replay import Rig
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
 LARGEST_TIME_CONSTANT_S = 0.05

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 from saltus.sim.free import OWN_SOLVER, Solver
 
 SOFTER = (0.9, 0.95)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.go1 import JOINTS, PHYSICS_DT
 from saltus.kinematics import rotation_matrix
 from saltus.real2sim.problem import stream_noise
 from saltus.real2sim.problem.body.windows import BLOCK_STEPS, SMOOTHING_STEPS
-from saltus.real2sim.problem.problem import Floats, Indices
 from saltus.real2sim.problem.stream_noise import rotation_columns
 from saltus.recordings.run_log import RunLog
 

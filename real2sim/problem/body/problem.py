@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
@@ -20,7 +21,7 @@ from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
 from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free import Box, Solver
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.effects.body import BodyModel
 from saltus.go1 import PHYSICS_DT, REDUCTION
 from saltus.real2sim.problem.body.windows import (
@@ -14,7 +15,6 @@ from saltus.real2sim.problem.body.windows import (
     WINDOW_STEPS,
     Windows,
 )
-from saltus.real2sim.problem.problem import Floats
 from saltus.sim.free import OWN_SOLVER, Box, FreeRobots, Solver
 
 CHUNK = 512

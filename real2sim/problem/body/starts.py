@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.body.noise import Noise
-from saltus.real2sim.problem.problem import Floats
 
 LARGEST_NORM = 1.5
 """A start that were off by more times as much as starts are in the mean is no error of a start but a gap: there windows

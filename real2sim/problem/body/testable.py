@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.go1 import PHYSICS_DT
-from saltus.real2sim.problem.problem import Floats, Problem
+from saltus.real2sim.problem.problem import Problem
 
 TYPICAL = {
     "payload_mass": {"mass": 1.0},

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import savgol_filter
 
+from saltus.arrays import Floats, Indices
 from saltus.go1 import PHYSICS_DT, POLICY_STEPS
-from saltus.real2sim.problem.problem import Floats, Indices, Segment
+from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
 BLOCK_STEPS = 2 * POLICY_STEPS

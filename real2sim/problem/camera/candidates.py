@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 

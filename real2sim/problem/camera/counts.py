@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import rel_entr
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import FLOOR, CameraEffects
 from saltus.real2sim.problem.camera.data import AS_CLAIMED, WHOLE, CameraData, owners
 from saltus.real2sim.problem.camera.edges import MOST_HOLES, edge_counts
 from saltus.real2sim.problem.camera.fills import FEW_HOLES, SURE, filled, plain_pixels, reach_px
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
-from saltus.real2sim.problem.problem import Floats, Indices
 
 USUAL_SPREAD = 0.3  # of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
 QUIET_SPREAD = 3.0  # the same where there is less: pooled or filtered images are quieter by any factor
@@ -37,7 +37,7 @@ Row = tuple[int, int, float, float, float, float, float]
 class CountRows:
     """Each row: its kind, segment, time, what was measured, its standard deviation, and what it depends on."""
 
-    kind: NDArray[np.int64]
+    kind: Indices
     """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes; shape (rows,)."""
     segment: Indices
     time_s: Floats

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.frames import Frames, frames_of
@@ -15,7 +16,7 @@ from saltus.real2sim.problem.camera.pixels import PixelGrid, clip_guess, is_brok
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera, claimed_camera
 from saltus.real2sim.problem.camera.rays import Scene, claimed_scenes
 from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Floats, Segment
+from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
 MAX_FRAMES = 300  # looked at of a log: more say little that these do not, and cost as much
@@ -32,9 +33,9 @@ class CameraData:
     motion: BaseMotion
     frames: Frames
     segments: tuple[Segment, ...]
-    kept: NDArray[np.int64]
+    kept: Indices
     """Frames that are looked at, places in `frames`, shape (kept,)."""
-    owner: NDArray[np.int64]
+    owner: Indices
     """Segment of each of them, shape (kept,)."""
     images_mm: NDArray[np.uint16]
     """The images themselves, shape (kept, height, width)."""
@@ -96,7 +97,7 @@ def camera_data(log: RunLog) -> CameraData:
     )
 
 
-def owners(time_s: Floats, segments: Sequence[Segment]) -> NDArray[np.int64]:
+def owners(time_s: Floats, segments: Sequence[Segment]) -> Indices:
     """In which segment each time lies, -1 in none, shape as `time_s`."""
     owner = np.full(len(time_s), -1, dtype=np.int64)
     for k, segment in enumerate(segments):
@@ -106,7 +107,7 @@ def owners(time_s: Floats, segments: Sequence[Segment]) -> NDArray[np.int64]:
 
 def _choose(
     frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Indices, Indices]:
     """Evenly spaced frames of those that lie in a segment and within the measured motion."""
     owner = owners(frames.stamp_s, segments)
     exposed_s = frames.stamp_s - camera.latency_s
@@ -123,7 +124,7 @@ def _likeliest(
     motion: BaseMotion,
     frames: Frames,
     grid: PixelGrid,
-    kept: NDArray[np.int64],
+    kept: Indices,
     measured: Floats,
 ) -> DepthModel:
     """The model of the reading of the terrain that the images fit best."""
@@ -152,7 +153,7 @@ def _misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
 
 
 def _edge_of_scene(
-    model: DepthModel, camera: ClaimedCamera, grid: PixelGrid, kept: NDArray[np.int64], predicted: Floats
+    model: DepthModel, camera: ClaimedCamera, grid: PixelGrid, kept: Indices, predicted: Floats
 ) -> NDArray[np.bool_]:
     """Pixels near an edge of the predicted scene, shape (kept, pixels)."""
     broken = np.zeros(predicted.shape, dtype=bool)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats, Indices
 
 WINDOW = 12  # px to the left of an edge in which holes and copies are counted: more than a matching window loses
 PAST_EDGE = 2  # px: where an edge is, is known to about a pixel
@@ -21,7 +21,7 @@ SLOPES_MM = (0.5, 1.5, 3.0, 6.0)  # of depth from pixel to pixel: on a slope, ne
 class EdgeCounts:
     """Counts at left edges of near objects, less what is usual elsewhere in the same rows."""
 
-    frame: NDArray[np.int64]
+    frame: Indices
     """Place of the image among those looked at, shape (edges,)."""
     holes: Floats
     """Invalid pixels [px], shape (edges,)."""
@@ -103,10 +103,10 @@ def _beside_border(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _count(
     marked: NDArray[np.bool_],
-    frame: NDArray[np.int64],
-    row: NDArray[np.int64],
-    first: NDArray[np.int64],
-    last: NDArray[np.int64],
+    frame: Indices,
+    row: Indices,
+    first: Indices,
+    last: Indices,
 ) -> Floats:
     """Marked pixels in the columns [first, last) of rows, shape (n,)."""
     total = np.cumsum(np.pad(marked, ((0, 0), (0, 0), (1, 0))), axis=2)

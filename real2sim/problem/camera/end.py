@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.data import AS_CLAIMED, CameraData
 from saltus.real2sim.problem.camera.model import DepthModel
-from saltus.real2sim.problem.problem import Floats, Indices
 
 PIXELS = 60  # at most: a quarter of those that are compared elsewhere
 BESIDE = 0.15  # of the end by which neighbours may be nearer: floor at 2 m changes by half of it from pixel to pixel

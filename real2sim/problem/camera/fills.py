@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.edges import BELOW_MM, WINDOW
-from saltus.real2sim.problem.problem import Floats
 
 AROUND_PX = 3  # from an edge of either side: a camera mixes the pixels there
 BROKEN = 0.04  # of depth, from pixel to pixel: an edge
@@ -92,7 +92,7 @@ def reach_px(holes: float, pixels: float, unfilled: float) -> float:
     return whole + (1.0 - left / unfilled**whole) / (1.0 - unfilled)
 
 
-def _differences(values: NDArray[np.int32], whole: NDArray[np.bool_], part: NDArray[np.int64], step: int) -> Floats:
+def _differences(values: NDArray[np.int32], whole: NDArray[np.bool_], part: Indices, step: int) -> Floats:
     """How often pixels `step` apart differ by -3 to 3 mm, and how many pairs there are, shape (parts, 8)."""
     pair = whole[..., step:] & whole[..., :-step]
     difference = (values[..., step:] - values[..., :-step])[pair]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats, Indices
 from saltus.recordings.run_log import DepthTable
 
 LATE = 1.6  # of the median gap between arrivals: from here on an image is missing where numbers do not tell
@@ -18,16 +18,16 @@ JITTER_S = 3e-4  # arrivals that scatter by less are as good as regular
 class Frames:
     """New images of a log in the order of their arrival, repeats left out."""
 
-    index: NDArray[np.int64]
+    index: Indices
     """Of each in the log, shape (n,)."""
     stamp_s: Floats
     """Exposure plus total latency [s], as far as the log knows it: arrival where it has no time of capture."""
     jitter_s: Floats
     """What `stamp_s` has too much against frames at a constant rate [s]; 0 where that cannot be told."""
-    filtered: NDArray[np.int64]
+    filtered: Indices
     """Of each image in the log that a temporal filter has seen: new ones, and repeats that are not equal to the image
     before, shape (filtered,)."""
-    shown: NDArray[np.int64]
+    shown: Indices
     """Which of the new images each of them shows, shape (filtered,)."""
     due_s: Floats
     """When an image should have come [s], lost ones included, shape (sent,)."""
@@ -90,7 +90,7 @@ def _losses(depth: DepthTable, repeated: NDArray[np.bool_]) -> tuple[Floats, NDA
     return due_s[order], lost[order]
 
 
-def _jitter(stamp_s: Floats, frame_id: NDArray[np.int64]) -> Floats:
+def _jitter(stamp_s: Floats, frame_id: Indices) -> Floats:
     """Scatter of the stamps about a straight line over the numbers [s]; none where numbers and times disagree."""
     none = np.zeros_like(stamp_s)
     if len(stamp_s) < 10 or np.any(np.diff(frame_id) <= 0):

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.kinematics import skew
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera
 from saltus.real2sim.problem.camera.rays import Scene
-from saltus.real2sim.problem.problem import Floats
 from saltus.render.camera import Mount
 
 FARTHEST_M = 65.535  # what a run log can hold
@@ -28,7 +28,7 @@ class DepthModel:
     """Part of `stamp_s` that may be scatter of the arrival [s], shape (images,)."""
     tangents: Floats
     """Of the pixels, camera frame, shape (3, pixels)."""
-    shown: NDArray[np.int64]
+    shown: Indices
     """Images in the order in which a temporal filter has seen them; repeats may be among them. Shape (filtered,)."""
     is_hole: NDArray[np.bool_] | None = None
     """Invalid pixels of those, shape (filtered, pixels): there a filter begins anew."""
@@ -37,7 +37,7 @@ class DepthModel:
     turn_rad: Floats = field(default_factory=lambda: np.zeros(3))
     """Small error of the measured rotation, about the axes of the base, shape (3,)."""
 
-    def predict(self, effects: CameraEffects, kept: NDArray[np.int64]) -> Floats:
+    def predict(self, effects: CameraEffects, kept: Indices) -> Floats:
         """Mean depth [m] of the images `kept`, shape (kept, pixels); what sees nothing is far.
 
         A temporal filter has seen all images before, so that with one they are all predicted.
@@ -53,7 +53,7 @@ class DepthModel:
             depth[k] = mixed
         return np.asarray(depth[np.searchsorted(self.shown, kept)])
 
-    def noise_share(self, effects: CameraEffects, kept: NDArray[np.int64]) -> Floats:
+    def noise_share(self, effects: CameraEffects, kept: Indices) -> Floats:
         """Share of the variance of white noise that a temporal filter leaves, shape (kept, pixels).
 
         Of weight alpha it leaves alpha / (2 - alpha) in the end; after a hole it begins anew.
@@ -67,7 +67,7 @@ class DepthModel:
             share[k] = mixed if self.is_hole is None else np.where(self.is_hole[k] | self.is_hole[k - 1], 1.0, mixed)
         return np.asarray(share[np.searchsorted(self.shown, kept)])
 
-    def rays(self, effects: CameraEffects, kept: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def rays(self, effects: CameraEffects, kept: Indices) -> tuple[Floats, Floats]:
         """Origins [m], shape (kept, 3), and directions, shape (kept, 3, pixels), in the world frame."""
         exposed_s = self.stamp_s[kept] - effects.jitter_share * self.jitter_s[kept]
         exposed_s = exposed_s - self.camera.latency_s - effects.latency
@@ -78,7 +78,7 @@ class DepthModel:
         looks = mount.rotation @ (self.tangents * np.array([[effects.tangent_scale], [effects.tangent_scale], [1.0]]))
         return position + rotation @ mount.position, rotation @ looks
 
-    def _image(self, effects: CameraEffects, kept: NDArray[np.int64]) -> Floats:
+    def _image(self, effects: CameraEffects, kept: Indices) -> Floats:
         depth = self.scene.depth(*self.rays(effects, kept))
         depth = np.minimum(effects.depth_scale * depth + effects.bias, min(self.camera.range_m, FARTHEST_M))
         if effects.clip_share > 0.0:

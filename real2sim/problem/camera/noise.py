@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import median_abs_deviation
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 
 BINS = 10
 FEWEST = 40  # second differences in a bin: their spread is then known to a tenth

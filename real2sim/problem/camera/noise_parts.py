@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.data import CameraData
 from saltus.real2sim.problem.camera.noise import log_variance, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid
-from saltus.real2sim.problem.problem import Floats, Indices
 
 RANGES = 4  # parts of the range in which noise is told apart: it grows with the square
 FEWEST_DIFFERENCES = 60

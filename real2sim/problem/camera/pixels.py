@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats, Indices
 
 ROWS, COLUMNS = 14, 18  # 252 pixels: floor and wall need a handful each; the rest averages noise
 MARGIN = 0.03  # of the image's width: how far an edge may move by what is searched for
@@ -21,9 +21,9 @@ FEWEST_AT_END = 30  # pixels
 class PixelGrid:
     """Evenly spaced pixels of an image, row by row, away from its border."""
 
-    row: NDArray[np.int64]
+    row: Indices
     """Shape (pixels,)."""
-    column: NDArray[np.int64]
+    column: Indices
     columns: int
     """Pixels in a row of the grid."""
     margin: int

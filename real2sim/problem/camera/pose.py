@@ -9,10 +9,10 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.stats import median_abs_deviation
 
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.go1 import STAND_HEIGHT
 from saltus.kinematics import rotation_matrix
-from saltus.real2sim.problem.problem import Floats, Indices
 from saltus.recordings.run_log import RunLog
 
 SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.camera.candidates import CameraEffects, camera_candidates, physical
 from saltus.real2sim.problem.camera.counts import counted_rows
 from saltus.real2sim.problem.camera.data import AS_CLAIMED, camera_data
 from saltus.real2sim.problem.camera.end import end_of_range
 from saltus.real2sim.problem.camera.shake import shake_of
 from saltus.real2sim.problem.camera.testable import untestable_effects
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Floats, Problem
+from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 
 RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers

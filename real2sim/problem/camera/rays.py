@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.problem import Floats
 
 NEAREST_M = 1e-3  # what is nearer to the image plane is behind the lens
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.model import DepthModel
-from saltus.real2sim.problem.problem import Floats, Indices
 
 STEP = 1e-4  # m and rad, of the derivatives: moves a pixel by far less than its width
 MOST = 30.0  # units of noise by which one deviation of the pose may move a pixel; more is a pixel that passes an edge

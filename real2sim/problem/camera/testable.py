@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.camera.counts import COPIES, FILLED, NOISE, CountRows
 from saltus.real2sim.problem.camera.data import CameraData
-from saltus.real2sim.problem.problem import Floats
 
 FEWEST_FRAMES = 50  # to tell a share of lost images
 STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of some seconds does not show 10 ms

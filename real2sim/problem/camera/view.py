@@ -3,11 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from saltus.arrays import Floats, Indices
 
 
 def expected_depth(

@@ -8,6 +8,7 @@ The heading of an IMU is its own and says nothing.
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from saltus.arrays import Floats
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.imu.windows import (
@@ -20,7 +21,7 @@ from saltus.real2sim.problem.imu.windows import (
     sampled,
 )
 from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Problem, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown
 from saltus.recordings.run_log import RunLog
 
 SIGNALS = ("tilt_roll", "tilt_pitch", "turn_roll", "turn_pitch", "turn_yaw")

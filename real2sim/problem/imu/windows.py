@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.go1 import PHYSICS_DT
 from saltus.real2sim.problem import rotations
-from saltus.real2sim.problem.problem import Floats, Indices, Segment
+from saltus.real2sim.problem.problem import Segment
 from saltus.real2sim.problem.stream_noise import StreamNoise, read_noise, rotation_columns
 from saltus.recordings.run_log import RunLog
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.drives import Drives, lost
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] told where the loss never reaches that share

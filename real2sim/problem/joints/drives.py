@@ -8,13 +8,11 @@ smoothly.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.effects.actuator_lag import lag_weights
 from saltus.effects.velocity_filter import low_pass_weights
-from saltus.real2sim.problem.problem import Floats
 
-Indices = NDArray[np.int64]
 Hinges = tuple[tuple[Floats, Floats], ...]
 
 

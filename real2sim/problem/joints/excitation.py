@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.joints.candidates import Reached
 from saltus.real2sim.problem.joints.motion import Rows
-from saltus.real2sim.problem.problem import Floats, Indices
 from saltus.recordings.run_log import RunLog
 
 LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)

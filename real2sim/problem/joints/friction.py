@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.real2sim.problem.problem import Floats
+from saltus.arrays import Floats
 
 SWEEPS = 3
 """Of the joints of a chain: friction at one changes what the others feel by a third or less, and each step starts from

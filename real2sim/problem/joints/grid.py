@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.joints.excitation import LEAST_MOVING
 from saltus.real2sim.problem.joints.motion import Rows
-from saltus.real2sim.problem.problem import Floats, Indices
 
 
 class Grid:

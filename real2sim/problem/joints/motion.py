@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.replay import Motion, Windows
-from saltus.real2sim.problem.problem import Floats
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot, LinearLegs
-
-Indices = NDArray[np.int64]
 
 SLOWEST_LOOP_S = 0.002
 """Drives evaluate their law at 500 Hz or faster (schema of run logs)."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from saltus.real2sim.problem.problem import Floats, Indices, Segment
+from saltus.arrays import Floats, Indices
+from saltus.real2sim.problem.problem import Segment
 
 ORDER = 2
 """Of the autoregression: a corner frequency and what an average adds to it."""

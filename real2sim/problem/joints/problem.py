@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from saltus import go1
+from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, knee_and_plateau
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
@@ -17,7 +18,7 @@ from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windo
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import Simulated, replay
 from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Floats, Indices, Problem
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
 

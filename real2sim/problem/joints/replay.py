@@ -8,14 +8,11 @@ shape (windows, branches, joints, sets), the sets last because they are most.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.joints.drives import Drives, Memory
 from saltus.real2sim.problem.joints.friction import rubbed, with_inertia
 from saltus.real2sim.problem.joints.play import Play
-from saltus.real2sim.problem.problem import Floats
-
-Indices = NDArray[np.int64]
 
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from saltus import go1
+from saltus.arrays import Floats
 from saltus.effects.torque_saturation import CURVE_REDUCTION, TorqueSaturation
-from saltus.real2sim.problem.problem import Floats
 
 Curve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
