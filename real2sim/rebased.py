@@ -13,7 +13,7 @@ from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown, WrappedProblem
 
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
@@ -22,7 +22,7 @@ STEP = 0.02
 """Relative step of derivatives."""
 
 
-class Rebased(Problem):
+class Rebased(WrappedProblem):
     """`inner` with unknowns counted from where they have the values of a profile.
 
     Args:
@@ -35,12 +35,7 @@ class Rebased(Problem):
         if curve is not None and isinstance(inner, JointProblem):  # no law of a candidate is a measured curve
             inner = _saturated(inner, curve)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not curve))
-        self._inner = inner
-        self.name, self.blocks, self.places = inner.name, inner.blocks, inner.places
-        self.segments, self.segment = inner.segments, inner.segment
-        self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
-        self.samples_per_residual, self.simulation_doubt = inner.samples_per_residual, inner.simulation_doubt
-        self.untestable = inner.untestable
+        super().__init__(inner)
         offsets = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
         """Shape (blocks, unknowns)."""
@@ -56,10 +51,6 @@ class Rebased(Problem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         return self._inner.residuals(unknowns + self._offset)
-
-    def drivers(self) -> tuple[Driver, ...]:
-        """See `Problem`."""
-        return self._inner.drivers()
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """See `Problem`: the whole of the effect, with what the profile has of it."""

@@ -114,9 +114,7 @@ def _without_effects(problem: Problem) -> Floats:
     own = layout.nuisances
     if not len(own):
         return rest
-    starts = rest.copy()
-    for index in range(len(problem.candidates)):
-        starts[:, layout.of_candidate(index)] = layout.starts(index)[0]
+    starts = np.tile(problem.absent, (len(problem.blocks), 1))
     residuals = evaluate("nuisances", starts[np.newaxis])[0]
     jacobian = slopes(evaluate, layout, starts, residuals, own, "nuisances")
     start = Fit(model=(), columns=own, unknowns=starts, residuals=residuals, jacobian=jacobian)

@@ -8,6 +8,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.imu import ImuReading
 from saltus.real2sim.experiments.motions import Commands
+from saltus.real2sim.problem.rotations import turned
 from saltus.recordings.run_log import JointTable, Table
 from saltus.sim.state import PlantState
 
@@ -94,10 +95,7 @@ class Instruments:
 
     def _tilted(self, quaternion: Floats, sigma_rad: float) -> Floats:
         """Quaternions (n, 4) turned by small random rotations."""
-        half = 0.5 * sigma_rad * self._rng.standard_normal((len(quaternion), 3))
-        w, v = quaternion[:, :1], quaternion[:, 1:]
-        turned = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
-        return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        return turned(quaternion, sigma_rad * self._rng.standard_normal((len(quaternion), 3)))
 
 
 def _stacked(samples: Sequence[PlantState] | Sequence[ImuReading], name: str) -> Floats:

@@ -62,7 +62,7 @@ def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
     for candidate in problem.candidates:
         spans.append(slice(start, start + len(candidate.unknowns)))
         start += len(candidate.unknowns)
-    null = np.concatenate([_null(candidate) for candidate in problem.candidates])
+    null = problem.absent
     rows = [null]
     columns: dict[str, list[int]] = {}
     nuisances: list[int] = []
@@ -92,14 +92,9 @@ def _amount(unknown: Unknown) -> float:
     return min(TELLING * unknown.scale, 0.5 * unknown.high)
 
 
-def _null(candidate: Candidate) -> Floats:
-    start = candidate.starts[0]
-    return np.array([s if u.is_shape else 0.0 for u, s in zip(candidate.unknowns, start, strict=True)])
-
-
 def _size(problem: Problem, candidate: Candidate) -> float:
     """What the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
-    null = _null(candidate)
+    null = candidate.absent
     added = null + np.array([0.0 if u.is_shape else _amount(u) for u in candidate.unknowns])
     before, after = (next(iter(problem.physical(candidate, x).values())).value for x in (null, added))
     return abs(after - before) if np.isfinite(after - before) else 0.0

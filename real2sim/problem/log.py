@@ -65,6 +65,27 @@ def segments_of(log: RunLog) -> tuple[Segment, ...]:
     return tuple(named) if named else _cut(log.joints)
 
 
+def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
+    """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each."""
+    count = len(meta["joints"])
+    kp, kd = (np.broadcast_to(np.asarray(meta[key], dtype=np.float64), (count,)) for key in ("kp", "kd"))
+    return kp, kd
+
+
+def boxes_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
+    """Boxes of the claimed terrain; none on flat ground."""
+    terrain = meta.get("terrain")
+    return terrain if isinstance(terrain, list) else []
+
+
+def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
+    """Linear interpolation of columns, shapes (...), (n,), (n, columns) -> (..., columns)."""
+    place = np.interp(at_s, time_s, np.arange(len(time_s)))
+    low = np.minimum(place.astype(np.int64), len(time_s) - 2)
+    part = (place - low)[..., None]
+    return np.asarray((1.0 - part) * values[low] + part * values[low + 1])
+
+
 def _with_model(log: RunLog, directory: Path) -> RunLog:
     """The same log, with the robot's model by a path that can be opened from anywhere."""
     robot = log.meta.get("robot", "go1")

@@ -7,9 +7,16 @@ statistics.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from saltus.arrays import Floats, Indices
+from saltus.effects.registry import EFFECTS
+
+LARGEST_RESIDUAL = 100.0
+"""Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +53,8 @@ class Candidate:
     where: str
     """Within a block: "hip", "thigh", "calf"; else "camera", "trunk", "feet" or "imu"."""
     unknowns: tuple[Unknown, ...]
-    starts: tuple[tuple[float, ...], ...]
-    """Values from which fits start, in the order of `unknowns`; at least one."""
+    starts: tuple[tuple[float, ...], ...] = ()
+    """Values from which fits start, in the order of `unknowns`; 0 where none are given."""
     is_nuisance: bool = False
     """Fitted with every model, the empty one too, and never reported, e.g. the rate of the drive's loop."""
     model_error: float = 0.02
@@ -59,6 +66,15 @@ class Candidate:
     faithful: float = 1.0
     """Share of its gap that a right model of the effect closes; less where chance decides, as when a drive hunts."""
 
+    def __post_init__(self) -> None:
+        if not self.starts:
+            object.__setattr__(self, "starts", ((0.0,) * len(self.unknowns),))
+
+    @property
+    def absent(self) -> Floats:
+        """Unknowns without the effect: 0, and shapes as in the first start; shape (its unknowns,)."""
+        return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -66,6 +82,13 @@ class Estimate:
 
     value: float
     unit: str
+
+
+def estimates(effect: str, values: Mapping[str, float]) -> dict[str, Estimate]:
+    """Parameters of an effect with the units that the effect declares; those of a nuisance have none."""
+    declared = fields(EFFECTS[effect]) if effect in EFFECTS else ()
+    units = {field.name: field.metadata.get("unit", "") for field in declared}
+    return {name: Estimate(value=float(value), unit=units.get(name, "")) for name, value in values.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,7 +148,7 @@ class Problem(ABC):
 
         Returns:
             Shape (n, blocks, m); residuals of samples that are missing are 0. Finite: where a simulation diverges, the
-            residual is clipped to +-100.
+            residual is clipped to +-`LARGEST_RESIDUAL`.
         """
 
     @abstractmethod
@@ -135,3 +158,50 @@ class Problem(ABC):
     def drivers(self) -> tuple[Driver, ...]:
         """What may drive residuals, besides columns of the log; values of shape (m,), NaN where it says nothing."""
         return ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, "effect.unknown"."""
+        return tuple(
+            f"{candidate.effect}.{unknown.name}" for candidate in self.candidates for unknown in candidate.unknowns
+        )
+
+    @property
+    def absent(self) -> Floats:
+        """All unknowns without any effect, shape (unknowns,)."""
+        return np.concatenate([candidate.absent for candidate in self.candidates])
+
+    def one_by_one(self, changes: Mapping[str, float]) -> Floats:
+        """Sets of unknowns of the first block: without effects, then with one change of one unknown each.
+
+        Args:
+            changes: Values by the names of unknowns.
+
+        Returns:
+            Shape (1 + changes, unknowns).
+        """
+        sets = np.tile(self.absent, (1 + len(changes), 1))
+        for one, (name, value) in zip(sets[1:], changes.items(), strict=True):
+            one[self.names.index(name)] = value
+        return sets
+
+    def visibility(self, changes: Mapping[str, float]) -> dict[str, float]:
+        """By how much each change moves all residuals of a problem of one block: norm of the whitened change."""
+        residuals = self.residuals(self.one_by_one(changes)[:, None])[:, 0]
+        return dict(zip(changes, np.linalg.norm(residuals[1:] - residuals[0], axis=-1).tolist(), strict=True))
+
+
+class WrappedProblem(Problem):
+    """A problem that changes the unknowns of another one and leaves its residuals as they are."""
+
+    def __init__(self, inner: Problem) -> None:
+        self._inner = inner
+        self.name, self.blocks, self.places, self.candidates = inner.name, inner.blocks, inner.places, inner.candidates
+        self.segments, self.segment = inner.segments, inner.segment
+        self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
+        self.samples_per_residual, self.simulation_doubt = inner.samples_per_residual, inner.simulation_doubt
+        self.untestable = inner.untestable
+
+    def drivers(self) -> tuple[Driver, ...]:
+        """See `Problem`."""
+        return self._inner.drivers()

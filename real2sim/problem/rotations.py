@@ -44,6 +44,13 @@ def to_vector(quaternion: Floats) -> Floats:
     return np.asarray(quaternion[..., 1:] * angle / np.where(sine > 1e-12, sine, 1.0))
 
 
+def turned(quaternion: Floats, vector: Floats) -> Floats:
+    """Rotations after a small one about their own axes, to first order: shapes (..., 4) and (..., 3) [rad]."""
+    w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * vector
+    scalar = w - np.sum(v * half, axis=-1, keepdims=True)
+    return unit(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
+
+
 def continuous(quaternion: Floats) -> Floats:
     """The same rotations with signs that do not change from row to row, shape (n, 4)."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.real2sim.problem.log import gains
 from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting.localise import Channel
 from saltus.recordings.run_log import JointTable, RunLog
@@ -97,8 +98,7 @@ def _torque(log: RunLog, joint: int) -> Floats:
     joints = log.joints
     if joints.tau_est is not None:
         return joints.tau_est[:, joint]
-    count = len(log.meta["joints"])
-    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), (count,))[joint] for key in ("kp", "kd"))
+    kp, kd = (gain[joint] for gain in gains(log.meta))
     torque = kp * (joints.q_des[:, joint] - joints.q[:, joint]) - kd * _rate(joints, joint)
     for signal, gain in ((joints.dq_des, kd), (joints.tau_ff, 1.0)):
         torque = torque if signal is None else torque + gain * signal[:, joint]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.real2sim.problem.log import gains
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 
@@ -32,7 +33,7 @@ def gain_faults(log: RunLog) -> list[Fault]:
     if log.joints.tau_est is None:
         return []
     names = log.meta["joints"]
-    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), (len(names),)) for key in ("kp", "kd"))
+    kp, kd = gains(log.meta)
     fits = _fits(log.joints, log.joints.tau_est, kp, kd)
     return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.real2sim.problem.log import gains
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
@@ -52,6 +53,6 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 
 def _mean_torque(log: RunLog) -> Floats:
     """What the drives hold on average, by the claimed gains [Nm], shape (joints,)."""
-    kp = np.broadcast_to(np.asarray(log.meta["kp"], float), log.joints.q.shape[1:])
+    kp, _ = gains(log.meta)
     torque: Floats = np.mean(kp * (log.joints.q_des - log.joints.q), axis=0)
     return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))

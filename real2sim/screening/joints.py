@@ -12,6 +12,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
+from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import JointTable, RunLog
 
 SLOW_S = 0.3  # moving average that leaves what a position-controlled leg follows: below 1.5 Hz
@@ -211,9 +212,7 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     if len(time_s) < 4 * width:
         return
     rate = (log.joints.q[width:] - log.joints.q[:-width]) / (time_s[width:] - time_s[:-width])[:, None]
-    # Mean of dq over the same rows, ends with half their weight
-    total = np.cumsum(0.5 * (log.joints.dq[1:] + log.joints.dq[:-1]), axis=0)
-    mean = np.concatenate([total[width - 1 : width], total[width:] - total[:-width]]) / width
+    mean = means(log.joints.dq, width)
     power = np.maximum(np.sum(rate**2, axis=0), np.finfo(np.float64).tiny)
     slope = np.sum(rate * mean, axis=0) / power
     moves = np.sqrt(power / len(rate)) > 0.1  # rad/s; a noise of 2 mrad in q makes 0.03 of it

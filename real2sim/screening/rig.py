@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from saltus.arrays import Floats
 from saltus.real2sim.screening.fault import Fault
+from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import RunLog, Table
 
 UNIT_NORM = 0.01  # of a quaternion: four decimals in a text file make 1e-4
@@ -73,7 +74,7 @@ def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, F
     rotations = _rotation(quaternions)
     steps_s = (time_s[rows:] - time_s[:-rows])[:, None]
     turn = (rotations[:-rows].inv() * rotations[rows:]).as_rotvec() / steps_s
-    return turn, _means(gyro, rows)
+    return turn, means(gyro, rows)
 
 
 def _base(base: Table) -> Iterator[Fault]:
@@ -88,7 +89,7 @@ def _base(base: Table) -> Iterator[Fault]:
     change = (base.values[rows:, :3] - base.values[:-rows, :3]) / steps_s
     # a robot that is carried while nothing is recorded moves without a velocity
     whole = steps_s[:, 0] < CARRIED * np.median(steps_s)
-    mean = _means(base.values[:, 7:10], rows)
+    mean = means(base.values[:, 7:10], rows)
     yield from _compare("base", "velocity", "position", change[whole], mean[whole], MOVES)
 
 
@@ -104,12 +105,6 @@ def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, see
 
 def _span(time_s: Floats) -> int:
     return max(1, min(len(time_s) // 4, round(MEAN_S / float(np.median(np.diff(time_s))))))
-
-
-def _means(values: Floats, rows: int) -> Floats:
-    """Means over as many steps, ends with half their weight."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[1:] + values[:-1]), axis=0)])
-    return (total[rows:] - total[:-rows]) / rows
 
 
 def _rotation(quaternions: Floats) -> Rotation:

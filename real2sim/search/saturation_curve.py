@@ -162,10 +162,10 @@ def _rises(curve: Curve) -> bool:
 def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interval]:
     """Knee and plateau of a curve; by how far they are from those of the law counts as half of an interval's width."""
     params = {}
-    for name, read in knee_and_plateau(lambda torque: torque - delivered(curve, torque), limit).items():
+    for name, value in knee_and_plateau(lambda torque: torque - delivered(curve, torque), limit).items():
         before = effect.params[name]
-        half = float(np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (read.value - before.value)))
-        params[name] = Interval(value=read.value, ci90=(read.value - half, read.value + half), unit=before.unit)
+        half = float(np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value)))
+        params[name] = Interval(value=value, ci90=(value - half, value + half), unit=before.unit)
     return params
 
 

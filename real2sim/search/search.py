@@ -59,9 +59,7 @@ class _Search:
         self._layout = Layout.of(problem)
         self._evaluate = Evaluator(problem, progress)
         self._seed = seed
-        self._rest = np.zeros((len(problem.blocks), len(self._layout.scale)))
-        for index in range(len(problem.candidates)):
-            self._rest[:, self._layout.of_candidate(index)] = self._layout.starts(index)[0]
+        self._rest = np.tile(problem.absent, (len(problem.blocks), 1))
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._split: Split

@@ -1,6 +1,5 @@
 """What may be otherwise than claimed about a robot on the ground, in coordinates that are 0 where nothing is."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from saltus.effects.torque_saturation import CURVE_REDUCTION
 from saltus.errors import RecordingError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
 from saltus.real2sim.problem.body.replay import Rig
-from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
 LARGEST_TIME_CONSTANT_S = 0.05
@@ -91,7 +90,7 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
         ),
         _one("contact_compliance", "feet", Unknown(name="softness", low=lowest, high=highest, scale=2.0)),
         _one("torque_gain", "joints", Unknown(name="excess", low=-0.5, high=0.5, scale=0.02)),
-        _one("battery_sag", "joints", Unknown(name="loss", low=-0.1, high=0.6, scale=0.04)),
+        _one("battery_sag", "joints", Unknown(name="loss_at_end", low=-0.1, high=0.6, scale=0.04)),
         _one("command_delay", "joints", Unknown(name="delay", low=0.0, high=0.05, scale=0.004)),
         Candidate(
             effect="torque_saturation",
@@ -118,7 +117,7 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
 
 
 def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
-    """What to simulate; `unknowns` of shape (n, unknowns), `names` as `names_of` gives them."""
+    """What to simulate; `unknowns` of shape (n, unknowns), `names` those of the problem."""
     value = dict(zip(names, unknowns.T, strict=True))
     n = len(unknowns)
     body = claimed_body(
@@ -132,7 +131,7 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     return Rig(
         body=body,
         gain=1.0 + value["torque_gain.excess"],
-        sag=value["battery_sag.loss"],
+        sag=value["battery_sag.loss_at_end"],
         delay_s=value["command_delay.delay"],
         loss=value["torque_saturation.loss"],
         corner=value["torque_saturation.corner"],
@@ -144,55 +143,33 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     )
 
 
-def names_of(candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
-    """Names of all unknowns, "effect.unknown", in the order of the vector of unknowns."""
-    return tuple(f"{c.effect}.{unknown.name}" for c in candidates for unknown in c.unknowns)
-
-
-def estimates(effect: str, claims: Claims, values: Floats) -> dict[str, Estimate]:
+def parameters(candidate: Candidate, claims: Claims, values: Floats) -> dict[str, Estimate]:
     """Parameters in the schema's names and units."""
-    v = [float(value) for value in values]
-    if effect == "torque_saturation":
-        return _saturation(v[0], v[1])
-    return dict(_plain(effect, claims, v))
+    first = float(values[0])
+    match candidate.effect:
+        case "torque_saturation":
+            found = _saturation(first, float(values[1]))
+        case "base_inertia":
+            found = {"scale": 1.0 + first}
+        case "foot_friction":
+            found = {"coefficient": claims.friction - first}
+        case "contact_compliance":
+            found = {"time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + first))}
+        case "torque_gain":
+            found = {"gain": 1.0 + first}
+        case _:
+            found = dict(zip((unknown.name for unknown in candidate.unknowns), values.tolist(), strict=True))
+    return estimates(candidate.effect, found)
 
 
-def _plain(effect: str, claims: Claims, v: list[float]) -> Iterator[tuple[str, Estimate]]:
-    if effect == "payload_mass":
-        yield "mass", Estimate(value=v[0], unit="kg")
-    elif effect == "com_offset":
-        yield from ((axis, Estimate(value=value, unit="m")) for axis, value in zip("xyz", v, strict=True))
-    elif effect == "base_inertia":
-        yield "scale", Estimate(value=1.0 + v[0], unit="")
-    elif effect == "foot_friction":
-        yield "coefficient", Estimate(value=claims.friction - v[0], unit="")
-    elif effect == "contact_compliance":
-        time_constant = claims.contact_time_constant * float(np.sqrt(1.0 + v[0]))
-        yield "time_constant", Estimate(value=time_constant, unit="s")
-    elif effect == "torque_gain":
-        yield "gain", Estimate(value=1.0 + v[0], unit="")
-    elif effect == "battery_sag":
-        yield "loss_at_end", Estimate(value=v[0], unit="")
-    elif effect == "command_delay":
-        yield "delay", Estimate(value=v[0], unit="s")
-    elif effect == "viscous_friction":
-        yield "coefficient", Estimate(value=v[0], unit="Nm s/rad")
-    elif effect == "coulomb_friction":
-        yield "torque", Estimate(value=v[0], unit="Nm")
-    else:
-        names = ("continuous",) if effect == "drive_rate" else ("creep", "give", "fineness")
-        yield from ((name, Estimate(value=value, unit="")) for name, value in zip(names, v, strict=True))
-
-
-def _saturation(loss: float, corner: float) -> dict[str, Estimate]:
+def _saturation(loss: float, corner: float) -> dict[str, float]:
     """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
     calf = int(np.flatnonzero(REDUCTION == CURVE_REDUCTION)[0])
     limit = float(TORQUE_LIMIT[calf])
     knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
     plateau = limit - loss * max(limit - corner, 0.0)
-    return {"knee": Estimate(value=min(knee, limit), unit="Nm"), "plateau": Estimate(value=plateau, unit="Nm")}
+    return {"knee": min(knee, limit), "plateau": plateau}
 
 
 def _one(effect: str, where: str, *unknowns: Unknown, is_nuisance: bool = False) -> Candidate:
-    start = (0.0,) * len(unknowns)
-    return Candidate(effect=effect, where=where, unknowns=unknowns, starts=(start,), is_nuisance=is_nuisance)
+    return Candidate(effect=effect, where=where, unknowns=unknowns, is_nuisance=is_nuisance)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.go1 import JOINTS, PHYSICS_DT
 from saltus.kinematics import rotation_matrix
-from saltus.real2sim.problem import stream_noise
+from saltus.real2sim.problem import rotations, stream_noise
 from saltus.real2sim.problem.body.windows import BLOCK_STEPS, SMOOTHING_STEPS
 from saltus.real2sim.problem.stream_noise import rotation_columns
 from saltus.recordings.run_log import RunLog
@@ -72,7 +72,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
         Position of the base along the measured heading, rotation vector in the base frame, velocity along the heading,
         joints, joint velocities; shape (..., 33).
     """
-    quaternion = _unit(measured[..., 3:7])
+    quaternion = rotations.unit(measured[..., 3:7])
     rotation = rotation_matrix(quaternion)
     along = rotation[..., :2, 0] / np.linalg.norm(rotation[..., :2, 0], axis=-1, keepdims=True)
     c, s = along[..., 0], along[..., 1]
@@ -81,7 +81,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
     def turned(vector: Floats) -> list[Floats]:
         return [c * vector[..., 0] + s * vector[..., 1], c * vector[..., 1] - s * vector[..., 0], vector[..., 2]]
 
-    model = _unit(simulated[..., 3:7])
+    model = rotations.unit(simulated[..., 3:7])
     w, v = model[..., :1], model[..., 1:]
     tilt = 2.0 * (w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:]))
     tilt = tilt * np.sign(np.sum(model * quaternion, axis=-1, keepdims=True))
@@ -178,19 +178,8 @@ class StartNoise:
             Shapes (k, w, 19) and (k, w, 18).
         """
         change = np.broadcast_to(by * self.sigma, (len(by), len(qpos), 36))
-        quaternion = _turned(np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6])
+        quaternion = rotations.turned(np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6])
         joints = qpos[:, 7:] + change[..., 12:24]
         places = np.concatenate([qpos[:, :3] + change[..., :3], quaternion, joints], axis=-1)
         order = np.r_[6:9, 9:12, 24:36]
         return places, qvel + change[..., order]
-
-
-def _turned(quaternion: Floats, angle: Floats) -> Floats:
-    """Quaternions turned by small rotation vectors in the base frame, shapes (..., 4) and (..., 3)."""
-    w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * angle
-    scalar = w - np.sum(v * half, axis=-1, keepdims=True)
-    return _unit(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
-
-
-def _unit(quaternion: Floats) -> Floats:
-    return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))

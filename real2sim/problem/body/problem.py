@@ -7,26 +7,23 @@ candidates too, as a weak motor looks like a heavy trunk.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, estimates, names_of, rig_of
+from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, parameters, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
 from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
 from saltus.real2sim.problem.body.replay import Replay, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
-from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
+from saltus.real2sim.problem.log import boxes_of, segments_of
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem
 from saltus.recordings.run_log import RunLog
-from saltus.sim.free import Box, Solver
+from saltus.sim.free import Solver
 
-LARGEST = 100.0
-"""Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
 LATE = BLOCKS * 2 // 3
 """Block from which on errors of the start should have faded."""
 DRAWS, PAIRS = 8, 5
@@ -93,7 +90,8 @@ class BodyProblem(Problem):
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
         self._claims = Claims.of(log.meta)
-        self._terrain, self._span_s = _boxes(log.meta["terrain"]), _span(log)
+        self.candidates = candidates(self._claims, 0.5 * self._claims.friction)  # until it is known where feet slip
+        self._terrain, self._span_s = [(box["center"], box["size"]) for box in boxes_of(log.meta)], _span(log)
         self._index()
         noise = read_noise(log)
         self._ground = self._likeliest(noise)
@@ -102,19 +100,14 @@ class BodyProblem(Problem):
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
-        rig = rig_of(self._names, self._claims, unknowns[:, 0])
-        fineness = unknowns[:, 0, self._names.index("contact_solver.fineness"), None, None, None]
+        rig = self._rig(unknowns[:, 0])
+        fineness = unknowns[:, 0, self.names.index("contact_solver.fineness"), None, None, None]
         whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._of_step)
-        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST, LARGEST)
+        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
-        return estimates(candidate.effect, self._claims, values)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all unknowns, "effect.unknown"."""
-        return self._names
+        return parameters(candidate, self._claims, values)
 
     def _index(self) -> None:
         """Segment, signal and time of each residual."""
@@ -127,27 +120,25 @@ class BodyProblem(Problem):
 
     def _prepare(self, noise: Noise, *, has_gyro: bool) -> None:
         """Noise, the candidates, and what they could not show."""
-        tangential, normal = self._replay.foot_forces(self._rig_at_rest())
+        tangential, normal = self._replay.foot_forces(self._rig())
         loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
         ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
         demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
         slips_at = min(0.9 * demand, 0.9 * self._claims.friction)
         self.candidates = candidates(self._claims, slips_at)
-        self._names = names_of(self.candidates)
-        self._at_rest = np.array([start for c in self.candidates for start in c.starts[0]])
         self._whiten = self._whitening(noise, has_gyro=has_gyro)
         self.candidates = candidates(self._claims, self._slipperiest(slips_at))
-        self.untestable = untestable(self, self._names, self._at_rest, self._claims.friction, ratio, normal)
+        self.untestable = untestable(self, self._claims.friction, ratio, normal)
 
     def _slipperiest(self, otherwise: float) -> float:
         """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
 
         Where slip begins, residuals bend sharply: a search that steps by derivatives must begin close.
         """
-        column, most = self._names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
+        column, most = self.names.index("foot_friction.less"), max(self._claims.friction - FRICTION_RANGE[0], 0.0)
         best, grid = 0.0, np.linspace(0.0, most, SCANNED)
         for _ in range(3):
-            sets = np.repeat(self._at_rest[None, None], len(grid), axis=0)
+            sets = np.repeat(self.absent[None, None], len(grid), axis=0)
             sets[:, 0, column] = grid
             best = float(grid[np.argmin(np.sum(self.residuals(sets) ** 2, axis=(1, 2)))])
             step = grid[1] - grid[0]
@@ -156,17 +147,16 @@ class BodyProblem(Problem):
             grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, most)
         return self._claims.friction - best if best > SMALLEST_LESS else otherwise
 
-    def _rig_at_rest(self) -> Rig:
-        nothing = candidates(self._claims, 0.5 * self._claims.friction)
-        start = np.array([[value for c in nothing for value in c.starts[0]]])
-        return rig_of(names_of(nothing), self._claims, start)
+    def _rig(self, unknowns: Floats | None = None) -> Rig:
+        """What to simulate; without effects where no unknowns are given, shape (n, unknowns)."""
+        return rig_of(self.names, self._claims, self.absent[None] if unknowns is None else unknowns)
 
     def _likeliest(self, noise: Noise) -> Solver:
         windows = self._windows
         some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
 
         def squares(solver: Solver, softer: float, rougher: float) -> Floats:
-            replay, rig = self._replayed(solver, windows.taken(some)), self._rig_at_rest()
+            replay, rig = self._replayed(solver, windows.taken(some)), self._rig()
             rig.body.contact_time_constant[:] *= softer
             rig.body.friction[:] *= rougher
             error = errors(windows.measured[some], replay.states(rig))
@@ -176,12 +166,12 @@ class BodyProblem(Problem):
 
     def _whitening(self, noise: Noise, *, has_gyro: bool) -> Whitening:
         """Moves the starts of the windows to where they are likeliest; what is then unknown of errors."""
-        windows, rig = self._windows, self._rig_at_rest()
+        windows, rig = self._windows, self._rig()
         spread = StartNoise.of(noise, has_gyro=has_gyro)
         single = np.eye(spread.sigma.size)[:, None, :].repeat(len(windows.start_s), axis=1)
         slopes = self._moved(spread, single)
         claimed = self._errors(self._replay.states(rig))
-        effects = self._errors(self._replay.states(rig_of(self._names, self._claims, self._usual()))) - claimed
+        effects = self._errors(self._replay.states(self._rig(self.one_by_one(USUAL)[1:]))) - claimed
         starts = Starts.of(noise, claimed[0], slopes, effects)
         qpos, qvel = spread.moved(windows.qpos, windows.qvel, starts.likeliest[None])
         self._windows = replace(windows, qpos=qpos[0], qvel=qvel[0])
@@ -194,27 +184,20 @@ class BodyProblem(Problem):
         lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
         return Whitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
-    def _usual(self) -> Floats:
-        """Unknowns with one of `USUAL` off its rest each, shape (e, unknowns)."""
-        sets = np.tile(self._at_rest, (len(USUAL), 1))
-        for one, (name, value) in zip(sets, USUAL.items(), strict=True):
-            one[self._names.index(name)] = value
-        return sets
-
     def _by_a_hair(self) -> Floats:
         """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
 
         When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model can be judged by it.
         """
-        hair = np.array([HAIR.get(name, 0.0) for name in self._names])
+        hair = np.array([HAIR.get(name, 0.0) for name in self.names])
         change = hair * np.random.default_rng(1).standard_normal((PAIRS, len(hair)))
-        sets = self._at_rest + np.concatenate([0.0 * hair[None], change, -change])
-        error = self._errors(self._replay.states(rig_of(self._names, self._claims, sets)))
+        sets = self.absent + np.concatenate([0.0 * hair[None], change, -change])
+        error = self._errors(self._replay.states(self._rig(sets)))
         return np.asarray(np.mean((0.5 * (error[1 : PAIRS + 1] + error[PAIRS + 1 :]) - error[0]) ** 2, axis=0))
 
     def _of_steps(self) -> Floats:
         """Square of what a finer step of time changes beyond first order, (w, BLOCKS, 33); keeps the first order."""
-        rig = self._rig_at_rest()
+        rig = self._rig()
         claimed = self._errors(self._replay.states(rig))[0]
         half, quarter = (self._errors(self._replayed(way).states(rig))[0] - claimed for way in finer(self._ground))
         self._of_step = QUARTER_TO_NONE * quarter
@@ -223,9 +206,9 @@ class BodyProblem(Problem):
     def _moved(self, spread: StartNoise, by: Floats) -> Floats:
         """What errors change by when starts are off `by` so many standard deviations, shape (k, w, BLOCKS, 33)."""
         windows = self._windows
-        claims = rig_of(self._names, self._claims, np.tile(self._at_rest, (len(by), 1)))
+        claims = self._rig(np.tile(self.absent, (len(by), 1)))
         states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))
-        return self._errors(states) - self._errors(self._replay.states(self._rig_at_rest()))
+        return self._errors(states) - self._errors(self._replay.states(self._rig()))
 
     def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
         return Replay(windows or self._windows, self._terrain, self._span_s, solver, self._claims.payload_position)
@@ -237,10 +220,6 @@ class BodyProblem(Problem):
 
 def _finite(error: Floats) -> Floats:
     return np.nan_to_num(error, nan=1e3, posinf=1e3, neginf=-1e3)
-
-
-def _boxes(terrain: Any) -> list[Box]:
-    return [] if terrain == "flat" else [(box["center"], box["size"]) for box in terrain]
 
 
 def _span(log: RunLog) -> tuple[float, float]:

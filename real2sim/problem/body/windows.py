@@ -12,6 +12,8 @@ from scipy.signal import savgol_filter
 
 from saltus.arrays import Floats, Indices
 from saltus.go1 import PHYSICS_DT, POLICY_STEPS
+from saltus.real2sim.problem import rotations
+from saltus.real2sim.problem.log import gains, sampled
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
@@ -83,7 +85,7 @@ class Track:
 
 def cut_windows(log: RunLog, segments: Sequence[Segment]) -> Windows:
     """Cuts a log with a measured base."""
-    kp, kd = (np.broadcast_to(np.asarray(log.meta[k], dtype=np.float64), 12) for k in ("kp", "kd"))
+    kp, kd = gains(log.meta)
     told = _told(log, kp, kd)
     starts = _starts(segments)
     tracks = {i: track(log, segments[i]) for i in {segment for segment, _ in starts}}
@@ -110,13 +112,13 @@ def track(log: RunLog, segment: Segment) -> Track:
         raise ValueError("the log has no base.csv")
     rows = joints.time_s[(joints.time_s >= segment.start_s - 1e-6) & (joints.time_s <= segment.end_s + 1e-6)]
     time_s = np.arange(rows[0], rows[-1] + 0.5 * PHYSICS_DT, PHYSICS_DT)
-    pose = _sampled(time_s, base.time_s, _continuous(base.values[:, :7]))
-    pose[:, 3:7] /= np.linalg.norm(pose[:, 3:7], axis=1, keepdims=True)
-    q = _sampled(time_s, joints.time_s, joints.q)
-    dq = np.gradient(q, PHYSICS_DT, axis=0) if joints.dq is None else _sampled(time_s, joints.time_s, joints.dq)
-    velocity = _sampled(time_s, base.time_s, base.values[:, 7:10])
-    gyro = None if log.imu is None else _sampled(time_s, log.imu.time_s, log.imu.values[:, 4:7])
-    return Track(time_s=time_s, states=np.concatenate([pose, q, velocity, dq], axis=1), gyro=gyro)
+    position = sampled(time_s, base.time_s, base.values[:, :3])
+    turn = rotations.unit(sampled(time_s, base.time_s, rotations.continuous(base.values[:, 3:7])))
+    q = sampled(time_s, joints.time_s, joints.q)
+    dq = np.gradient(q, PHYSICS_DT, axis=0) if joints.dq is None else sampled(time_s, joints.time_s, joints.dq)
+    velocity = sampled(time_s, base.time_s, base.values[:, 7:10])
+    gyro = None if log.imu is None else sampled(time_s, log.imu.time_s, log.imu.values[:, 4:7])
+    return Track(time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro)
 
 
 def angular_velocity(quaternion: Floats) -> Floats:
@@ -178,21 +180,6 @@ def _told(log: RunLog, kp: Floats, kd: Floats) -> Floats:
     if joints.dq_des is not None:
         told = told + kd * joints.dq_des
     return told if joints.tau_ff is None else told + joints.tau_ff
-
-
-def _sampled(time_s: Floats, at_s: Floats, values: Floats) -> Floats:
-    """Linear interpolation of columns."""
-    place = np.interp(time_s, at_s, np.arange(len(at_s)))
-    low = np.minimum(place.astype(np.int64), len(at_s) - 2)
-    part = (place - low)[:, None]
-    return np.asarray((1.0 - part) * values[low] + part * values[low + 1])
-
-
-def _continuous(pose: Floats) -> Floats:
-    """Poses whose quaternions do not change sign from row to row."""
-    flips = np.sum(pose[1:, 3:] * pose[:-1, 3:], axis=1) < 0.0
-    sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
-    return np.concatenate([pose[:, :3], sign[:, None] * pose[:, 3:]], axis=1)
 
 
 def _nothing() -> list[Floats]:

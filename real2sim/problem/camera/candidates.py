@@ -7,21 +7,17 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
-from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 
-def _unknown(name: str, low: float, high: float, scale: float, *, is_shape: bool = False) -> Unknown:
-    return Unknown(name=name, low=low, high=high, scale=scale, is_shape=is_shape)
+def _unknown(name: str, low: float, high: float, scale: float) -> Unknown:
+    return Unknown(name=name, low=low, high=high, scale=scale)
 
 
-def _candidate(effect: str, *unknowns: Unknown, starts: tuple[tuple[float, ...], ...] = ((0.0,),)) -> Candidate:
-    return Candidate(effect=effect, where="camera", unknowns=unknowns, starts=starts)
-
-
-def _nuisance(name: str, *unknowns: Unknown) -> Candidate:
-    return Candidate(effect=name, where="camera", unknowns=unknowns, starts=((0.0,) * len(unknowns),), is_nuisance=True)
+def _candidate(effect: str, *unknowns: Unknown, is_nuisance: bool = False) -> Candidate:
+    return Candidate(effect=effect, where="camera", unknowns=unknowns, is_nuisance=is_nuisance)
 
 
 def camera_candidates(latency_s: float) -> tuple[Candidate, ...]:
@@ -47,12 +43,13 @@ def camera_candidates(latency_s: float) -> tuple[Candidate, ...]:
         _candidate("hole_fill", _unknown("reach", 0.0, 30.0, 0.3)),
         # the square root of a share has a scatter that does not depend on the share
         _candidate("frame_drop", _unknown("angle", 0.0, 1.2, 0.03)),
-        _nuisance(
+        _candidate(
             "noise_floor",
             _unknown("level", math.log(0.02), math.log(1.6), 0.05),
             _unknown("constant", math.log(0.03), math.log(5.0), 0.1),
+            is_nuisance=True,
         ),
-        _nuisance("arrival_jitter", _unknown("share", 0.0, 1.0, 0.1)),
+        _candidate("arrival_jitter", _unknown("share", 0.0, 1.0, 0.1), is_nuisance=True),
     )
 
 
@@ -127,21 +124,20 @@ def physical(
     """
     clip_m, farthest_m = ends_m
     effects = CameraEffects.of((candidate,), np.asarray(values, dtype=np.float64), clip_m)
-    estimates = {
-        "camera_latency": ("latency", latency_s + effects.latency, "s"),
-        "temporal_smear": ("alpha", 1.0 / (1.0 + effects.lag), ""),
-        "camera_pitch": ("offset", effects.pitch, "rad"),
-        "camera_height": ("offset", effects.height, "m"),
-        "camera_fov": ("scale", effects.tangent_scale, ""),
-        "depth_scale": ("scale", effects.depth_scale, ""),
-        "depth_bias": ("bias", effects.bias, "m"),
-        "range_clip": ("max", farthest_m + effects.clip_share * (clip_m - farthest_m), "m"),
-        "depth_noise": ("subpixel_sigma", FLOOR * math.sqrt(effects.noise_variance) * focal_px * BASELINE_M, "px"),
-        "edge_holes": ("width", effects.hole_width, "px"),
-        "hole_fill": ("reach", effects.fill_reach, "px"),
-        "frame_drop": ("fraction", math.sin(effects.drop_angle) ** 2, ""),
+    parameters = {
+        "camera_latency": {"latency": latency_s + effects.latency},
+        "temporal_smear": {"alpha": 1.0 / (1.0 + effects.lag)},
+        "camera_pitch": {"offset": effects.pitch},
+        "camera_height": {"offset": effects.height},
+        "camera_fov": {"scale": effects.tangent_scale},
+        "depth_scale": {"scale": effects.depth_scale},
+        "depth_bias": {"bias": effects.bias},
+        "range_clip": {"max": farthest_m + effects.clip_share * (clip_m - farthest_m)},
+        "depth_noise": {"subpixel_sigma": FLOOR * math.sqrt(effects.noise_variance) * focal_px * BASELINE_M},
+        "edge_holes": {"width": effects.hole_width},
+        "hole_fill": {"reach": effects.fill_reach},
+        "frame_drop": {"fraction": math.sin(effects.drop_angle) ** 2},
     }
-    if candidate.effect not in estimates:  # a nuisance: its unknowns are its parameters
-        return {u.name: Estimate(value=float(v), unit="") for u, v in zip(candidate.unknowns, values, strict=True)}
-    name, value, unit = estimates[candidate.effect]
-    return {name: Estimate(value=float(value), unit=unit)}
+    # of a nuisance its unknowns are its parameters
+    own = {unknown.name: float(value) for unknown, value in zip(candidate.unknowns, values, strict=True)}
+    return estimates(candidate.effect, parameters.get(candidate.effect, own))

@@ -13,6 +13,7 @@ from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.go1 import STAND_HEIGHT
 from saltus.kinematics import rotation_matrix
+from saltus.real2sim.problem.rotations import continuous, unit
 from saltus.recordings.run_log import RunLog
 
 SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
@@ -85,8 +86,7 @@ class BaseMotion:
         time_s, first = np.unique(log.base.time_s, return_index=True)
         pose = log.base.values[first, :7].copy()
         # q and -q are one rotation: a spline must not run from one to the other
-        flips = np.cumprod(np.where(np.sum(pose[1:, 3:] * pose[:-1, 3:], axis=1) < 0.0, -1.0, 1.0))
-        pose[1:, 3:] *= flips[:, None]
+        pose[:, 3:] = continuous(pose[:, 3:])
         self._pose = np.median(pose, axis=0)
         if len(time_s) >= 4:
             self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
@@ -102,8 +102,7 @@ class BaseMotion:
             pose = np.broadcast_to(self._pose, (len(time_s), 7))
         else:
             pose = self._spline(np.clip(time_s, self.start_s, self.end_s))
-        quaternion = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-        return pose[:, :3], rotation_matrix(quaternion)
+        return pose[:, :3], rotation_matrix(unit(pose[:, 3:]))
 
 
 def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:

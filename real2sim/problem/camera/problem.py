@@ -11,11 +11,10 @@ from saltus.real2sim.problem.camera.data import AS_CLAIMED, camera_data
 from saltus.real2sim.problem.camera.end import end_of_range
 from saltus.real2sim.problem.camera.shake import shake_of
 from saltus.real2sim.problem.camera.testable import untestable_effects
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Driver, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 
 RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
-LIMIT = 100.0  # of a residual, in units of noise (contract of a problem)
 LINEAR = 30.0  # up to here a residual is as it is; beyond, it is bent towards the limit
 BEYOND = 1.01  # times an end of the range: at least as far goes a scene that it cuts
 PROBE_S = 0.010  # latency by which it is judged whether the scene moves
@@ -110,5 +109,6 @@ class CameraProblem(Problem):
 def _bent(residual: Floats) -> Floats:
     """Large residuals are bent so that none passes the limit; their order stays."""
     size = np.abs(residual)
-    beyond = np.maximum(size - LINEAR, 0.0) / (LIMIT - LINEAR)
-    return np.asarray(np.sign(residual) * np.where(size > LINEAR, LINEAR + (LIMIT - LINEAR) * np.tanh(beyond), size))
+    room = LARGEST_RESIDUAL - LINEAR
+    bent = LINEAR + room * np.tanh(np.maximum(size - LINEAR, 0.0) / room)
+    return np.asarray(np.sign(residual) * np.where(size > LINEAR, bent, size))

@@ -11,17 +11,9 @@ from scipy.linalg import solve_triangular
 from saltus.arrays import Floats
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.real2sim.problem import rotations
-from saltus.real2sim.problem.imu.windows import (
-    BLOCK_STEPS,
-    BLOCKS,
-    LONGEST_DELAY_S,
-    STEP_S,
-    WINDOW_STEPS,
-    cut_windows,
-    sampled,
-)
-from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown
+from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DELAY_S, STEP_S, WINDOW_STEPS, cut_windows
+from saltus.real2sim.problem.log import sampled, segments_of
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, Unknown, estimates
 from saltus.recordings.run_log import RunLog
 
 SIGNALS = ("tilt_roll", "tilt_pitch", "turn_roll", "turn_pitch", "turn_yaw")
@@ -30,8 +22,6 @@ START_RAD = 0.1
 SMALLEST_RAD = 1e-5
 SAMPLING_S = 0.0015
 """Half a step of a simulation at 500 Hz, and some: how far rates and orientation of one row may be apart."""
-LARGEST = 100.0
-"""Residuals are clipped to it."""
 TYPICAL = {"imu_latency.delay": 0.005, "imu_bias.gyro_x": 0.02, "imu_bias.roll": 0.02}
 """Usual sizes: 2 to 15 ms, 0.01 to 0.05 rad/s, 0.5 to 2 degrees."""
 LEAST_SIGMA = 6.0
@@ -49,20 +39,17 @@ def imu_candidates() -> tuple[Candidate, ...]:
                 *(Unknown(name=f"gyro_{axis}", low=-0.3, high=0.3, scale=0.01) for axis in "xyz"),
                 *(Unknown(name=name, low=-0.3, high=0.3, scale=0.01) for name in angles),
             ),
-            starts=((0.0,) * 5,),
         ),
         Candidate(
             effect="imu_latency",
             where="imu",
             unknowns=(Unknown(name="delay", low=0.0, high=LONGEST_DELAY_S, scale=0.002),),
-            starts=((0.0,),),
         ),
         # a bias of the reported tilt may or may not turn the gyroscope's axes too
         Candidate(
             effect="gyro_axes",
             where="imu",
             unknowns=tuple(Unknown(name=name, low=-0.3, high=0.3, scale=0.02) for name in (*angles, "yaw")),
-            starts=((0.0,) * 3,),
             is_nuisance=True,
         ),
         # a gyroscope's sample may stand for the step before it, or for the one after
@@ -70,7 +57,6 @@ def imu_candidates() -> tuple[Candidate, ...]:
             effect="gyro_sampling",
             where="imu",
             unknowns=(Unknown(name="lead", low=-SAMPLING_S, high=SAMPLING_S, scale=0.001),),
-            starts=((0.0,),),
             is_nuisance=True,
         ),
     )
@@ -96,7 +82,6 @@ class ImuProblem(Problem):
         self.segments = segments_of(log)
         self._windows = cut_windows(log, self.segments)
         self.candidates = imu_candidates()
-        self._names = tuple(f"{c.effect}.{unknown.name}" for c in self.candidates for unknown in c.unknowns)
         self._tilt, self._turn = self._roots()
         windows = self._windows
         shape = (len(windows.start_s), len(SIGNALS), BLOCKS)
@@ -108,7 +93,7 @@ class ImuProblem(Problem):
 
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
-        value = dict(zip(self._names, unknowns[:, 0].T, strict=True))
+        value = dict(zip(self.names, unknowns[:, 0].T, strict=True))
         roll, pitch, zero = value["imu_bias.roll"], value["imu_bias.pitch"], np.zeros(len(unknowns))
         bias = np.stack([value[f"imu_bias.gyro_{axis}"] for axis in "xyz"], axis=-1)
         axes = np.stack([value[f"gyro_axes.{name}"] for name in ("roll", "pitch", "yaw")], axis=-1)
@@ -116,15 +101,12 @@ class ImuProblem(Problem):
         tilt = self._tilt_error(self._base(delay), quaternion_from_roll_pitch_yaw(roll, pitch, zero))
         turn = self._turn_error(self._base(delay - value["gyro_sampling.lead"]), bias, axes)
         whitened = self._whitened(tilt, turn)
-        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST, LARGEST)
+        return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
-        units = {"delay": "s", "roll": "rad", "pitch": "rad", "yaw": "rad"}
-        return {
-            unknown.name: Estimate(value=float(value), unit=units.get(unknown.name, "rad/s"))
-            for unknown, value in zip(candidate.unknowns, values, strict=True)
-        }
+        names = [unknown.name for unknown in candidate.unknowns]
+        return estimates(candidate.effect, dict(zip(names, values.tolist(), strict=True)))
 
     def _base(self, delay_s: Floats) -> Floats:
         """Orientation of the base `delay_s` before each step, shape (n, w, steps, 4)."""
@@ -175,11 +157,7 @@ class ImuProblem(Problem):
 
     def _untestable(self) -> dict[str, str]:
         """Effects that would not be seen, with the reason."""
-        sets = np.zeros((len(TYPICAL) + 1, 1, len(self._names)))
-        for i, (unknown, value) in enumerate(TYPICAL.items()):
-            sets[i + 1, 0, self._names.index(unknown)] = value
-        residuals = self.residuals(sets)[:, 0]
-        sizes = dict(zip(TYPICAL, np.linalg.norm(residuals[1:] - residuals[0], axis=-1), strict=True))
+        sizes = self.visibility(TYPICAL)
         found = {}
         if sizes["imu_latency.delay"] < LEAST_SIGMA:
             fastest = float(np.max(np.abs(_means(self._windows.gyro))))

@@ -9,6 +9,7 @@ from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.go1 import PHYSICS_DT
 from saltus.real2sim.problem import rotations
+from saltus.real2sim.problem.log import sampled
 from saltus.real2sim.problem.problem import Segment
 from saltus.real2sim.problem.stream_noise import StreamNoise, read_noise, rotation_columns
 from saltus.recordings.run_log import RunLog
@@ -95,14 +96,6 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         base=base,
         noise=(*noise, reference),
     )
-
-
-def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
-    """Linear interpolation of columns, shapes (...), (n,), (n, columns) -> (..., columns)."""
-    place = np.interp(at_s, time_s, np.arange(len(time_s)))
-    low = np.minimum(place.astype(np.int64), len(time_s) - 2)
-    part = (place - low)[..., None]
-    return np.asarray((1.0 - part) * values[low] + part * values[low + 1])
 
 
 def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, float]]:

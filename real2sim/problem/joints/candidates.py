@@ -1,13 +1,14 @@
 """Effects of joints as unknowns: coordinates in which 0 is absent, and their way to and from physical parameters."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.drives import Drives, lost
-from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown
+from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] told where the loss never reaches that share
@@ -28,88 +29,51 @@ def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
     return Unknown(name=name, low=low, high=high, scale=scale, is_shape=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kind:
-    """One effect: its unknowns, and shapes that fits start from."""
-
-    effect: str
-    unknowns: tuple[Unknown, ...]
-    starts: tuple[tuple[float, ...], ...]
-    model_error: float = 0.02
-    resolution: float = 0.0
-    faithful: float = 1.0
+def _kind(effect: str, *unknowns: Unknown, **more: Any) -> Candidate:
+    """An effect at any joint; starts that are shares of what a log reaches are scaled later."""
+    return Candidate(effect=effect, where="", unknowns=unknowns, **more)
 
 
 # Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
 # hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
 # that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
 KINDS = (
-    Kind(
-        effect="command_delay",
-        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
-        starts=((0.004,), (0.012,)),
-        resolution=5e-5,
-    ),
-    Kind(
-        effect="feedforward_delay",
-        unknowns=(_size("delay", 0.0, 0.06, 1e-3),),
-        starts=((0.004,), (0.012,)),
-        resolution=4e-4,  # packets come with jitter, of which a delay says nothing
-    ),
-    Kind(
-        effect="actuator_lag",
-        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
-        starts=((0.004,), (0.012,)),
-        resolution=7e-5,
-    ),
-    # starts are shares of the largest speed and torque of the log
-    Kind(
-        effect="torque_speed_limit",
-        unknowns=(
-            _weight(),
-            _shape("corner", 0.0, 30.0, 1.0),
-            _shape("span", 0.3, 60.0, 1.0),
-        ),
+    _kind("command_delay", _size("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=5e-5),
+    # packets come with jitter, of which a delay says nothing
+    _kind("feedforward_delay", _size("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=4e-4),
+    _kind("actuator_lag", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind(  # starts are shares of the largest speed of the log
+        "torque_speed_limit",
+        _weight(),
+        _shape("corner", 0.0, 30.0, 1.0),
+        _shape("span", 0.3, 60.0, 1.0),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
     ),
-    Kind(
-        effect="torque_saturation",
-        unknowns=(
-            _size("loss", 0.0, 1.0, 0.05),
-            _shape("corner", 1.0, 34.0, 0.5),
-            _shape("rounding", 0.05, 10.0, 0.5),
-        ),
+    _kind(  # the corner's starts are shares of the largest torque
+        "torque_saturation",
+        _size("loss", 0.0, 1.0, 0.05),
+        _shape("corner", 1.0, 34.0, 0.5),
+        _shape("rounding", 0.05, 10.0, 0.5),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
-    Kind(effect="torque_gain", unknowns=(_size("excess", -0.7, 1.0, 0.01),), starts=((0.0,),), resolution=4e-3),
-    Kind(effect="battery_sag", unknowns=(_size("loss_at_end", 0.0, 0.7, 0.01),), starts=((0.1,),)),
-    Kind(
-        effect="viscous_friction", unknowns=(_size("coefficient", 0.0, 5.0, 0.02),), starts=((0.1,),), resolution=2e-3
-    ),
-    Kind(effect="coulomb_friction", unknowns=(_size("torque", 0.0, 5.0, 0.04),), starts=((0.2,),), resolution=2e-3),
-    Kind(
-        effect="stiction",
-        unknowns=(_size("breakaway", 0.0, 5.0, 0.1), _shape("stribeck_velocity", 0.01, 2.0, 0.02)),
+    _kind("torque_gain", _size("excess", -0.7, 1.0, 0.01), resolution=4e-3),
+    _kind("battery_sag", _size("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
+    _kind("viscous_friction", _size("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
+    _kind("coulomb_friction", _size("torque", 0.0, 5.0, 0.04), starts=((0.2,),), resolution=2e-3),
+    _kind(
+        "stiction",
+        _size("breakaway", 0.0, 5.0, 0.1),
+        _shape("stribeck_velocity", 0.01, 2.0, 0.02),
         starts=((0.3, 0.05), (0.3, 0.25)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
         faithful=0.95,
     ),
-    Kind(effect="backlash", unknowns=(_size("width", 0.0, 0.15, 2e-3),), starts=((0.01,),)),
-    Kind(effect="armature", unknowns=(_size("added", -1e-3, 0.1, 5e-4),), starts=((0.0,),), resolution=7e-5),
-    Kind(effect="encoder_bias", unknowns=(_size("bias", -0.3, 0.3, 2e-3),), starts=((0.0,),), resolution=4e-3),
-    Kind(
-        effect="encoder_quantisation",
-        unknowns=(_weight(), _shape("step", 2e-4, 0.1, 1e-6)),
-        starts=((1.0, 0.005),),
-        faithful=0.95,
-    ),
-    Kind(
-        effect="velocity_filter",
-        unknowns=(_size("time_constant", 0.0, 0.05, 1e-3),),
-        starts=((0.004,), (0.012,)),
-        resolution=7e-5,
-    ),
-    Kind(effect=LOOP_RATE, unknowns=(_size("rate", 0.0, 1.0, 0.25),), starts=((0.5,),)),
+    _kind("backlash", _size("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
+    _kind("armature", _size("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
+    _kind("encoder_bias", _size("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
+    _kind("encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), faithful=0.95),
+    _kind("velocity_filter", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind(LOOP_RATE, _size("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 
 
@@ -144,20 +108,8 @@ class JointCandidates:
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
             # the loop of a leg's drives has one rate
-            whole_leg = kind.effect == LOOP_RATE
-            for joint, place in enumerate(self._places[:1] if whole_leg else self._places):
-                listed.append(
-                    Candidate(
-                        effect=kind.effect,
-                        where=place,
-                        unknowns=kind.unknowns,
-                        starts=_starts(kind, reached[joint]),
-                        is_nuisance=whole_leg,
-                        model_error=kind.model_error,
-                        resolution=kind.resolution,
-                        faithful=kind.faithful,
-                    )
-                )
+            for joint, place in enumerate(self._places[:1] if kind.is_nuisance else self._places):
+                listed.append(replace(kind, where=place, starts=_starts(kind, reached[joint])))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
         self.listed = tuple(listed)
@@ -210,24 +162,19 @@ class JointCandidates:
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the names and units of the schema."""
-        first = float(values[0])
-        limit = float(self._limit[0, self._places.index(candidate.where)])
         match candidate.effect:
             case "torque_speed_limit":
                 corner, span = float(values[1]), float(values[2])
-                return {"corner": _estimate(corner, "rad/s"), "no_load": _estimate(corner + span, "rad/s")}
+                found = {"corner": corner, "no_load": corner + span}
             case "torque_saturation":
-                return knee_and_plateau(lambda torque: lost(torque, *values), limit)
+                limit = float(self._limit[0, self._places.index(candidate.where)])
+                found = knee_and_plateau(lambda torque: lost(torque, *values), limit)
             case "torque_gain":
-                return {"gain": _estimate(1.0 + first, "")}
-            case "stiction":
-                return {
-                    "breakaway": _estimate(first, "Nm"),
-                    "stribeck_velocity": _estimate(float(values[1]), "rad/s"),
-                }
-            case "encoder_quantisation":
-                return {"step": _estimate(float(values[1]), "rad")}
-        return {candidate.unknowns[0].name: _estimate(first, UNITS.get(candidate.effect, ""))}
+                found = {"gain": 1.0 + float(values[0])}
+            case _:
+                names = (unknown.name for unknown in candidate.unknowns)
+                found = {name: float(value) for name, value in zip(names, values, strict=True) if name != "weight"}
+        return estimates(candidate.effect, found)
 
     def _values(self, effect: str, unknowns: Floats) -> tuple[Floats, ...] | None:
         """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
@@ -243,7 +190,7 @@ class JointCandidates:
         return tuple(values)
 
 
-def _starts(kind: Kind, reached: Reached) -> tuple[tuple[float, ...], ...]:
+def _starts(kind: Candidate, reached: Reached) -> tuple[tuple[float, ...], ...]:
     match kind.effect:
         case "torque_speed_limit":
             return tuple((weight, a * reached.speed, b * reached.speed) for weight, a, b in kind.starts)
@@ -254,31 +201,13 @@ def _starts(kind: Kind, reached: Reached) -> tuple[tuple[float, ...], ...]:
     return kind.starts
 
 
-UNITS = {
-    "command_delay": "s",
-    "feedforward_delay": "s",
-    "actuator_lag": "s",
-    "viscous_friction": "Nm s/rad",
-    "coulomb_friction": "Nm",
-    "backlash": "rad",
-    "armature": "kg m2",
-    "encoder_bias": "rad",
-    "velocity_filter": "s",
-}
-"""Of the effects whose only unknown is their parameter."""
-
-
-def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, Estimate]:
-    """Parameters of a saturation that takes `taken` of a commanded torque [Nm] at a joint with this limit torque."""
+def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:
+    """Parameters of a saturation that takes `taken` of a commanded torque, at a joint with this limit torque [Nm]."""
     torque = np.linspace(0.0, NO_KNEE, 20001)[1:]
     beyond = taken(torque) >= KNEE_LOSS * torque
     knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE
     plateau = limit - float(taken(np.array([limit]))[0])
-    return {"knee": _estimate(knee, "Nm"), "plateau": _estimate(plateau, "Nm")}
-
-
-def _estimate(value: float, unit: str) -> Estimate:
-    return Estimate(value=value, unit=unit)
+    return {"knee": knee, "plateau": plateau}
 
 
 def _pair(values: tuple[Floats, ...] | None) -> tuple[Floats, Floats] | None:

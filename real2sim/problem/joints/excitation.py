@@ -63,9 +63,8 @@ def reached_by(
         branches: Joints of each leg, shape (branches, joints).
         steps: What `encoder_steps` found.
     """
-    dq = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
-    asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - dq) + rows.tau_ff)
-    speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(dq), asked))
+    asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - rows.speed) + rows.tau_ff)
+    speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(rows.speed), asked))
     return tuple(
         Reached(
             speed=float(speed[joints].max()),
@@ -87,11 +86,10 @@ def _distinct(steps: Sequence[float]) -> tuple[float, ...]:
 
 def encoder_steps(rows: Rows) -> tuple[float | None, ...]:
     """Step [rad] of which the angles of each joint are near multiples; None where there is none."""
-    dq = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
     return tuple(
         # a joint at rest is near a multiple of almost anything
         _step(angles[np.abs(speed) > LEAST_MOVING])
-        for angles, speed in zip(rows.q.T, dq.T, strict=True)
+        for angles, speed in zip(rows.q.T, rows.speed.T, strict=True)
     )
 
 

@@ -26,8 +26,7 @@ class Grid:
 
     def __init__(self, rows: Rows, steps: Sequence[float | None], within: Indices, branches: Indices) -> None:
         step = np.array([np.inf if s is None else s for s in steps])
-        speed = rows.dq if rows.dq is not None else np.gradient(rows.q, rows.dt_s, axis=0)
-        moves = (np.abs(speed) > LEAST_MOVING) & np.isfinite(step) & rows.q_is_known
+        moves = (np.abs(rows.speed) > LEAST_MOVING) & np.isfinite(step) & rows.q_is_known
         # of variance 1 where phases are uniform
         phase = np.where(moves, np.sqrt(2.0) * np.cos(2.0 * np.pi * rows.q / step), 0.0)
         self._weight = np.sqrt(moves[within].sum(axis=1))[:, branches]  # (samples, branches, joints)

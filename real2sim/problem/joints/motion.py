@@ -48,6 +48,11 @@ class Rows:
     dq: Floats | None
     tau_est: Floats | None
 
+    @property
+    def speed(self) -> Floats:
+        """Measured velocities, or the change of the angles [rad/s]."""
+        return self.dq if self.dq is not None else np.gradient(self.q, self.dt_s, axis=0)
+
 
 def uniform_rows(log: RunLog) -> Rows:
     """Puts a log's rows on a uniform grid: states are interpolated, commands held.

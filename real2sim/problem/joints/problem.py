@@ -17,8 +17,8 @@ from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import Simulated, replay
-from saltus.real2sim.problem.log import segments_of
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
+from saltus.real2sim.problem.log import gains, segments_of
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, estimates
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
 
@@ -26,7 +26,6 @@ SAMPLE_S = 0.016
 """Rows are averaged over this long: motions of 10 Hz keep 96 %, and a log of 30 s has 2000 samples a signal."""
 FLOOR = {"q": 1e-4, "dq": 5e-3, "tau_est": 2e-2}
 """Smallest noise of a sample to believe in [rad], [rad/s], [Nm]: the replay itself is as good as that."""
-CLIP = 100.0
 STOP = 0.01  # rad: nearer than this to its limit a joint may touch
 TOGETHER = 32
 """Sets that are simulated together: their arrays then stay in the cache of a core."""
@@ -59,7 +58,7 @@ class JointProblem(Problem):
         names = list(meta["joints"])
         self._robot = HeldRobot(str(meta["robot"]), names, _base_quaternion(log))
         self._rows = uniform_rows(log)
-        kp, kd = (np.broadcast_to(np.asarray(meta[key], dtype=np.float64), (len(names),)) for key in ("kp", "kd"))
+        kp, kd = gains(meta)
         branches = self._robot.branches
         self._motion = motion_of(self._rows, self._robot, kp, kd)
         self._asked = self._rows.q_des + (kd * self._rows.dq_des + self._rows.tau_ff) / np.maximum(kp, 1.0)  # [rad]
@@ -118,10 +117,11 @@ class JointProblem(Problem):
         if self._assumed and candidate.effect == "torque_saturation":
             place = list(self.places[0]).index(candidate.where)
             pieces = [(float(slopes[:, place].mean()), float(corners[place, 0])) for slopes, corners in self._assumed]
-            return knee_and_plateau(
+            found = knee_and_plateau(
                 lambda x: lost(x, *values) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
                 float(self.limit[place]),
             )
+            return estimates(candidate.effect, found)
         return self._candidates.physical(candidate, values)
 
     def _residuals(self, unknowns: Floats) -> Floats:
@@ -133,7 +133,8 @@ class JointProblem(Problem):
         if self._grid.exists:
             grid = self._grid.residuals(drives.quantisation, drives.count)[self._kept]
             white = np.concatenate([white, grid[:, None]], axis=1)
-        white = np.clip(np.nan_to_num(white, nan=CLIP, posinf=CLIP, neginf=-CLIP), -CLIP, CLIP)
+        white = np.nan_to_num(white, nan=LARGEST_RESIDUAL, posinf=LARGEST_RESIDUAL, neginf=-LARGEST_RESIDUAL)
+        white = np.clip(white, -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
