@@ -68,26 +68,6 @@ class Verdict:
         """The verdict as one line of JSON."""
         return json.dumps(self.to_dict())
 
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> "Verdict":
-        """The verdict that `to_dict` was called on."""
-        experiment, gap = data.get("next_experiment"), data.get("gap")
-        return cls(
-            verdict=data["verdict"],
-            effects=tuple(effect_from_dict(effect) for effect in data["effects"]),
-            sets=tuple(tuple(names) for names in data["sets"]),
-            next_experiment=None if experiment is None else NextExperiment(**experiment),
-            untestable={entry["name"]: entry["why"] for entry in data["untestable"]},
-            gap=None if gap is None else Gap(before=gap["before"], after=gap["after"], floor=gap["floor"]),
-            minimum_detectable={name: Estimate(**size) for name, size in data["minimum_detectable"].items()},
-            log_faults=tuple(data["log_faults"]),
-        )
-
-    @classmethod
-    def from_json(cls, text: str) -> "Verdict":
-        """The verdict that `to_json` was called on."""
-        return cls.from_dict(json.loads(text))
-
 
 def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdict:
     """One verdict for a log from what was found for each kind of sensor.

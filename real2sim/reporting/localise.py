@@ -5,7 +5,7 @@ time, contact), and what explains most of their power is said, e.g. "calf joints
 above 15 Nm, by 1.1 elsewhere". What is said must hold in most parts of the log, not in one of them.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ MIN_SURE = 3.0  # jackknife standard errors
 MIN_SHARE = 0.1  # of a residual's power: less is not worth a sentence
 MIN_CONTRAST = 1.5  # RMS beyond a threshold, over that on this side
 QUANTILES = np.linspace(0.1, 0.9, 17)  # where thresholds are looked for
-BINS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,22 +31,6 @@ class Channel:
     residual: Floats
     """Measured minus simulated in units of noise, shape (n,), in order of time."""
     drivers: tuple[Driver, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One row of the table of residuals."""
-
-    signal: str
-    place: str
-    driver: str
-    low: float
-    high: float
-    """Range of the driver's size."""
-    rms: float
-    """In units of noise: 1 where the model is right."""
-    share: float
-    """Of the power of the channel's residual."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,33 +61,6 @@ class _Clue:
     threshold: float
     """Of the driver's size; RMS on this side of it in `elsewhere`."""
     elsewhere: float
-
-
-def table(channels: Iterable[Channel]) -> tuple[Cell, ...]:
-    """RMS of every residual in bins of equal count of every driver's size."""
-    cells = []
-    for channel in channels:
-        power = channel.residual**2
-        for driver in channel.drivers:
-            size = np.abs(driver.values)
-            edges = np.unique(np.quantile(size, np.linspace(0, 1, BINS + 1)))
-            if len(edges) < 2:
-                continue
-            where = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
-            sums, counts = np.bincount(where, power, len(edges) - 1), np.bincount(where, minlength=len(edges) - 1)
-            cells += [
-                Cell(
-                    signal=channel.signal,
-                    place=channel.place,
-                    driver=driver.name,
-                    low=float(edges[i]),
-                    high=float(edges[i + 1]),
-                    rms=float(np.sqrt(sums[i] / counts[i])),
-                    share=float(sums[i] / max(power.sum(), 1e-30)),
-                )
-                for i in np.flatnonzero(counts)
-            ]
-    return tuple(cells)
 
 
 def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:

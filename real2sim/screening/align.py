@@ -15,7 +15,6 @@ from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
-from saltus.real2sim.problem.log import boxes_of
 from saltus.recordings.run_log import RunLog, Table
 
 SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
@@ -250,5 +249,5 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
 def _foretold(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
     """Chosen pixels at every pose that a camera could tell apart."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
-    depth = expected_depth(base.values[::step, :7], log.meta["camera"], boxes_of(log.meta), rows, columns)
+    depth = expected_depth(base.values[::step, :7], log.meta, rows, columns)
     return Motion(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))

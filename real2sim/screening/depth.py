@@ -7,7 +7,6 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
-from saltus.real2sim.problem.log import boxes_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import DepthTable, RunLog, Table
 
@@ -90,4 +89,4 @@ def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: Indices)
     when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))
     nearest = np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1)
     height, width = log.depth.depth_mm.shape[1:]
-    return expected_depth(base.values[nearest, :7], camera, boxes_of(log.meta), np.arange(height), np.arange(width))
+    return expected_depth(base.values[nearest, :7], log.meta, np.arange(height), np.arange(width))

@@ -93,20 +93,6 @@ class _Pieces:
         return tuple((float(a), float(a - b)) for a, b in zip(points, taken, strict=True))
 
 
-def saturation_curves(problem: JointProblem, unknowns: Floats) -> dict[str, Curve]:
-    """Curves by place, e.g. "calf", one for all legs that have a saturation there.
-
-    The curves of all places are fitted together, as the joints of a leg move each other.
-
-    Args:
-        problem: Of the joints.
-        unknowns: Of a model with a saturation, as fitted; shape (blocks, unknowns).
-    """
-    pieces = _Pieces.of_model(problem, unknowns)
-    slopes, _ = _fitted(problem, unknowns, pieces, np.ones((len(problem.blocks), len(problem.time_s))))
-    return {place: pieces.curve(slopes, j) for j, place in enumerate(problem.places[0]) if pieces.blocks[j].any()}
-
-
 def _fitted(problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats) -> tuple[Floats, Floats]:
     """Gauss-Newton on slopes and on the nuisances, which had to make up for the law that was fitted before.
 

@@ -20,7 +20,7 @@ from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.search.saturation_curve import saturation_curves
+from saltus.real2sim.search.saturation_curve import _fitted, _Pieces
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
@@ -271,6 +271,9 @@ def test_the_dynamometers_table_from_a_log() -> None:
         slopes = (r[1:] - r[0]) / step[:, None]
         value -= np.linalg.solve(slopes @ slopes.T, slopes @ r[0])
     fitted[:, columns] = value
-    curve = np.array([(a, b) for a, b in saturation_curves(problem, fitted)["calf"] if a <= 35.0])
+    pieces = _Pieces.of_model(problem, fitted)
+    slopes, _ = _fitted(problem, fitted, pieces, np.ones((len(problem.blocks), len(problem.time_s))))
+    calf = list(problem.places[0]).index("calf")
+    curve = np.array([(a, b) for a, b in pieces.curve(slopes, calf) if a <= 35.0])
     asked, given = np.array(((0.0, 0.0), *GO1_CURVE)).T
     np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)

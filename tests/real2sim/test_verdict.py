@@ -1,8 +1,12 @@
+"""verdict.json: its keys, and one verdict of what several sensors say."""
+
+import json
+
 import pytest
 
 from saltus.real2sim.problem.problem import Estimate
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, ProblemRuling, SignalGap
-from saltus.real2sim.verdict import Gap, NextExperiment, Verdict, merge
+from saltus.real2sim.verdict import Gap, NextExperiment, Verdict, effect_from_dict, merge
 
 EFFECT = FoundEffect(
     name="torque_saturation",
@@ -16,7 +20,7 @@ def findings(problem: str, verdict: ProblemRuling, **more: object) -> Findings:
     return Findings(problem=problem, verdict=verdict, gaps=(gap,), **more)  # type: ignore[arg-type]
 
 
-def test_a_verdict_survives_json() -> None:
+def test_json_holds_all_of_a_verdict() -> None:
     verdict = Verdict(
         verdict="set",
         effects=(EFFECT,),
@@ -26,7 +30,13 @@ def test_a_verdict_survives_json() -> None:
         gap=Gap(before=4.0, after=1.5, floor=1.0),
         minimum_detectable={"coulomb_friction": Estimate(value=0.04, unit="Nm")},
     )
-    assert Verdict.from_json(verdict.to_json()) == verdict
+    data = json.loads(verdict.to_json())
+    assert data == verdict.to_dict()
+    assert data["sets"] == [["actuator_lag", "command_delay"]]
+    assert data["next_experiment"] == {"name": "joint_chirp", "why": "reaches 20 Hz", "expected_separation": 40.0}
+    assert data["untestable"] == [{"name": "backlash", "why": "no reversal of load"}]
+    assert data["minimum_detectable"] == {"coulomb_friction": {"value": 0.04, "unit": "Nm"}}
+    assert effect_from_dict(data["effects"][0]) == EFFECT
 
 
 def test_json_has_the_keys_of_the_schema() -> None:
