@@ -25,17 +25,16 @@ GRAVITY = 9.81
 VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
 
 Value = float | Array
-"""A number, or in a search one number for each robot of a batch, shape (n,)."""
+"""A number, or one for each robot of a batch, shape (n,): planner randomisation of training data."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScriptedParameters:
     """All numbers of the planner.
 
-    The defaults were found by CMA-ES (`saltus.policy.evaluation.search`) in the batched plant, with the effects of the
-    "go1" profile and everything that a trial draws: 62 generations of 60 candidates, each on six trials (flat ground
-    and stairs of 6, 6, 6, 7 and 8 cm, with seeds from 3,100,000 on), from earlier numbers that were tuned by hand, in 7
-    minutes on 16 cores. `benchmarks/planner.py` measures what they are worth.
+    Found by CMA-ES in the batched plant, with the effects of the "go1" profile and everything that a trial draws: 62
+    generations of 60 candidates, each on flat ground and on stairs of 6, 6, 6, 7 and 8 cm, from numbers that were tuned
+    by hand. The search is gone (docs/history.md, "Policy"). `benchmarks/planner.py` measures what they are worth.
     """
 
     stepping_frequency_hz: Value = 3.46

@@ -28,7 +28,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.workers import in_order
 
 FIRST_SEED = 20_000
-"""Trials of neither a search nor the published figures."""
+"""Trials of none of the published figures."""
 TRIALS = 8
 """Of each course: a share is then known to within 0.18 (one sigma); curves show what single points do not."""
 NICENESS = 10

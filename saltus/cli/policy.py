@@ -1,6 +1,5 @@
-"""`saltus policy`: train, export and evaluate planners, search the scripted one's numbers, run the process."""
+"""`saltus policy`: train, export and evaluate planners, run the process."""
 
-import os
 import sys
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -14,7 +13,7 @@ from tyro.conf import subcommand
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.policy_train import Export, Train
 from saltus.cli.serve import ServeProcess
-from saltus.config import PlannerName, TerrainConfig, to_toml
+from saltus.config import PlannerName, TerrainConfig
 
 if TYPE_CHECKING:
     from saltus.policy.evaluation.evaluate import EvaluationResult
@@ -95,37 +94,6 @@ class Eval:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
-    """Searches the numbers of the scripted planner in the batched plant; writes the best as TOML."""
-
-    out: Path = Path("scripted.toml")
-    """The file to write, after every generation."""
-    generations: int = 100
-    population: int = 14
-    """Candidates of a generation; each runs every course."""
-    seed: int = 0
-    processes: int | None = None
-    """How many share the candidates of a generation; one for each core where it is not given."""
-
-    def run(self) -> int:
-        """Searches to the end, or until it is interrupted."""
-        from saltus.policy.evaluation.search import SearchConfig, search
-        from saltus.policy.scripted import ScriptedParameters
-
-        config = SearchConfig(generations=self.generations, population=self.population, seed=self.seed)
-        for generation in search(config, ScriptedParameters(), self.processes or os.cpu_count() or 1):
-            self.out.write_text(to_toml(generation.mean))
-            print(
-                f"{generation.index + 1}/{self.generations}: score {generation.mean_score:.3f}, "
-                f"best {generation.best_score:.3f}, success {generation.success:.0%}",
-                file=sys.stderr,
-                flush=True,
-            )
-        print(self.out)
-        return 0
-
-
-@dataclass(frozen=True, kw_only=True)
 class Serve(ServeProcess):
     """Runs the planner process against a running stack."""
 
@@ -134,14 +102,13 @@ class Serve(ServeProcess):
 
 @dataclass(frozen=True, kw_only=True)
 class Policy:
-    """The motion planner: train, export, eval, search, serve."""
+    """The motion planner: train, export, eval, serve."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         tyro.conf.OmitArgPrefixes[
             Annotated[Train, subcommand("train")]
             | Annotated[Export, subcommand("export")]
             | Annotated[Eval, subcommand("eval")]
-            | Annotated[Search, subcommand("search")]
             | Annotated[Serve, subcommand("serve")]
         ]
     ]

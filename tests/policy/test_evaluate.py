@@ -1,4 +1,4 @@
-"""Evaluation and search: what they report, with short trials."""
+"""Evaluations: what they report, with short trials."""
 
 from dataclasses import asdict
 from typing import Any
@@ -6,13 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saltus.config import TerrainConfig, from_toml, to_toml
+from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
 from saltus.policy.evaluation.evaluate import Evaluation, collect, courses_of, evaluate
 from saltus.policy.evaluation.rollout import exact_heights
-from saltus.policy.evaluation.search import BOUNDS, FIRST_SEARCH_SEED, SearchConfig, search
-from saltus.policy.scripted import ScriptedParameters
-from saltus.trial import Trial
 
 FLAT = TerrainConfig(terrain="flat")
 
@@ -33,28 +30,6 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         Evaluation(course=FLAT, **wrong)
-
-
-def test_a_search_starts_where_it_is_told_and_repeats_with_its_seed_in_any_number_of_processes() -> None:
-    config = SearchConfig(courses=(FLAT,), generations=2, population=6, seed=3, time_limit_s=1.1)
-    first, second = (list(search(config, ScriptedParameters(), processes)) for processes in (1, 2))
-    assert [(g.mean, g.success) for g in first] == [(g.mean, g.success) for g in second]
-    assert [g.index for g in first] == [0, 1]
-    for generation in first:
-        values = asdict(generation.mean)
-        assert all(low <= values[name] <= high for name, (low, high) in BOUNDS.items())
-        assert from_toml(ScriptedParameters, to_toml(generation.mean)) == generation.mean
-
-
-def test_every_number_that_is_searched_exists_and_starts_within_its_bounds() -> None:
-    values = asdict(ScriptedParameters())
-    for name, (low, high) in BOUNDS.items():
-        assert low <= values[name] <= high, name
-
-
-def test_searches_and_evaluations_draw_different_trials() -> None:
-    assert Trial.draw(FIRST_SEARCH_SEED) != Trial.draw(0)
-    assert FIRST_SEARCH_SEED > 100_000
 
 
 def test_drawn_courses_differ_from_trial_to_trial_and_repeat_with_the_seed() -> None:
