@@ -15,7 +15,8 @@ import torch
 
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver
-from saltus.policy.env.env import EnvConfig, JumpEnv
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import EnvConfig
 from saltus.policy.training.learner import FIRST_ACTION
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES

@@ -6,7 +6,7 @@ and nothing waits for the processor.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -21,14 +21,14 @@ from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.profile import load_profile
 from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
-from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
-from saltus.policy.env.curriculum import CurriculumConfig, kinds_of_robots
+from saltus.policy.env.curriculum import kinds_of_robots
 from saltus.policy.env.drives import Drives
-from saltus.policy.env.episode import EpisodeConfig, Episodes
+from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import blank_memory, store
-from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.rewards import RewardConfig, RewardInputs, reward_terms
+from saltus.policy.env.rewards import RewardInputs, reward_terms
+from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses
@@ -37,19 +37,6 @@ from saltus.wire.messages import ControllerMode, JointCommand
 _GRAVITY = 9.81
 _POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _STAND_POSE = Constant(go1.STAND_POSE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EnvConfig:
-    """Everything that shapes the task."""
-
-    bounds: ActionBounds = field(default_factory=ActionBounds)
-    reward: RewardConfig = field(default_factory=RewardConfig)
-    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
-    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
-    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
-    profile: str = "go1"
-    """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,8 +1,5 @@
 """The beginning and the end of an episode: judgement, reset, and what disturbs a robot in between."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 
@@ -13,14 +10,12 @@ from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rol
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies
+from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.views import Views
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
 from saltus.terrain.batch import DRAWS, KINDS, draw_courses
 from saltus.trial import UPRIGHT_LIMIT
-
-if TYPE_CHECKING:
-    from saltus.policy.env.env import EnvConfig
-    from saltus.policy.env.views import Views
 
 _POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
@@ -30,22 +25,6 @@ TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m",
 
 _START_DRAWS = 16 + 2  # joints (12), x, yaw, y, speed, height shift (2)
 _EVENT_DRAWS = 6  # level, difficulty, torque (2), push (2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeConfig:
-    """When an episode is over."""
-
-    time_limit_s: float = 10.0
-    """Two and a half times what the paper's robot takes for its stairs."""
-    lowest_base_m: float = 0.10
-    """Above the terrain under it; original."""
-    sunk_m: float = 0.12
-    """Below the ground on which the robot starts: it is in a trench."""
-    astray_m: float = 1.5
-    """Sideways from the middle of the course, which is 4 m wide."""
-    astray_rad: float = 1.0
-    """Yaw from the heading."""
 
 
 class Episodes:
@@ -59,9 +38,7 @@ class Episodes:
         views: For the terrain.
     """
 
-    def __init__(
-        self, memory: Memory, config: "EnvConfig", engine: Engine, estimator: Estimator, views: "Views"
-    ) -> None:
+    def __init__(self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views) -> None:
         self._memory, self._config, self._engine, self._views = memory, config, engine, views
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._warmstart = torch.as_tensor(engine.warmstart)

@@ -2,8 +2,39 @@
 
 from dataclasses import dataclass, field
 
+from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumConfig
-from saltus.policy.env.env import EnvConfig
+from saltus.policy.env.randomisation import RandomisationConfig
+from saltus.policy.env.rewards import RewardConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeConfig:
+    """When an episode is over."""
+
+    time_limit_s: float = 10.0
+    """Two and a half times what the paper's robot takes for its stairs."""
+    lowest_base_m: float = 0.10
+    """Above the terrain under it; original."""
+    sunk_m: float = 0.12
+    """Below the ground on which the robot starts: it is in a trench."""
+    astray_m: float = 1.5
+    """Sideways from the middle of the course, which is 4 m wide."""
+    astray_rad: float = 1.0
+    """Yaw from the heading."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvConfig:
+    """Everything that shapes the task."""
+
+    bounds: ActionBounds = field(default_factory=ActionBounds)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    profile: str = "go1"
+    """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """What policy and critic are shown of a training environment, and the goal of each jump."""
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 
@@ -9,12 +7,10 @@ from saltus import go1
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.policy.env.memory import Memory, store
+from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import SIZE, features
 from saltus.policy.observation import observe
 from saltus.terrain.batch import Courses
-
-if TYPE_CHECKING:
-    from saltus.policy.env.env import EnvConfig
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
 """Heights that only the critic sees [m ahead]."""
@@ -32,7 +28,7 @@ class Views:
         qvel: The engine's velocities.
     """
 
-    def __init__(self, memory: Memory, config: "EnvConfig", qpos: Tensor, qvel: Tensor) -> None:
+    def __init__(self, memory: Memory, config: EnvConfig, qpos: Tensor, qvel: Tensor) -> None:
         self._memory, self._config, self._qpos, self._qvel = memory, config, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self._grid = torch.tensor([*HEIGHTMAP_X, *FAR_X], dtype=torch.float32, device=device)

@@ -9,8 +9,8 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from saltus.policy.env.curriculum import CurriculumConfig
-from saltus.policy.env.env import EnvConfig, JumpEnv
-from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.training.background_evaluation import BackgroundEvaluation
 from saltus.policy.training.evaluation_table import Row, append_rows, read_rows, summary
 from saltus.policy.training.learner import Learner

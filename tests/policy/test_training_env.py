@@ -6,10 +6,11 @@ import torch
 
 from saltus.controller.estimator import Estimator
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
-from saltus.policy.env.env import EnvConfig, JumpEnv
+from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.rewards import TERMS
+from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import LAYOUT, SIZE, features
 from saltus.policy.observation import observe
