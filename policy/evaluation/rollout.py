@@ -190,10 +190,10 @@ class Rollout:
         )
 
     def _sensed(self) -> Sensed:
-        now = self._plant.state
+        now, imu = self._plant.state, self._plant.imu
         return Sensed(
-            quaternion_base_in_world=now.quaternion_base_in_world,
-            angular_velocity_base=now.angular_velocity_base,
+            quaternion_base_in_world=imu.quaternion,
+            angular_velocity_base=imu.angular_velocity,
             joint_position=now.joint_position,
             joint_velocity=now.joint_velocity,
             velocity_base_in_world=self._estimate.velocity_base_in_world,

@@ -1,12 +1,14 @@
 """The closed loop with real physics: the robot bounds, and a batch is made of single robots."""
 
 from collections import deque
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from saltus.config import TerrainConfig
+from saltus.effects.imu_bias import ImuBias
+from saltus.effects.profile import GO1
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.action import Action
 from saltus.policy.evaluation.rollout import Rollout, exact_heights
@@ -83,6 +85,16 @@ def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: 
     for _ in range(30):
         expected, got = late.step(), delayed.step()
         np.testing.assert_array_equal(got.states.joint_position, expected.states.joint_position)
+
+
+def test_the_law_holds_the_heading_that_the_imu_says() -> None:
+    """As in the deployed loop: a gyroscope that reads too much is believed by law and planner alike."""
+    drifting = replace(GO1, imu=(ImuBias(gyro_z=0.3),))
+    rates = []
+    for profile in (GO1, drifting):
+        rollout = Rollout([FLAT], [Trial()], ScriptedPlanner(), profile=profile, stand_steps=5)
+        rates.append(np.mean([rollout.step().truth.angular_velocity_base[0, 2] for _ in range(60)]))
+    assert rates[1] < rates[0] - 0.05
 
 
 def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None:
