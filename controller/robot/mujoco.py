@@ -51,9 +51,9 @@ class MujocoRobot(RobotBackend):
         state, imu = self._plant.state, self._plant.imu
         return Reading(
             measurement=Measurement(
-                quaternion_base_in_world=imu.quaternion,
-                angular_velocity_base=imu.angular_velocity,
-                acceleration_base=imu.acceleration,
+                quaternion_base_in_world=imu.quaternion_base_in_world,
+                angular_velocity_base=imu.angular_velocity_base,
+                acceleration_base=imu.acceleration_base,
                 joint_position=state.joint_position,
                 joint_velocity=state.joint_velocity,
             ),

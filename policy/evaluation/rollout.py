@@ -192,8 +192,8 @@ class Rollout:
     def _sensed(self) -> Sensed:
         now, imu = self._plant.state, self._plant.imu
         return Sensed(
-            quaternion_base_in_world=imu.quaternion,
-            angular_velocity_base=imu.angular_velocity,
+            quaternion_base_in_world=imu.quaternion_base_in_world,
+            angular_velocity_base=imu.angular_velocity_base,
             joint_position=now.joint_position,
             joint_velocity=now.joint_velocity,
             velocity_base_in_world=self._estimate.velocity_base_in_world,
@@ -205,9 +205,9 @@ class Rollout:
         return RobotStates(
             time_s=self._index * _POLICY_DT,
             step=self._index,
-            quaternion_base_in_world=imu.quaternion,
-            angular_velocity_base=imu.angular_velocity,
-            acceleration_base=imu.acceleration,
+            quaternion_base_in_world=imu.quaternion_base_in_world,
+            angular_velocity_base=imu.angular_velocity_base,
+            acceleration_base=imu.acceleration_base,
             joint_position=now.joint_position,
             joint_velocity=now.joint_velocity,
             velocity_base_in_world=self._estimate.velocity_base_in_world,
@@ -272,9 +272,9 @@ def _as_plan(action: Action, heading: Floats) -> Plan:
 
 def _measurement(state: PlantState, imu: ImuReading) -> Measurement:
     return Measurement(
-        quaternion_base_in_world=imu.quaternion,
-        angular_velocity_base=imu.angular_velocity,
-        acceleration_base=imu.acceleration,
+        quaternion_base_in_world=imu.quaternion_base_in_world,
+        angular_velocity_base=imu.angular_velocity_base,
+        acceleration_base=imu.acceleration_base,
         joint_position=state.joint_position,
         joint_velocity=state.joint_velocity,
     )

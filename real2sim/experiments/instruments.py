@@ -70,9 +70,9 @@ class Instruments:
         """The table `imu` of a run log."""
         noise = self._noise
         columns = [
-            self._tilted(_stacked(readings, "quaternion"), noise.orientation_rad),
-            self._noisy(_stacked(readings, "angular_velocity"), noise.gyro_rad_s),
-            self._noisy(_stacked(readings, "acceleration"), noise.acc_m_s2),
+            self._tilted(_stacked(readings, "quaternion_base_in_world"), noise.orientation_rad),
+            self._noisy(_stacked(readings, "angular_velocity_base"), noise.gyro_rad_s),
+            self._noisy(_stacked(readings, "acceleration_base"), noise.acc_m_s2),
         ]
         return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
 

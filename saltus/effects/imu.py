@@ -17,12 +17,12 @@ IMU_ORDER = ("imu_bias", "imu_latency")
 class ImuReading:
     """One sample of an IMU. Site "imu"."""
 
-    quaternion: Floats
-    """Base to world (w, x, y, z), shape (..., 4)."""
-    angular_velocity: Floats
-    """Base frame [rad/s], shape (..., 3)."""
-    acceleration: Floats
-    """Specific force, base frame [m/s^2], shape (..., 3)."""
+    quaternion_base_in_world: Floats
+    """(w, x, y, z), shape (..., 4)."""
+    angular_velocity_base: Floats
+    """[rad/s], shape (..., 3)."""
+    acceleration_base: Floats
+    """Specific force [m/s^2], shape (..., 3)."""
 
 
 @dataclass(frozen=True)

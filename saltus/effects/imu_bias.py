@@ -28,13 +28,13 @@ class ImuBias(Effect[ImuReading]):
     def apply(self, signal: ImuReading, time_s: float, state: None) -> tuple[ImuReading, None]:
         """Adds the drift, and turns the reported orientation about the base's own axes."""
         del time_s, state
-        xp, rate = namespace(signal.angular_velocity), signal.angular_velocity
+        xp, rate = namespace(signal.angular_velocity_base), signal.angular_velocity_base
         drift = (self.gyro_x, self.gyro_y, self.gyro_z)
         axes = tuple(rate[..., i] + like(v, rate, xp) for i, v in enumerate(drift))
-        turned = signal.quaternion
+        turned = signal.quaternion_base_in_world
         if np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)):
             turned = _product(turned, self._mount(turned, xp))
-        return replace(signal, quaternion=turned, angular_velocity=xp.stack(axes, -1)), None
+        return replace(signal, quaternion_base_in_world=turned, angular_velocity_base=xp.stack(axes, -1)), None
 
     def _mount(self, quaternion: Any, xp: Any) -> Any:
         zero = xp.zeros_like(quaternion[..., 0])

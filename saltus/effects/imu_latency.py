@@ -32,12 +32,15 @@ class ImuLatency(Effect[ImuReading]):
     def apply(self, signal: ImuReading, time_s: float, state: History) -> tuple[ImuReading, History]:
         """Reports the sample of `delay` ago, in between two samples their mean."""
         del time_s
-        now = (signal.quaternion, signal.angular_velocity, signal.acceleration)
+        now = (signal.quaternion_base_in_world, signal.angular_velocity_base, signal.acceleration_base)
         delay = self.delay if isinstance(self.delay, float | int) else np.asarray(self.delay)[..., None]
         (quaternion, rate, acceleration), line = delayed(now, state, delay, self.dt_s)
         if np.any(np.not_equal(self.delay, 0.0)):
             quaternion = quaternion / _norm(quaternion)
-        return ImuReading(quaternion=quaternion, angular_velocity=rate, acceleration=acceleration), line
+        reading = ImuReading(
+            quaternion_base_in_world=quaternion, angular_velocity_base=rate, acceleration_base=acceleration
+        )
+        return reading, line
 
 
 def _norm(quaternion: Any) -> Any:

@@ -220,9 +220,9 @@ class BatchPlant:
         """The IMUs; those of robots that were reset have an empty memory, the others keep theirs."""
         now, time_s = self._state, float(self._time.max())
         true = ImuReading(
-            quaternion=now.quaternion_base_in_world,
-            angular_velocity=now.angular_velocity_base,
-            acceleration=now.acceleration_base,
+            quaternion_base_in_world=now.quaternion_base_in_world,
+            angular_velocity_base=now.angular_velocity_base,
+            acceleration_base=now.acceleration_base,
         )
         fresh = self._time == 0.0
         if self._imu_state is None or fresh.any():
@@ -232,11 +232,7 @@ class BatchPlant:
                 return
         reading, state = self._imu.step(true, time_s, self._imu_state)
         if fresh.any():
-            reading = ImuReading(
-                quaternion=_merged(fresh, start[0].quaternion, reading.quaternion),
-                angular_velocity=_merged(fresh, start[0].angular_velocity, reading.angular_velocity),
-                acceleration=_merged(fresh, start[0].acceleration, reading.acceleration),
-            )
+            reading = _merged(fresh, start[0], reading)
             state = _merged(fresh, start[1], state)
         self._reading, self._imu_state = reading, state
 
@@ -263,8 +259,8 @@ class BatchPlant:
 
 def _merged(fresh: NDArray[np.bool_], new: Any, old: Any) -> Any:
     """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples and signals."""
-    if isinstance(new, Resistance):
-        return Resistance(**{f.name: _merged(fresh, getattr(new, f.name), getattr(old, f.name)) for f in fields(new)})
+    if isinstance(new, ImuReading | Resistance):
+        return type(new)(**{f.name: _merged(fresh, getattr(new, f.name), getattr(old, f.name)) for f in fields(new)})
     if isinstance(new, tuple):
         return tuple(_merged(fresh, a, b) for a, b in zip(new, old, strict=True))
     if isinstance(new, np.ndarray):

@@ -186,9 +186,9 @@ class Plant:
     def _measure(self) -> None:
         now = self._state
         true = ImuReading(
-            quaternion=now.quaternion_base_in_world,
-            angular_velocity=now.angular_velocity_base,
-            acceleration=now.acceleration_base,
+            quaternion_base_in_world=now.quaternion_base_in_world,
+            angular_velocity_base=now.angular_velocity_base,
+            acceleration_base=now.acceleration_base,
         )
         self._reading, self._imu_state = self._imu.step(true, float(now.time_s), self._imu_state)
 

@@ -162,7 +162,9 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
         if site == "imu":
             quaternion = array(4)
             quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
-            return ImuReading(quaternion=quaternion, angular_velocity=array(3), acceleration=array(3))
+            return ImuReading(
+                quaternion_base_in_world=quaternion, angular_velocity_base=array(3), acceleration_base=array(3)
+            )
         return HeightQuery(x=array(30), offset=array(1))
 
     if site == "depth":  # a camera at half the rate of those who look
