@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from saltus import go1
 from saltus.config import TerrainConfig
-from saltus.controller.estimator import Estimator, Measurement
+from saltus.controller.estimator import Estimator
 from saltus.controller.feedback import FeedbackConfig
+from saltus.controller.gait import standing
 from saltus.controller.law import LegController, LegControllerConfig
-from saltus.controller.signals import Plan, Sensed, plan_from_values
+from saltus.controller.signals import Plan, plan_from_values
 from saltus.effects.profile import GO1
 from saltus.sim.plant import Plant
-from saltus.sim.state import PlantState
+from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode
 
@@ -70,39 +71,20 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
     )
 
 
-def measure(state: PlantState) -> Measurement:
-    """What the robot's sensors say."""
-    return Measurement(
-        quaternion_base_in_world=state.quaternion_base_in_world,
-        angular_velocity_base=state.angular_velocity_base,
-        acceleration_base=state.acceleration_base,
-        joint_position=state.joint_position,
-        joint_velocity=state.joint_velocity,
-    )
-
-
 def run(kd: float, frequency_hz: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
     plant = Plant(make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
-    trusted, rows = np.ones(4, dtype=np.bool_), []
+    gait, rows = standing((), go1.STAND_POSE), []
     for tick in range(round((STAND_S + RUN_S) / go1.PHYSICS_DT)):
         state = plant.state
-        estimate = estimator.step(measure(state), trusted, estimate)
-        sensed = Sensed(
-            quaternion_base_in_world=state.quaternion_base_in_world,
-            angular_velocity_base=state.angular_velocity_base,
-            joint_position=state.joint_position,
-            joint_velocity=state.joint_velocity,
-            velocity_base_in_world=estimate.velocity_base_in_world,
-            base_height=estimate.base_height,
-        )
+        estimate = estimator.step(state, gait.trusted, estimate)
         mode = ControllerMode.STAND if tick * go1.PHYSICS_DT < STAND_S else ControllerMode.RUN
         plan = make_plan(float(law_state.gait.phase), frequency_hz)
-        command, law_state, diagnostics = law.step(plan, sensed, law_state, mode)
-        trusted = diagnostics.gait.trusted
-        touching = bool((diagnostics.gait.contact & (state.foot_force > 1.0)).any())
+        command, law_state, diagnostics = law.step(plan, states_of(state, estimate, gait), law_state, mode)
+        gait = diagnostics.gait
+        touching = bool((gait.contact & (state.foot_force > 1.0)).any())
         body = diagnostics.body
         reference = diagnostics.angular_velocity_reference[1]
         rows.append((tick * go1.PHYSICS_DT, reference, body.angular_velocity[1], touching))

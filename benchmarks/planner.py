@@ -10,15 +10,16 @@ Prints one line a row on the way, and one JSON object at the end.
 import argparse
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from saltus import go1
 from saltus.cli.output import finite
 from saltus.config import TerrainConfig
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
 from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.states import standing_state
 
 STAIRS = TerrainConfig(terrain="stairs", steps=14, rise_m=0.06, run_m=0.25)
 ROWS = {
@@ -59,13 +60,12 @@ def main() -> None:
 def plan_ms() -> dict[str, float]:
     """Time of one plan for a single robot."""
     observation = observe(
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
-        velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-        base_height=np.asarray(0.28),
-        leg_contact=np.array([True, True, False, False]),
-        leg_progress=np.array([0.3, 0.3, 0.6, 0.6]),
+        replace(
+            standing_state(0.28),
+            velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
+            leg_contact=np.array([True, True, False, False]),
+            leg_progress=np.array([0.3, 0.3, 0.6, 0.6]),
+        )
     )
     planner, heights = ScriptedPlanner(), np.full(30, -0.28)
     times = np.empty(PLANS)

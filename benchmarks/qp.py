@@ -10,7 +10,7 @@ import gc
 import json
 import time
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ import quadprog
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.controller.estimator import Estimator, Measurement
+from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
-from saltus.controller.signals import Plan, Sensed, observe, plan_from_values
+from saltus.controller.signals import Plan, observe, plan_from_values
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
 
@@ -30,17 +30,31 @@ BATCH = 1024
 CONFIG = StanceConfig()
 
 
-def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Sensed]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robots:
+    """What of `saltus.states.Proprioception` estimator and law read."""
+
+    quaternion_base_in_world: NDArray[np.float64]
+    angular_velocity_base: NDArray[np.float64]
+    acceleration_base: NDArray[np.float64]
+    joint_position: NDArray[np.float64]
+    joint_velocity: NDArray[np.float64]
+    velocity_base_in_world: NDArray[np.float64]
+    base_height: NDArray[np.float64]
+
+
+def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots]:
     """Random robots and plans over the whole range of motion policies."""
 
     def uniform(low: float, high: float, *shape: int) -> NDArray[np.float64]:
         return np.asarray(rng.uniform(low, high, (*batch, *shape)))
 
-    sensed = Sensed(
+    robots = Robots(
         quaternion_base_in_world=quaternion_from_roll_pitch_yaw(
             uniform(-0.5, 0.5), uniform(-0.8, 0.8), uniform(-3.1, 3.1)
         ),
         angular_velocity_base=uniform(-4.0, 4.0, 3),
+        acceleration_base=np.zeros((*batch, 3)) + [0.0, 0.0, 9.81],
         joint_position=go1.STAND_POSE + uniform(-0.4, 0.4, 12),
         joint_velocity=uniform(-10.0, 10.0, 12),
         velocity_base_in_world=uniform(-2.0, 2.0, 3),
@@ -55,7 +69,7 @@ def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Sensed
         foot_residual_rear=uniform(-0.2, 0.2, 3),
         heading=uniform(-3.1, 3.1),
     )
-    return plan, sensed
+    return plan, robots
 
 
 def row(value: Any, k: int) -> Any:
@@ -125,14 +139,7 @@ def law(rng: np.random.Generator) -> dict[str, Any]:
     for k in range(TICKS):
         sensed = row(robots, k)
         _, state, diagnostics = one(controller.step, row(plans, k), sensed, state)
-        measured = Measurement(
-            quaternion_base_in_world=sensed.quaternion_base_in_world,
-            angular_velocity_base=sensed.angular_velocity_base,
-            acceleration_base=np.array([0.0, 0.0, 9.81]),
-            joint_position=sensed.joint_position,
-            joint_velocity=sensed.joint_velocity,
-        )
-        estimate = filtering(estimator.step, measured, diagnostics.gait.trusted, estimate)
+        estimate = filtering(estimator.step, sensed, diagnostics.gait.trusted, estimate)
     plan, sensed = draw(rng, (BATCH,))
     many_state = controller.init((BATCH,), sensed.joint_position)
     start = time.thread_time_ns()

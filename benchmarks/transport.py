@@ -33,7 +33,6 @@ from typing import Any
 import numpy as np
 import psutil
 
-from saltus import go1
 from saltus.cli.output import print_json
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE
@@ -43,9 +42,10 @@ from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
 from saltus.runtime.stack import open_router
 from saltus.runtime.ticker import Ticker
+from saltus.states import standing_state
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "bench"
@@ -68,24 +68,7 @@ def sample_messages() -> dict[str, Message]:
     """One message a topic, in the sizes that travel."""
     depth = np.random.default_rng(0).integers(0, 3000, (240, 424), dtype=np.uint16)
     frame = DepthFrame(time_ns=0, frame_id=0, depth=depth, depth_unit_m=0.001, fx=213.0, fy=213.0, cx=212.0, cy=120.0)
-    state = RobotState(
-        time_ns=0,
-        step=0,
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        acceleration_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
-        joint_velocity=np.zeros(12),
-        joint_torque=np.zeros(12),
-        velocity_base_in_world=np.zeros(3),
-        base_height=go1.STAND_HEIGHT,
-        leg_contact=np.ones(4, dtype=bool),
-        leg_progress=np.zeros(4),
-        leg_trusted=np.ones(4, dtype=bool),
-        cycle=0,
-        mode=ControllerMode.STAND,
-        depth_due=-1,
-    )
+    state = standing_state()
     plan = MotionPlan(
         time_ns=0,
         step=0,

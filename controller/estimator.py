@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.kinematics import foot_kinematics, rotation_matrix, skew
+from saltus.states import Measurement
 
 _TINY = 1e-12
 _GRAVITY = Constant([0.0, 0.0, -9.81])
@@ -49,22 +50,6 @@ class EstimatorState:
     def base_height(self) -> Array:
         """Over the feet in stance [m], shape (...)."""
         return self.mean[..., 3]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Measurement:
-    """What IMU and encoders say at one instant."""
-
-    quaternion_base_in_world: Array
-    """(w, x, y, z), shape (..., 4)."""
-    angular_velocity_base: Array
-    """[rad/s], shape (..., 3)."""
-    acceleration_base: Array
-    """Specific force [m/s^2], shape (..., 3)."""
-    joint_position: Array
-    """[rad], shape (..., 12)."""
-    joint_velocity: Array
-    """[rad/s], shape (..., 12)."""
 
 
 class Estimator:

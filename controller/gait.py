@@ -46,6 +46,15 @@ class GaitSignal:
     """[s], shape (...)."""
 
 
+def standing(batch: tuple[int, ...], like: Array) -> GaitSignal:
+    """The schedule of robots that have not begun: all feet on the ground; arrays of the kind of `like`."""
+    xp = namespace(like)
+    zero = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
+    return GaitSignal(
+        contact=zero == 0.0, progress=zero, trusted=zero == 0.0, cycle=zero[..., 0], stance_duration=zero[..., 0]
+    )
+
+
 class Gait:
     """Advances the phase and reads the schedule from it."""
 

@@ -12,10 +12,11 @@ from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
-from saltus.controller.signals import Body, Plan, Sensed, observe
+from saltus.controller.signals import Body, Plan, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position
+from saltus.states import Proprioception
 from saltus.wire.messages import ControllerMode, JointCommand
 
 _STAND_POSE = Constant(go1.STAND_POSE)
@@ -135,7 +136,7 @@ class LegController:
         )
 
     def step(
-        self, plan: Plan, sensed: Sensed, state: LawState, mode: ControllerMode = ControllerMode.RUN
+        self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode = ControllerMode.RUN
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """One tick of 2 ms.
 
@@ -166,7 +167,7 @@ class LegController:
         )  # 0.1 m from the centre to where legs are attached: angular speed as speed
         return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
 
-    def _entered(self, state: LawState, mode: ControllerMode, sensed: Sensed) -> LawState:
+    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception) -> LawState:
         if mode == state.mode:
             return state
         if mode in _MOVING and state.mode in _MOVING:
@@ -182,7 +183,7 @@ class LegController:
         )
 
     def _run(
-        self, plan: Plan, sensed: Sensed, body: Body, state: LawState
+        self, plan: Plan, sensed: Proprioception, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         gait = self._gait.advance(state.gait, plan.stepping_frequency, go1.PHYSICS_DT)
         signal = self._gait.read(gait, plan.stepping_frequency)
@@ -190,7 +191,7 @@ class LegController:
         return self._track(plan, sensed, body, state, signal)
 
     def _land(
-        self, sensed: Sensed, plan: Plan, body: Body, state: LawState
+        self, sensed: Proprioception, plan: Plan, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs as springs that reach for the ground at the capture point, whoever touches it first.
 
@@ -219,7 +220,7 @@ class LegController:
         return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
 
     def _track(
-        self, plan: Plan, sensed: Sensed, body: Body, state: LawState, signal: GaitSignal
+        self, plan: Plan, sensed: Proprioception, body: Body, state: LawState, signal: GaitSignal
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Swing, stance feed-forward, feedback, command."""
         xp = namespace(body.roll)
@@ -268,7 +269,7 @@ class LegController:
         velocity = xp.clip(plan.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
-    def _stand(self, sensed: Sensed, state: LawState) -> JointCommand:
+    def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
         share = min(1.0, (state.mode_time_s + go1.PHYSICS_DT) / self.config.stand_blend_s)
@@ -282,7 +283,7 @@ class LegController:
             torque=zero,
         )
 
-    def _damp(self, sensed: Sensed) -> JointCommand:
+    def _damp(self, sensed: Proprioception) -> JointCommand:
         xp = namespace(sensed.joint_position)
         zero = xp.zeros_like(sensed.joint_position)
         return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self.config.damp_kd, torque=zero)

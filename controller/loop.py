@@ -7,12 +7,14 @@ import numpy as np
 from saltus import go1
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
+from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import Diagnostics, LegController
 from saltus.controller.robot.backend import Reading
-from saltus.controller.signals import Plan, Sensed, plan_from_message
+from saltus.controller.signals import Plan, plan_from_message
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix
+from saltus.states import RobotStates, state_message, states_of
 from saltus.wire.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
 
 FIRST_STAND_S = 1.0
@@ -43,9 +45,7 @@ class ControlLoop:
         self._estimate = self._estimator.init((), go1.STAND_POSE)
         self._law_state = self._law.init((), go1.STAND_POSE)
         self._watch = WatchdogState()
-        self._contact = self._trusted = np.ones(4, dtype=np.bool_)
-        self._progress = np.zeros(4)
-        self._cycle = 0
+        self._gait: GaitSignal = standing((), go1.STAND_POSE)
         self._settled = False
         self._braking = Braking()
         self._ground = self._braking.init(foot_position(go1.STAND_POSE))
@@ -71,7 +71,7 @@ class ControlLoop:
             self._heading = float(yaw)
         self._reading = reading
         self._attitude = (float(roll), float(pitch))
-        self._estimate = self._estimator.step(measured, self._trusted, self._estimate)
+        self._estimate = self._estimator.step(measured, self._gait.trusted, self._estimate)
 
     def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
         """Decides the mode and computes the command.
@@ -95,31 +95,19 @@ class ControlLoop:
             go1.PHYSICS_DT,
             self._watchdog,
         )
-        command = self._step_law(reading, self._reference(plan))
+        command = self._step_law(self._reference(plan))
         self._rows.append(_Row(reading=reading, command=command))
         self._ticks += 1
         return command
 
     def state(self, time_ns: int, step: int, depth_due: int = -1) -> RobotState:
         """The robot as of the last `sense`, with the contacts of the last `act`."""
-        reading = self._sensed_reading()
-        measured = reading.measurement
-        return RobotState(
+        return state_message(
+            self._states(),
             time_ns=time_ns,
             step=step,
-            quaternion_base_in_world=measured.quaternion_base_in_world,
-            angular_velocity_base=measured.angular_velocity_base,
-            acceleration_base=measured.acceleration_base,
-            joint_position=measured.joint_position,
-            joint_velocity=measured.joint_velocity,
-            joint_torque=reading.joint_torque,
-            velocity_base_in_world=self._estimate.velocity_base_in_world,
-            base_height=float(self._estimate.base_height),
-            leg_contact=self._contact,
-            leg_progress=self._progress,
-            leg_trusted=self._trusted,
-            cycle=self._cycle,
             mode=self.mode,
+            joint_torque=self._sensed_reading().joint_torque,
             depth_due=depth_due,
         )
 
@@ -153,22 +141,14 @@ class ControlLoop:
             self._plan = (message, plan_from_message(message, self._heading))
         return self._plan[1]
 
-    def _step_law(self, reading: Reading, plan: Plan) -> JointCommand:
-        measured = reading.measurement
-        sensed = Sensed(
-            quaternion_base_in_world=measured.quaternion_base_in_world,
-            angular_velocity_base=measured.angular_velocity_base,
-            joint_position=measured.joint_position,
-            joint_velocity=measured.joint_velocity,
-            velocity_base_in_world=self._estimate.velocity_base_in_world,
-            base_height=self._estimate.base_height,
-        )
+    def _states(self) -> RobotStates:
+        return states_of(self._sensed_reading().measurement, self._estimate, self._gait)
+
+    def _step_law(self, plan: Plan) -> JointCommand:
         mode, plan = self._own_plan(plan)
-        command, self._law_state, diagnostics = self._law.step(plan, sensed, self._law_state, mode)
+        command, self._law_state, diagnostics = self._law.step(plan, self._states(), self._law_state, mode)
         self._diagnostics, self._ground = diagnostics, self._braking.observe(diagnostics, self._ground)
-        gait = diagnostics.gait
-        self._contact, self._trusted, self._progress = gait.contact, gait.trusted, gait.progress
-        self._cycle = int(gait.cycle)
+        self._gait = diagnostics.gait
         self._settled = bool(self._law.settled(self._law_state, diagnostics))
         return command
 

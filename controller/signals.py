@@ -7,6 +7,7 @@ import numpy as np
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.states import Proprioception
 from saltus.wire.messages import MotionPlan
 
 _OUTWARD = Constant(np.stack([np.ones(4), go1.SIDE, np.ones(4)], -1))
@@ -26,24 +27,6 @@ class Plan:
     """Added to the nominal swing position of each foot, yaw frame (y to the left) [m], shape (..., 4, 3)."""
     heading: Array
     """Yaw that the robot holds [rad], shape (...). Nothing else keeps it on a course: plans have no yaw."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sensed:
-    """What the controller knows of the robot at one instant."""
-
-    quaternion_base_in_world: Array
-    """(w, x, y, z), shape (..., 4)."""
-    angular_velocity_base: Array
-    """[rad/s], shape (..., 3)."""
-    joint_position: Array
-    """[rad], shape (..., 12)."""
-    joint_velocity: Array
-    """[rad/s], shape (..., 12)."""
-    velocity_base_in_world: Array
-    """[m/s], shape (..., 3)."""
-    base_height: Array
-    """Height of the base over the terrain under it [m], shape (...)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,7 +97,7 @@ def plan_from_message(message: MotionPlan, heading: float) -> Plan:
     )
 
 
-def observe(sensed: Sensed) -> Body:
+def observe(sensed: Proprioception) -> Body:
     """Attitude, velocities and feet of the robot in the frames in which the controller thinks."""
     xp = namespace(sensed.joint_position)
     rotation = rotation_matrix(sensed.quaternion_base_in_world)

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from saltus.arrays import Array
+from saltus.arrays import Array, namespace
 from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.wire.messages import RobotState
+from saltus.states import Proprioception
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,41 +29,20 @@ class Observation:
     """Of the present stance or swing, [0, 1], shape (..., 4)."""
 
 
-def observe(
-    *,
-    quaternion_base_in_world: Array,
-    angular_velocity_base: Array,
-    joint_position: Array,
-    velocity_base_in_world: Array,
-    base_height: Array,
-    leg_contact: Array,
-    leg_progress: Array,
-) -> Observation:
-    """Derives the observation from the fields of `RobotState` with the same names; numpy and torch, any batch."""
-    rotation = rotation_matrix(quaternion_base_in_world)
+def observe(states: Proprioception) -> Observation:
+    """Derives the observation; numpy and torch, any batch."""
+    rotation = rotation_matrix(states.quaternion_base_in_world)
+    xp = namespace(rotation)
     roll, pitch, yaw = roll_pitch_yaw(rotation)
     world_in_yaw = yaw_rotation(yaw).mT
     base_in_yaw = world_in_yaw @ rotation
     return Observation(
         roll=roll,
         pitch=pitch,
-        angular_velocity=(base_in_yaw @ angular_velocity_base[..., None])[..., 0],
-        velocity=(world_in_yaw @ velocity_base_in_world[..., None])[..., 0],
-        base_height=base_height,
-        foot=foot_position(joint_position) @ base_in_yaw.mT,
-        contact=leg_contact,
-        progress=leg_progress,
-    )
-
-
-def observe_message(state: RobotState) -> Observation:
-    """The observation of a single robot from its message."""
-    return observe(
-        quaternion_base_in_world=np.asarray(state.quaternion_base_in_world, dtype=np.float64),
-        angular_velocity_base=np.asarray(state.angular_velocity_base, dtype=np.float64),
-        joint_position=np.asarray(state.joint_position, dtype=np.float64),
-        velocity_base_in_world=np.asarray(state.velocity_base_in_world, dtype=np.float64),
-        base_height=np.asarray(state.base_height, dtype=np.float64),
-        leg_contact=np.asarray(state.leg_contact),
-        leg_progress=np.asarray(state.leg_progress, dtype=np.float64),
+        angular_velocity=(base_in_yaw @ states.angular_velocity_base[..., None])[..., 0],
+        velocity=(world_in_yaw @ states.velocity_base_in_world[..., None])[..., 0],
+        base_height=xp.zeros_like(roll) + states.base_height,  # an array, where a message has a number
+        foot=foot_position(states.joint_position) @ base_in_yaw.mT,
+        contact=states.leg_contact,
+        progress=states.leg_progress,
     )

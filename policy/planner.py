@@ -12,6 +12,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.policy.action import Action
 from saltus.policy.observation import Observation, observe
 from saltus.resources import resource
+from saltus.states import standing_state
 from saltus.wire.messages import Floats
 
 
@@ -51,13 +52,4 @@ def make_planner(name: PlannerName, model: Path | None = None) -> Planner:
 
 def warm_up(planner: Planner) -> None:
     """Plans once for a robot that stands on level ground: what is made on a first call is made before it counts."""
-    observation = observe(
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
-        velocity_base_in_world=np.zeros(3),
-        base_height=np.asarray(go1.STAND_HEIGHT),
-        leg_contact=np.ones(4, dtype=np.bool_),
-        leg_progress=np.zeros(4),
-    )
-    planner.step(observation, np.full(len(HEIGHTMAP_X), -go1.STAND_HEIGHT))
+    planner.step(observe(standing_state()), np.full(len(HEIGHTMAP_X), -go1.STAND_HEIGHT))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.policy.action import Action
-from saltus.policy.observation import observe_message
+from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 from saltus.wire.topics import TOPICS
@@ -102,7 +102,7 @@ class PlannerProcess:
         action = REST
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
-            action = self._planner.step(observe_message(state), heights)
+            action = self._planner.step(observe(state), heights)
         return MotionPlan(
             time_ns=state.time_ns,
             step=state.step,

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from saltus.controller.estimator import Measurement
+from saltus.states import Measurement
 from saltus.wire.messages import Floats, JointCommand
 
 

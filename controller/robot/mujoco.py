@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from saltus.controller.estimator import Measurement
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
 from saltus.grid import HEIGHTMAP_X
@@ -48,17 +47,7 @@ class MujocoRobot(RobotBackend):
 
     def read(self) -> Reading:
         """The sensors, without noise: their errors are effects."""
-        state, imu = self._plant.state, self._plant.imu
-        return Reading(
-            measurement=Measurement(
-                quaternion_base_in_world=imu.quaternion_base_in_world,
-                angular_velocity_base=imu.angular_velocity_base,
-                acceleration_base=imu.acceleration_base,
-                joint_position=state.joint_position,
-                joint_velocity=state.joint_velocity,
-            ),
-            joint_torque=state.joint_torque,
-        )
+        return Reading(measurement=self._plant.sensed, joint_torque=self._plant.state.joint_torque)
 
     def write(self, command: JointCommand) -> None:
         """Advances by 2 ms."""

@@ -17,12 +17,12 @@ from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, Ster
 from saltus.heightmap.service.features import proprioception
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import MAX_HEIGHT_M, UNKNOWN_STD_M
-from saltus.policy.evaluation.states import RobotStates
 from saltus.render.__main__ import RANDOM_STREAM
 from saltus.render.process import EXPOSURE_STEPS
 from saltus.render.stereo.camera import StereoConfig
 from saltus.resources import resource
 from saltus.sim.state import PlantState
+from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
 from saltus.wire.messages import Floats

@@ -31,9 +31,9 @@ from saltus.heightmap.evaluation.sight import sight
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
-from saltus.policy.evaluation.states import RobotStates
 from saltus.policy.planner import make_planner
 from saltus.sim.state import PlantState
+from saltus.states import RobotStates, state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
@@ -234,15 +234,7 @@ def _frame(step: int, depth: NDArray[np.uint16]) -> DepthFrame:
 
 def _state(states: RobotStates, robot: int) -> RobotState:
     """The message that one robot of a batch would send."""
-    own = {
-        field.name: getattr(states, field.name)[robot]
-        for field in dataclasses.fields(states)
-        if field.name not in ("time_s", "step")
-    }
-    return RobotState(
-        time_ns=_ns(states.step), step=states.step, joint_torque=np.zeros(12), mode=ControllerMode.RUN, depth_due=-1,
-        **own,
-    )  # fmt: skip
+    return state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
 
 
 def _course(rng: np.random.Generator, index: int) -> tuple[str, TerrainConfig]:

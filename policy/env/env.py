@@ -13,10 +13,9 @@ from torch import Tensor
 
 from saltus import go1
 from saltus.arrays import Constant, namespace
-from saltus.controller.estimator import Estimator, EstimatorState, Measurement
+from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
 from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Sensed, plan_from_values
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.profile import load_profile
@@ -30,11 +29,12 @@ from saltus.policy.env.memory import blank_memory, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
+from saltus.policy.evaluation.states import LiveStates
+from saltus.policy.reference import reference
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode, JointCommand
 
-_GRAVITY = 9.81
 _POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _STAND_POSE = Constant(go1.STAND_POSE)
 
@@ -88,13 +88,15 @@ class JumpEnv:
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / _POLICY_DT)
         self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
+        self.states = LiveStates(engine, self.memory)
+        """What the robots know now."""
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
-        self.views = Views(self.memory, config, self._qpos, self._qvel)
+        self.views = Views(self.memory, config, self.states, self._qpos, self._qvel)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
         """Plan, control, sense and finish: what a step does around the physics."""
@@ -167,29 +169,16 @@ class JumpEnv:
 
     @torch.no_grad()
     def _control(self) -> None:
-        memory = self.memory
-        qpos, qvel = self._qpos.float(), self._qvel.float()
-        action = action_from_values(self._obeyed())
-        plan = plan_from_values(
-            stepping_frequency=action.stepping_frequency_hz,
-            velocity_x=action.velocity_x,
-            velocity_z=action.velocity_z,
-            pitch_rate=action.pitch_rate,
-            foot_residual_front=action.foot_residual_front,
-            foot_residual_rear=action.foot_residual_rear,
-            heading=memory.heading,
-        )
-        sensed = Sensed(
-            quaternion_base_in_world=qpos[:, 3:7],
-            angular_velocity_base=qvel[:, 3:6],
-            joint_position=qpos[:, 7:],
-            joint_velocity=qvel[:, 6:],
-            velocity_base_in_world=memory.estimate[:, :3],
-            base_height=memory.estimate[:, 3],
-        )
-        command, state, seen = self._law.step(plan, sensed, self._law_state(), ControllerMode.RUN)
+        memory, states = self.memory, self.states
+        plan = reference(action_from_values(self._obeyed()), memory.heading)
+        command, state, seen = self._law.step(plan, states, self._law_state(), ControllerMode.RUN)
         torque, line = self._drives.step(
-            self._or_stand(command), qpos[:, 7:], qvel[:, 6:], memory.torque_line, memory.delay_s, memory.motor_strength
+            self._or_stand(command),
+            states.joint_position,
+            states.joint_velocity,
+            memory.torque_line,
+            memory.delay_s,
+            memory.motor_strength,
         )
         self._ctrl.copy_(torque)
         stands = self.standing[:, None]
@@ -237,18 +226,9 @@ class JumpEnv:
     @torch.no_grad()
     def _sense(self) -> None:
         memory = self.memory
-        qpos, qvel = self._qpos.float(), self._qvel.float()
-        rotation = rotation_matrix(qpos[:, 3:7])
-        felt = torch.as_tensor(self._engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, _GRAVITY])
-        measured = Measurement(
-            quaternion_base_in_world=qpos[:, 3:7],
-            angular_velocity_base=qvel[:, 3:6],
-            acceleration_base=(rotation.mT @ felt[..., None])[..., 0],
-            joint_position=qpos[:, 7:],
-            joint_velocity=qvel[:, 6:],
-        )
+        rotation = rotation_matrix(self.states.quaternion_base_in_world)
         old = EstimatorState(mean=memory.estimate, variance=memory.variance)
-        new = self._estimator.step(measured, memory.trusted, old)
+        new = self._estimator.step(self.states, memory.trusted, old)
         touching = torch.as_tensor(self._engine.touching())
         terms = reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
         store(

@@ -10,6 +10,7 @@ from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import SIZE, features
 from saltus.policy.observation import observe
+from saltus.states import Proprioception
 from saltus.terrain.batch import Courses
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
@@ -24,12 +25,13 @@ class Views:
     Args:
         memory: Of the environment.
         config: The task.
+        states: What the robots know.
         qpos: The engine's positions.
         qvel: The engine's velocities.
     """
 
-    def __init__(self, memory: Memory, config: EnvConfig, qpos: Tensor, qvel: Tensor) -> None:
-        self._memory, self._config, self._qpos, self._qvel = memory, config, qpos, qvel
+    def __init__(self, memory: Memory, config: EnvConfig, states: Proprioception, qpos: Tensor, qvel: Tensor) -> None:
+        self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self._grid = torch.tensor([*HEIGHTMAP_X, *FAR_X], dtype=torch.float32, device=device)
         self.points = len(HEIGHTMAP_X)
@@ -60,16 +62,8 @@ class Views:
     def observe(self, draws: Tensor) -> None:
         """Writes what policy and critic see now; `draws` has the noise of the heights in its last columns."""
         memory = self._memory
-        qpos, qvel = self._qpos.float(), self._qvel.float()
-        seen = observe(
-            quaternion_base_in_world=qpos[:, 3:7],
-            angular_velocity_base=qvel[:, 3:6],
-            joint_position=qpos[:, 7:],
-            velocity_base_in_world=memory.estimate[:, :3],
-            base_height=memory.estimate[:, 3],
-            leg_contact=memory.contact,
-            leg_progress=memory.progress,
-        )
+        qpos = self._qpos.float()
+        seen = observe(self._states)
         rotation = rotation_matrix(qpos[:, 3:7])
         _, _, yaw = roll_pitch_yaw(rotation)
         ahead = torch.cos(yaw)[:, None]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
-from saltus.policy.evaluation.states import RobotStates
 from saltus.sim.state import PlantState
+from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
 from saltus.wire.messages import Floats
 

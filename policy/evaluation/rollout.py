@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.controller.estimator import Estimator, EstimatorState, Measurement
-from saltus.controller.gait import GaitSignal
+from saltus.controller.estimator import Estimator, EstimatorState
+from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Plan, Sensed, plan_from_values
+from saltus.controller.signals import Plan
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.imu import ImuReading
 from saltus.effects.profile import GO1, Profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.policy.action import Action
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
-from saltus.policy.evaluation.states import RobotStates
-from saltus.policy.observation import Observation, observe
+from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
+from saltus.policy.reference import reference
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
+from saltus.states import RobotStates, states_of
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
@@ -114,7 +114,7 @@ class Rollout:
         self._first_running = self._fresh.copy()
         self._law_state: LawState = self._law.init((self.count,), np.zeros(1))
         self._estimate: EstimatorState = self._estimator.init((self.count,), np.zeros(1))
-        self._gait = _standing(self.count)
+        self._gait: GaitSignal = standing((self.count,), np.zeros(1))
         self._heading = np.array([trial.yaw for trial in trials])
         self._restart(self._fresh)
 
@@ -136,8 +136,8 @@ class Rollout:
         heights = self._heights.heights(states, truth, fresh)
 
         # 2. plan
-        action = self.planner.step(observe_states(states), heights)
-        self._plans.appendleft(_as_plan(action, self._heading))
+        action = self.planner.step(observe(states), heights)
+        self._plans.appendleft(reference(action, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 
         # 3. track it
@@ -155,10 +155,10 @@ class Rollout:
 
     def _substep(self, plan: Plan, mode: ControllerMode) -> NDArray[np.bool_]:
         """2 ms of control and physics; returns which trunks touched the ground."""
-        command, self._law_state, diagnostics = self._law.step(plan, self._sensed(), self._law_state, mode)
+        command, self._law_state, diagnostics = self._law.step(plan, self._states(), self._law_state, mode)
         self._gait = diagnostics.gait
         now = self._plant.step(command)
-        self._estimate = self._estimator.step(_measurement(now, self._plant.imu), self._gait.trusted, self._estimate)
+        self._estimate = self._estimator.step(self._plant.sensed, self._gait.trusted, self._estimate)
         return np.asarray(now.trunk_contact, dtype=np.bool_)
 
     def _judge(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -189,34 +189,8 @@ class Rollout:
             variance=np.where(mask[:, None], blank.variance, self._estimate.variance),
         )
 
-    def _sensed(self) -> Sensed:
-        now, imu = self._plant.state, self._plant.imu
-        return Sensed(
-            quaternion_base_in_world=imu.quaternion_base_in_world,
-            angular_velocity_base=imu.angular_velocity_base,
-            joint_position=now.joint_position,
-            joint_velocity=now.joint_velocity,
-            velocity_base_in_world=self._estimate.velocity_base_in_world,
-            base_height=self._estimate.base_height,
-        )
-
     def _states(self) -> RobotStates:
-        now, imu, gait = self._plant.state, self._plant.imu, self._gait
-        return RobotStates(
-            time_s=self._index * _POLICY_DT,
-            step=self._index,
-            quaternion_base_in_world=imu.quaternion_base_in_world,
-            angular_velocity_base=imu.angular_velocity_base,
-            acceleration_base=imu.acceleration_base,
-            joint_position=now.joint_position,
-            joint_velocity=now.joint_velocity,
-            velocity_base_in_world=self._estimate.velocity_base_in_world,
-            base_height=self._estimate.base_height,
-            leg_contact=gait.contact,
-            leg_progress=gait.progress,
-            leg_trusted=gait.trusted,
-            cycle=gait.cycle,
-        )
+        return states_of(self._plant.sensed, self._estimate, self._gait, self._index)
 
 
 def drives(profile: Profile, trials: Sequence[Trial]) -> ActuatorChain:
@@ -243,45 +217,3 @@ def exact_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSour
     """True heights as they are."""
     del trials
     return TrueHeights(terrains)
-
-
-def observe_states(states: RobotStates) -> Observation:
-    """What a planner reads of a batch of states."""
-    return observe(
-        quaternion_base_in_world=states.quaternion_base_in_world,
-        angular_velocity_base=states.angular_velocity_base,
-        joint_position=states.joint_position,
-        velocity_base_in_world=states.velocity_base_in_world,
-        base_height=states.base_height,
-        leg_contact=states.leg_contact,
-        leg_progress=states.leg_progress,
-    )
-
-
-def _as_plan(action: Action, heading: Floats) -> Plan:
-    return plan_from_values(
-        stepping_frequency=action.stepping_frequency_hz,
-        velocity_x=action.velocity_x,
-        velocity_z=action.velocity_z,
-        pitch_rate=action.pitch_rate,
-        foot_residual_front=action.foot_residual_front,
-        foot_residual_rear=action.foot_residual_rear,
-        heading=heading,
-    )
-
-
-def _measurement(state: PlantState, imu: ImuReading) -> Measurement:
-    return Measurement(
-        quaternion_base_in_world=imu.quaternion_base_in_world,
-        angular_velocity_base=imu.angular_velocity_base,
-        acceleration_base=imu.acceleration_base,
-        joint_position=state.joint_position,
-        joint_velocity=state.joint_velocity,
-    )
-
-
-def _standing(count: int) -> GaitSignal:
-    """The schedule before the first step of the law: all feet on the ground."""
-    down = np.ones((count, 4), dtype=np.bool_)
-    zero = np.zeros(count)
-    return GaitSignal(contact=down, progress=np.zeros((count, 4)), trusted=down, cycle=zero, stance_duration=zero)

@@ -18,7 +18,8 @@ from saltus.kinematics import foot_position, rotation_matrix
 from saltus.sim import scene
 from saltus.sim.bounds import terrain_nodes, tree_bounds
 from saltus.sim.plant import CLEARANCE, specific_force, standing_pose
-from saltus.sim.state import Floats, PlantState
+from saltus.sim.state import Floats, PlantState, sensed
+from saltus.states import Sensed
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import JointCommand
@@ -144,6 +145,11 @@ class BatchPlant:
     def imu(self) -> ImuReading:
         """What the IMUs report now."""
         return self._reading
+
+    @property
+    def sensed(self) -> Sensed:
+        """What IMU and encoders report now."""
+        return sensed(self._state, self._reading)
 
     def step(self, command: JointCommand) -> PlantState:
         """Advances all robots by `PHYSICS_DT`; the command's arrays have shape (count, 12).

@@ -15,7 +15,8 @@ from saltus.effects.signals import Resistance
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
-from saltus.sim.state import Floats, PlantState
+from saltus.sim.state import Floats, PlantState, sensed
+from saltus.states import Sensed
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import JointCommand
@@ -148,6 +149,11 @@ class Plant:
     def imu(self) -> ImuReading:
         """What the IMU reports now."""
         return self._reading
+
+    @property
+    def sensed(self) -> Sensed:
+        """What IMU and encoders report now."""
+        return sensed(self._state, self._reading)
 
     def step(self, command: JointCommand) -> PlantState:
         """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it.

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.effects.imu import ImuReading
+from saltus.states import Sensed
+
 Floats = NDArray[np.float64]
 
 
@@ -37,3 +40,14 @@ class PlantState:
     """Centres of the foot spheres [m], shape (4, 3)."""
     trunk_contact: NDArray[np.bool_] | bool
     """Whether trunk, payload or a hip touched the terrain in the last step, shape ()."""
+
+
+def sensed(state: PlantState, imu: ImuReading) -> Sensed:
+    """What the sensors of the robots say: their IMU, and encoders."""
+    return Sensed(
+        quaternion_base_in_world=imu.quaternion_base_in_world,
+        angular_velocity_base=imu.angular_velocity_base,
+        acceleration_base=imu.acceleration_base,
+        joint_position=state.joint_position,
+        joint_velocity=state.joint_velocity,
+    )

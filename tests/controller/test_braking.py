@@ -13,7 +13,7 @@ from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
-from saltus.policy.observation import observe_message
+from saltus.policy.observation import observe
 from saltus.policy.process import REST
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
@@ -50,7 +50,7 @@ def run_until(robot, loop, end_s):
         late = tick % go1.POLICY_STEPS
         if late == 0:
             heights = robot.truth(0, 0).height
-            plan = message(PLANNER.step(observe_message(loop.state(0, 0)), heights), PlanStatus.GO)
+            plan = message(PLANNER.step(observe(loop.state(0, 0)), heights), PlanStatus.GO)
         robot.write(loop.act(plan, late * go1.PHYSICS_DT))
     return plan
 

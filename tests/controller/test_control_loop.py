@@ -7,7 +7,6 @@ import pytest
 
 from saltus import go1
 from saltus.config import TerrainConfig
-from saltus.controller.estimator import Measurement
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.backend import Reading
 from saltus.controller.robot.mujoco import MujocoRobot
@@ -145,7 +144,7 @@ def test_a_robot_that_tips_over_is_damped():
         for axis in (1, 2):
             quaternion = np.array([np.cos(angle / 2), 0.0, 0.0, 0.0])
             quaternion[axis] = np.sin(angle / 2)
-            tipped = Measurement(**{**vars(good.measurement), "quaternion_base_in_world": quaternion})
+            tipped = replace(good.measurement, quaternion_base_in_world=quaternion)
             loop = ControlLoop()
             loop.sense(Reading(measurement=tipped, joint_torque=good.joint_torque))
             loop.act(None, np.inf)

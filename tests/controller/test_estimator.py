@@ -3,8 +3,9 @@ import pytest
 import torch
 
 from saltus import go1
-from saltus.controller.estimator import Estimator, EstimatorState, Measurement
+from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.kinematics import foot_kinematics, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.states import Sensed
 
 DT = go1.PHYSICS_DT
 VELOCITY = np.array([0.4, -0.1, 0.0])
@@ -21,7 +22,7 @@ def walking(ticks, robots, feet_slip=0.0):
     foot, jacobian = foot_kinematics(joints)
     foot_velocity = -((VELOCITY + feet_slip) @ rotation)  # what a foot at rest does in the base frame
     velocity = np.linalg.solve(jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1)))
-    measured = Measurement(
+    measured = Sensed(
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.zeros((robots, 3)),
         acceleration_base=np.broadcast_to([0.0, 0.0, 9.81], (robots, 3)),
@@ -44,7 +45,7 @@ def test_converges_to_velocity_and_height():
 
 def test_falls_freely_without_trusted_legs():
     measurements, _ = walking(1, 1)
-    flying = Measurement(**{**vars(measurements[0]), "acceleration_base": np.zeros((1, 3))})
+    flying = Sensed(**{**vars(measurements[0]), "acceleration_base": np.zeros((1, 3))})
     estimator = Estimator()
     state = estimator.init((1,), flying.joint_position)
     for _ in range(100):
@@ -70,7 +71,7 @@ def test_a_foot_that_flies_is_hardly_believed_but_no_error_lasts():
 
 def test_numpy_equals_torch_and_state_is_kept():
     measurements, _ = walking(1, 5)
-    tensors = Measurement(**{k: torch.as_tensor(np.array(v)) for k, v in vars(measurements[0]).items()})
+    tensors = Sensed(**{k: torch.as_tensor(np.array(v)) for k, v in vars(measurements[0]).items()})
     trusted = np.random.default_rng(10).random((5, 4)) < 0.5
     estimator = Estimator()
     ours = estimator.init((5,), measurements[0].joint_position)

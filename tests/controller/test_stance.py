@@ -6,6 +6,7 @@ import torch
 from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.states import standing_state
 
 CONFIG = StanceConfig()
 STANCE = StanceLegs(CONFIG)
@@ -69,17 +70,8 @@ def test_problem_is_the_tracking_cost(problems, draw):
     np.testing.assert_allclose(quadratic + constant, cost, rtol=1e-9)
 
 
-def test_a_level_robot_at_rest_carries_its_weight(draw):
-    _, sensed = draw(np.random.default_rng(3), ())
-    level = type(sensed)(
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
-        joint_velocity=np.zeros(12),
-        velocity_base_in_world=np.zeros(3),
-        base_height=np.asarray(go1.STAND_HEIGHT),
-    )
-    body = observe(level)
+def test_a_level_robot_at_rest_carries_its_weight():
+    body = observe(standing_state())
     acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
     force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
     np.testing.assert_allclose(force[:, 2].sum(), go1.MASS * 9.81, rtol=2e-3)

@@ -1,12 +1,15 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from saltus import go1
-from saltus.controller.signals import Sensed, observe
+from saltus.controller.signals import observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver, invert
 from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.states import standing_state
 
 CONFIG = StanceConfig()
 LEGS = StanceLegs(CONFIG)
@@ -18,15 +21,14 @@ def demands(count, seed):
     rng = np.random.default_rng(seed)
     angles = rng.normal(0.0, (0.1, 0.4, 1.0), (count, 3)).T
     body = observe(
-        Sensed(
+        replace(
+            standing_state(),
             quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
             angular_velocity_base=rng.normal(0.0, 2.0, (count, 3)),
             joint_position=np.clip(
                 go1.STAND_POSE + rng.normal(0.0, 0.35, (count, 12)), go1.JOINT_LOWER, go1.JOINT_UPPER
             ),
-            joint_velocity=np.zeros((count, 12)),
             velocity_base_in_world=rng.normal(0.0, 1.0, (count, 3)),
-            base_height=np.full(count, 0.3),
         )
     )
     velocity = np.stack([body.velocity[:, 0], np.zeros(count), np.zeros(count)], -1)

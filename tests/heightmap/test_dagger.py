@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from saltus.heightmap.training.train import Progress
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.observation import observe
 from saltus.policy.planner import make_planner
+from saltus.states import standing_state
 from saltus.workers import in_order
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -156,7 +158,8 @@ def test_episodes_differ_with_what_the_robot_believes_and_nothing_else(whole: Pa
 def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None:
     count = 5
     rng = np.random.default_rng(0)
-    observation = observe(
+    states = replace(
+        standing_state(),
         quaternion_base_in_world=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
         angular_velocity_base=rng.normal(size=(count, 3)),
         joint_position=np.tile(go1.STAND_POSE, (count, 1)),
@@ -165,6 +168,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
         leg_contact=np.tile([True, True, False, False], (count, 1)),
         leg_progress=rng.uniform(size=(count, 4)),
     )
+    observation = observe(states)
     heights = -0.27 + 0.05 * rng.normal(size=(count, len(HEIGHTMAP_X)))
     mixed = MixedPlanner(rng, count, learned=learned, variation=0.0).step(observation, heights)
     alone = make_planner(name).step(observation, heights)

@@ -15,6 +15,7 @@ from saltus.render.__main__ import RANDOM_STREAM
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import CameraProcess
+from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
@@ -28,24 +29,7 @@ TICK_NS = 10_000_000
 
 def robot_state(step: RolloutStep, robot: int) -> RobotState:
     states = step.states
-    return RobotState(
-        time_ns=states.step * TICK_NS,
-        step=states.step,
-        quaternion_base_in_world=states.quaternion_base_in_world[robot],
-        angular_velocity_base=states.angular_velocity_base[robot],
-        acceleration_base=states.acceleration_base[robot],
-        joint_position=states.joint_position[robot],
-        joint_velocity=states.joint_velocity[robot],
-        joint_torque=np.zeros(12),
-        velocity_base_in_world=states.velocity_base_in_world[robot],
-        base_height=float(states.base_height[robot]),
-        leg_contact=states.leg_contact[robot],
-        leg_progress=states.leg_progress[robot],
-        leg_trusted=states.leg_trusted[robot],
-        cycle=int(states.cycle[robot]),
-        mode=ControllerMode.RUN,
-        depth_due=-1,
-    )
+    return state_message(states, robot, time_ns=states.step * TICK_NS, step=states.step, mode=ControllerMode.RUN)
 
 
 def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:

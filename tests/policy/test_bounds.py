@@ -1,13 +1,16 @@
 """How far the learned policy may go, against what legs and courses ask for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from saltus import go1
-from saltus.controller.signals import Body, Sensed, observe
+from saltus.controller.signals import Body, observe
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
+from saltus.states import standing_state
 
 HIGHEST_STEP = 0.75  # [m], what the policy is to reach in the end
 LIFT = ACTIONS.index("front_residual_z")
@@ -15,17 +18,9 @@ LIFT = ACTIONS.index("front_residual_z")
 
 def body(pitch: float) -> Body:
     """A robot with its legs in the standing pose."""
-    flat = np.zeros(1)
-    return observe(
-        Sensed(
-            quaternion_base_in_world=quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat),
-            angular_velocity_base=np.zeros((1, 3)),
-            joint_position=go1.STAND_POSE[None],
-            joint_velocity=np.zeros((1, 12)),
-            velocity_base_in_world=np.zeros((1, 3)),
-            base_height=np.zeros(1),
-        )
-    )
+    flat, legs = np.zeros(1), go1.STAND_POSE[None]
+    level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
+    return observe(replace(standing_state(), quaternion_base_in_world=level, joint_position=legs))
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:

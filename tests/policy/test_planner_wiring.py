@@ -8,33 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saltus import go1
 from saltus.config import Pace, PlannerName, RunConfig
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.__main__ import body
 from saltus.runtime.process import ProcessContext
+from saltus.states import standing_state
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
-from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus, RobotState
+from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus
 
 STEP_NS = 10_000_000
-STATE = RobotState(
-    time_ns=0,
-    step=0,
-    quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-    angular_velocity_base=np.zeros(3),
-    acceleration_base=np.array([0.0, 0.0, 9.81]),
-    joint_position=go1.STAND_POSE,
-    joint_velocity=np.zeros(12),
-    joint_torque=np.zeros(12),
-    velocity_base_in_world=np.zeros(3),
-    base_height=0.27,
-    leg_contact=np.ones(4, dtype=np.bool_),
-    leg_progress=np.zeros(4),
-    leg_trusted=np.ones(4, dtype=np.bool_),
-    cycle=0,
-    mode=ControllerMode.STAND,
-    depth_due=-1,
-)
+STATE = standing_state(0.27)
 HEIGHTMAP = Heightmap(
     time_ns=0,
     step=0,

@@ -1,6 +1,7 @@
 """Laws of the scripted planner over random robots and terrains."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,16 +21,22 @@ from saltus.policy.action import (
 from saltus.policy.observation import Observation, observe
 from saltus.policy.profile import height_at, highest_between, slope
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus.states import standing_state
 from saltus.wire.messages import Floats
 
 COUNT = 64
+
+
+def observed(**changes: Any) -> Observation:
+    """Of robots that stand level but for what is given."""
+    return observe(replace(standing_state(), **changes))
 
 
 def observations(rng: np.random.Generator, count: int = COUNT) -> Observation:
     angles = rng.uniform(-0.4, 0.4, (3, count))
     contact = rng.uniform(size=(count, 2)) < 0.5
     progress = rng.uniform(size=(count, 2))
-    return observe(
+    return observed(
         quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
         angular_velocity_base=rng.uniform(-6.0, 6.0, (count, 3)),
         joint_position=go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12)),
@@ -106,12 +113,9 @@ def test_plans_are_finite_and_within_their_bounds() -> None:
 def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: float) -> None:
     """Seen from a level robot at 1 m/s with a step ahead of its front feet."""
     base_height = 0.28
-    observation = observe(
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
+    observation = observed(
         velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-        base_height=np.asarray(base_height),
+        base_height=base_height,
         leg_contact=np.array([False, False, True, True]),
         leg_progress=np.array([progress, progress, 0.7, 0.7]),
     )
@@ -124,12 +128,9 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
 
 
 def test_a_foot_does_not_aim_into_a_trench() -> None:
-    observation = observe(
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
+    observation = observed(
         velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-        base_height=np.asarray(0.28),
+        base_height=0.28,
         leg_contact=np.array([False, False, True, True]),
         leg_progress=np.array([0.2, 0.2, 0.5, 0.5]),
     )

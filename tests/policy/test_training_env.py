@@ -15,6 +15,7 @@ from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import LAYOUT, SIZE, features
 from saltus.policy.observation import observe
 from saltus.sim.batch_engine import BatchEngine
+from saltus.states import standing_state
 from saltus.terrain.batch import BOXES, KINDS
 
 N = 20
@@ -70,7 +71,8 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
     for _ in range(15):
         transition = env.step(bound(env))
     memory, qpos, qvel = env.memory, np.array(env._engine.qpos), np.array(env._engine.qvel)
-    seen = observe(
+    states = replace(
+        standing_state(),
         quaternion_base_in_world=qpos[:, 3:7],
         angular_velocity_base=qvel[:, 3:6],
         joint_position=qpos[:, 7:],
@@ -80,7 +82,7 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         leg_progress=memory.progress.numpy(),
     )
     heights = transition.actor[:, -LAYOUT["heights"] :].numpy()
-    np.testing.assert_allclose(transition.actor, features(seen, heights), atol=2e-4)
+    np.testing.assert_allclose(transition.actor, features(observe(states), heights), atol=2e-4)
     assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
 
 

@@ -1,0 +1,204 @@
+"""What robots know of themselves, with one set of names, whoever knows it and whoever reads it.
+
+Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller, planner and heightmap
+network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to world, base is in the
+base frame. Arrays are numpy or torch with any leading batch dimensions (...); legs FR, FL, RR, RL, joints in the order
+of `saltus.go1`.
+"""
+
+from dataclasses import dataclass
+from types import EllipsisType
+from typing import Protocol
+
+import numpy as np
+
+from saltus import go1
+from saltus.arrays import Array
+from saltus.wire.messages import ControllerMode, Floats, RobotState
+
+
+class Measurement(Protocol):
+    """What IMU and encoders say."""
+
+    @property
+    def quaternion_base_in_world(self) -> Array:
+        """(w, x, y, z), shape (..., 4)."""
+
+    @property
+    def angular_velocity_base(self) -> Array:
+        """[rad/s], shape (..., 3)."""
+
+    @property
+    def acceleration_base(self) -> Array:
+        """Specific force [m/s^2], shape (..., 3)."""
+
+    @property
+    def joint_position(self) -> Array:
+        """[rad], shape (..., 12)."""
+
+    @property
+    def joint_velocity(self) -> Array:
+        """[rad/s], shape (..., 12)."""
+
+
+class Estimate(Protocol):
+    """What an estimator makes of measurements."""
+
+    @property
+    def velocity_base_in_world(self) -> Array:
+        """[m/s], shape (..., 3)."""
+
+    @property
+    def base_height(self) -> Array:
+        """Of the base above the feet in stance [m], shape (...)."""
+
+
+class Schedule(Protocol):
+    """What the gait says of the legs."""
+
+    @property
+    def contact(self) -> Array:
+        """The leg is to stand, bool, shape (..., 4)."""
+
+    @property
+    def progress(self) -> Array:
+        """Of the present stance or swing, [0, 1], shape (..., 4)."""
+
+    @property
+    def trusted(self) -> Array:
+        """The foot may be taken to be on the ground, bool, shape (..., 4)."""
+
+    @property
+    def cycle(self) -> Array:
+        """Completed gait cycles, shape (...)."""
+
+
+class Proprioception(Measurement, Estimate, Protocol):
+    """All that robots know of themselves; `saltus.wire.messages.RobotState` is it for one robot."""
+
+    @property
+    def leg_contact(self) -> Array:
+        """See `Schedule.contact`."""
+
+    @property
+    def leg_progress(self) -> Array:
+        """See `Schedule.progress`."""
+
+    @property
+    def leg_trusted(self) -> Array:
+        """See `Schedule.trusted`."""
+
+    @property
+    def cycle(self) -> Array:
+        """See `Schedule.cycle`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensed:
+    """A `Measurement` as plain arrays."""
+
+    quaternion_base_in_world: Array
+    angular_velocity_base: Array
+    acceleration_base: Array
+    joint_position: Array
+    joint_velocity: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotStates(Sensed):
+    """A `Proprioception` as plain arrays, at one instant of a run."""
+
+    velocity_base_in_world: Array
+    base_height: Array
+    leg_contact: Array
+    leg_progress: Array
+    leg_trusted: Array
+    cycle: Array
+    step: int = 0
+    """Policy step since the start of the run."""
+
+    @property
+    def time_s(self) -> float:
+        """Since the start of the run."""
+        return self.step * (go1.PHYSICS_DT * go1.POLICY_STEPS)
+
+
+def states_of(measurement: Measurement, estimate: Estimate, schedule: Schedule, step: int = 0) -> RobotStates:
+    """Puts together what sensors, estimator and gait know of the same robots at the same instant."""
+    return RobotStates(
+        quaternion_base_in_world=measurement.quaternion_base_in_world,
+        angular_velocity_base=measurement.angular_velocity_base,
+        acceleration_base=measurement.acceleration_base,
+        joint_position=measurement.joint_position,
+        joint_velocity=measurement.joint_velocity,
+        velocity_base_in_world=estimate.velocity_base_in_world,
+        base_height=estimate.base_height,
+        leg_contact=schedule.contact,
+        leg_progress=schedule.progress,
+        leg_trusted=schedule.trusted,
+        cycle=schedule.cycle,
+        step=step,
+    )
+
+
+def state_message(
+    states: Proprioception,
+    robot: int | EllipsisType = ...,
+    *,
+    time_ns: int,
+    step: int,
+    mode: ControllerMode,
+    joint_torque: Floats | None = None,
+    depth_due: int = -1,
+) -> RobotState:
+    """What one robot sends about itself.
+
+    Args:
+        states: Of that robot, or of a batch with one leading dimension.
+        robot: Its place in the batch.
+        time_ns: As the others, see `RobotState`.
+        step: Policy step.
+        mode: Of its leg controller.
+        joint_torque: As its drives believe [Nm], shape (12,); zero where nobody asks.
+        depth_due: Newest image that is due.
+    """
+    return RobotState(
+        time_ns=time_ns,
+        step=step,
+        quaternion_base_in_world=states.quaternion_base_in_world[robot],
+        angular_velocity_base=states.angular_velocity_base[robot],
+        acceleration_base=states.acceleration_base[robot],
+        joint_position=states.joint_position[robot],
+        joint_velocity=states.joint_velocity[robot],
+        joint_torque=np.zeros(12) if joint_torque is None else joint_torque,
+        velocity_base_in_world=states.velocity_base_in_world[robot],
+        base_height=float(states.base_height[robot]),
+        leg_contact=states.leg_contact[robot],
+        leg_progress=states.leg_progress[robot],
+        leg_trusted=states.leg_trusted[robot],
+        cycle=int(states.cycle[robot]),
+        mode=mode,
+        depth_due=depth_due,
+    )
+
+
+def standing_state(base_height: float = go1.STAND_HEIGHT) -> RobotState:
+    """A robot that stands still on level ground, at step 0."""
+    return RobotState(
+        time_ns=0,
+        step=0,
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity_base=np.zeros(3),
+        acceleration_base=np.array([0.0, 0.0, 9.81]),
+        joint_position=go1.STAND_POSE,
+        joint_velocity=np.zeros(12),
+        joint_torque=np.zeros(12),
+        velocity_base_in_world=np.zeros(3),
+        base_height=base_height,
+        leg_contact=np.ones(4, dtype=np.bool_),
+        leg_progress=np.zeros(4),
+        leg_trusted=np.ones(4, dtype=np.bool_),
+        cycle=0,
+        mode=ControllerMode.STAND,
+        depth_due=-1,
+    )
