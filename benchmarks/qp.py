@@ -54,7 +54,7 @@ def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots
             uniform(-0.5, 0.5), uniform(-0.8, 0.8), uniform(-3.1, 3.1)
         ),
         angular_velocity_base=uniform(-4.0, 4.0, 3),
-        acceleration_base=np.zeros((*batch, 3)) + [0.0, 0.0, 9.81],
+        acceleration_base=np.zeros((*batch, 3)) + np.array([0.0, 0.0, 9.81]),
         joint_position=go1.STAND_POSE + uniform(-0.4, 0.4, 12),
         joint_velocity=uniform(-10.0, 10.0, 12),
         velocity_base_in_world=uniform(-2.0, 2.0, 3),

@@ -13,13 +13,13 @@ from saltus.effects.profile import GO1, Profile
 from saltus.errors import ConfigError
 from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.planned import felt
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled
 from saltus.heightmap.data.runs import MIN_TICKS, runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.data.stereo_images import stereo_images
+from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.policy.action import Action
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
@@ -167,7 +167,7 @@ def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[
     position = np.array([step.truth.position_base_in_world for step in steps])
     quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
     joints = np.array([step.truth.joint_position for step in steps])
-    proprioception = np.array([felt(step) for step in steps])
+    proprioception = np.array([proprioception_of_states(step.states) for step in steps])
     for robot, terrain in enumerate(terrains):
         for run in runs(starts[:, robot]):
             yield Trajectory(

@@ -21,7 +21,7 @@ from saltus.heightmap.data.device_recording import DeviceRecording, Recorded
 from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.service.features import proprioception
+from saltus.heightmap.service.features import proprioception_of_states
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -97,7 +97,7 @@ class DeviceRollouts:
         config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
         engine = make_engine(loop.robots, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
-        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
+        self._qpos = torch.as_tensor(engine.qpos)
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
         self._cameras = DeviceCameras(self._env.courses(), loop.cameras, device, self._rng)
@@ -134,15 +134,7 @@ class DeviceRollouts:
 
     def felt(self) -> Tensor:
         """What the robots feel now, see `saltus.heightmap.service.features`, shape (n, some)."""
-        memory, qpos = self._env.memory, self._qpos.float()
-        vector: Tensor = proprioception(
-            quaternion_base_in_world=qpos[:, 3:7],
-            angular_velocity_base=self._qvel[:, 3:6].float(),
-            joint_position=qpos[:, 7:],
-            velocity_base_in_world=memory.estimate[:, :3],
-            base_height=memory.estimate[:, 3],
-            leg_trusted=memory.trusted,
-        )
+        vector: Tensor = proprioception_of_states(self._env.states)
         return vector
 
     def true_heights(self) -> Tensor:

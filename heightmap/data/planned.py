@@ -9,8 +9,8 @@ from saltus.config import TerrainConfig, TerrainKind
 from saltus.effects.profile import GO1, Profile
 from saltus.heightmap.data.leaders import VARIATION, varied
 from saltus.heightmap.data.rollouts import Trajectory
-from saltus.heightmap.service.features import proprioception
-from saltus.policy.evaluation.rollout import Rollout, RolloutStep
+from saltus.heightmap.service.features import proprioception_of_states
+from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
@@ -58,7 +58,7 @@ class PlannedBounding:
         position = np.array([t.position_base_in_world for t in truth])
         quaternion = np.array([t.quaternion_base_in_world for t in truth])
         joints = np.array([t.joint_position for t in truth])
-        proprioception = np.array([felt(step) for step in steps])
+        proprioception = np.array([proprioception_of_states(step.states) for step in steps])
         for robot, terrain in enumerate(terrains):
             ticks = int(running[:, robot].sum())
             if ticks < MIN_TICKS:
@@ -78,16 +78,3 @@ def _course(rng: np.random.Generator, hardest: float) -> TerrainConfig:
         rise, run = rng.uniform(0.03, 0.05 + 0.25 * hardest), rng.uniform(0.2, 0.4)
         return TerrainConfig(terrain=kind, rise_m=float(rise), run_m=float(run), steps=int(rng.integers(5, 15)))
     return TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, hardest)))
-
-
-def felt(step: RolloutStep) -> np.ndarray:
-    """What the robots of a step feel, see `saltus.heightmap.service.features`, shape (robots, n)."""
-    states = step.states
-    return proprioception(
-        quaternion_base_in_world=states.quaternion_base_in_world,
-        angular_velocity_base=states.angular_velocity_base,
-        joint_position=states.joint_position,
-        velocity_base_in_world=states.velocity_base_in_world,
-        base_height=states.base_height,
-        leg_trusted=states.leg_trusted,
-    )

@@ -14,7 +14,7 @@ from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
-from saltus.heightmap.service.features import proprioception
+from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import MAX_HEIGHT_M, UNKNOWN_STD_M
 from saltus.render.__main__ import RANDOM_STREAM
@@ -96,7 +96,9 @@ class PredictedHeights:
             if arrived is not None:
                 self.captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
                 new[i] = True
-        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, _felt(states), self._hidden)
+        tick = self._network.ticks(
+            self._image, states.time_s - self.captured_s, new, proprioception_of_states(states), self._hidden
+        )
         good = _plausible(tick)
         self._hidden[good], self._heights[good], self.std[good] = tick.hidden[good], tick.height[good], tick.std[good]
         return self._heights.copy()
@@ -152,17 +154,6 @@ class _Arrivals:
         arrived = self._under_way[captured_s]
         self._under_way = {taken: kept for taken, kept in self._under_way.items() if taken > captured_s}
         return captured_s, seen.depth if self._chain.changes_pixels else arrived
-
-
-def _felt(states: RobotStates) -> Floats:
-    return proprioception(
-        quaternion_base_in_world=states.quaternion_base_in_world,
-        angular_velocity_base=states.angular_velocity_base,
-        joint_position=states.joint_position,
-        velocity_base_in_world=states.velocity_base_in_world,
-        base_height=states.base_height,
-        leg_trusted=states.leg_trusted,
-    )
 
 
 def _plausible(tick: Tick) -> NDArray[np.bool_]:

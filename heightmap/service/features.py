@@ -6,6 +6,7 @@ import numpy as np
 
 from saltus import kinematics
 from saltus.arrays import Array, namespace
+from saltus.states import Proprioception
 from saltus.wire.messages import Floats, RobotState
 
 PROPRIOCEPTION = (
@@ -56,6 +57,18 @@ def proprioception(
     )
     xp = namespace(joint_position)
     return xp.astype(xp.stack([*entries, base_height], axis=-1), xp.float32)
+
+
+def proprioception_of_states(states: Proprioception) -> Array:
+    """The vectors of a batch, float32, shape (..., len(PROPRIOCEPTION))."""
+    return proprioception(
+        quaternion_base_in_world=states.quaternion_base_in_world,
+        angular_velocity_base=states.angular_velocity_base,
+        joint_position=states.joint_position,
+        velocity_base_in_world=states.velocity_base_in_world,
+        base_height=states.base_height,
+        leg_trusted=states.leg_trusted,
+    )
 
 
 def proprioception_of(state: RobotState) -> Floats:
