@@ -95,11 +95,6 @@ class FleetService:
         self.given_up = 0
         """How often a robot has kept its model because another one did not become as good."""
 
-    @property
-    def network(self) -> HeightmapNetwork:
-        """The model that answers: of several, while another takes over, that of the first robot."""
-        return next(iter(self._robots.values())).service.network
-
     def use(self, network: HeightmapNetwork) -> None:
         """Gives another model to all robots.
 

@@ -34,12 +34,6 @@ class RobotLink:
         """Prefix of the robot's keys."""
         return self.context.bus.prefix
 
-    @property
-    def due_ns(self) -> int | None:
-        """When the next state should arrive, to go by the last one and the rate of states (monotonic clock)."""
-        last_ns = self._states.last_arrival_ns
-        return None if last_ns is None else last_ns + round(1e9 / self._states.topic.rate_hz)
-
     def take(self) -> Arrival | None:
         """Returns what the robot asks now, if it does; never waits.
 

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from saltus.errors import ModelError
-from saltus.heightmap.service.fleet import Arrival, FleetService
+from saltus.heightmap.service.fleet import FleetService
 from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.rehearsal import Rehearsal
 from saltus.resources import resource
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 
@@ -39,8 +38,6 @@ class HeightmapProcess:
         self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
         self._fleet = FleetService(network, self._links)
         self._lockstep = first.config.pace == "lockstep"
-        self.rehearsal = Rehearsal(first)
-        self._asked: Arrival | None = None  # what the next rehearsal repeats; none in lockstep
         self._inbox = ModelInbox(first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
@@ -54,26 +51,8 @@ class HeightmapProcess:
                 self._look_for_model()
             heard = self._bell.rings
             if not self._answer():
-                self._wait(heard)
+                self._bell.wait(heard, WAIT_S)
         self._inbox.close()
-
-    def _wait(self, heard: int) -> None:
-        """Waits for messages; in real time it rehearses, once after each answer, before the next state is due."""
-        asked = self._asked
-        rehearse_in_s = None if asked is None else self._rehearse_in_s()
-        if asked is None or rehearse_in_s is None:
-            self._bell.wait(heard, WAIT_S)
-            return
-        self._bell.wait(heard, rehearse_in_s)
-        if self._bell.rings == heard:
-            self._asked = None
-            self.rehearsal.play(self._fleet.network, asked)
-
-    def _rehearse_in_s(self) -> float | None:
-        """When the rehearsal for the first state that is due must begin [s from now]; None where it is too late."""
-        first_ns = time.monotonic_ns() + self.rehearsal.lead_ns
-        ahead_ns = [link.due_ns - first_ns for link in self._links.values() if link.due_ns is not None]
-        return min((1e-9 * each for each in ahead_ns if each > 0), default=None)
 
     def _answer(self) -> bool:
         """Answers whoever asks; returns whether anybody did."""
@@ -82,7 +61,6 @@ class HeightmapProcess:
             arrival = link.take()
             if arrival is not None:
                 arrivals[name] = arrival
-                self._asked = None if self._lockstep else arrival
         # The sums of a batch differ in their last bit from those of one robot: in lockstep nobody's answer may depend
         # on who else asks at the same moment.
         batches = [{name: arrival} for name, arrival in arrivals.items()] if self._lockstep else [arrivals]

@@ -193,7 +193,7 @@ def test_no_model_takes_over_without_a_memory_however_poor_the_images(
         assert found[-1].model_id == "another"
         assert found[-1].status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
         assert images == WARMUP
-        assert fleet.network is given
+        assert fleet.swaps == 1
 
 
 def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_path: Path) -> None:
@@ -208,7 +208,6 @@ def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_
         found.append(fleet.step({"go1/0": arrival(0, step)})["go1/0"])
     assert_same(found, alone(network, 0, range(steps)))
     assert (fleet.swaps, fleet.given_up) == (0, 1)
-    assert fleet.network is network
 
 
 def test_a_bad_output_of_one_robot_does_not_touch_the_others(network: HeightmapNetwork) -> None:
