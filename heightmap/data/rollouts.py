@@ -37,7 +37,7 @@ class Trajectory:
 
 
 class MotionSource(Protocol):
-    """Whatever moves robots: a kinematic script, or a planner in the batched plant."""
+    """Whatever moves robots."""
 
     def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
         """Yields `count` trajectories."""

@@ -120,13 +120,13 @@ class Collect:
 
     out: Path = Path("runs/dataset")
     """Folder of the dataset; it is made, or a shard is added to it."""
-    source: Literal["planner", "kinematic", "policy"] = "planner"
-    """planner: runs of the scripted planner in MuJoCo. kinematic: a made-up motion, for a first training. policy: runs
-    of the learned policy on a GPU, thousands of robots at once."""
+    source: Literal["planner", "policy"] = "planner"
+    """planner: runs of the scripted planner in MuJoCo. policy: runs of the learned policy on a GPU, thousands of robots
+    at once."""
     episodes: int = 200
     """How many episodes. With --source policy how many robots, for 6 s each: falls make more episodes of them."""
     seed: int = 0
-    """Seed of terrains, trials and motions."""
+    """Seed of terrains and trials."""
     profile: str = "go1"
     """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file. With --source
     policy that of the policy's training."""
@@ -180,13 +180,11 @@ class Collect:
 
     def _on_processor(self) -> "ShardRecord":
         from saltus.effects.profile import load_profile
-        from saltus.heightmap.data.kinematic import KinematicBounding
         from saltus.heightmap.data.planned import PlannedBounding
-        from saltus.heightmap.data.rollouts import MotionSource, collect
+        from saltus.heightmap.data.rollouts import collect
 
         profile = load_profile(self.profile)
-        planned = PlannedBounding(first_seed=TRIALS * (1 + self.seed), profile=profile)
-        source: MotionSource = planned if self.source == "planner" else KinematicBounding()
+        source = PlannedBounding(first_seed=TRIALS * (1 + self.seed), profile=profile)
         config = {"source": self.source, "episodes": self.episodes, "profile": self.profile}
         view = profile.view_chain
         with tqdm(total=self.episodes, unit="episode", desc="collect") as bar:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from synthetic_motion import GlidingRobots
 
 from benchmarks.realism import check_twins, with_age_held
 from saltus.heightmap.data.delivery import DeliveryModel
-from saltus.heightmap.data.kinematic import KinematicBounding
 from saltus.heightmap.data.rollouts import episodes
 from saltus.heightmap.data.shards import DatasetError, Episode
 from saltus.heightmap.model import HeightmapModel, ModelConfig
@@ -17,7 +17,7 @@ from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window
 
 @pytest.fixture(scope="module")
 def motion() -> list[Episode]:
-    return list(episodes(KinematicBounding(ticks=21, terrains=("step",)), np.random.default_rng(0), 3))
+    return list(episodes(GlidingRobots(ticks=21, terrains=("step",)), np.random.default_rng(0), 3))
 
 
 def test_images_may_differ(motion: list[Episode]) -> None:

@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
+from synthetic_motion import GlidingRobots
 
-from saltus import go1, kinematics
+from saltus import kinematics
 from saltus.config import TerrainKind
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.kinematic import KinematicBounding
 from saltus.heightmap.data.planned import PlannedBounding
 from saltus.heightmap.data.rollouts import MotionSource, episodes, true_heights
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 SOURCES: dict[str, MotionSource] = {
-    "kinematic": KinematicBounding(ticks=120),
+    "synthetic": GlidingRobots(ticks=120),
     "planned": PlannedBounding(robots=4, time_limit_s=1.6),
 }
 
@@ -30,22 +30,8 @@ def test_episodes_are_whole_and_repeatable(name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_feet_that_are_trusted_are_on_the_ground(kind: TerrainKind) -> None:
-    source = KinematicBounding(ticks=200, terrains=(kind,))
-    for trajectory in source.trajectories(np.random.default_rng(0), 5):
-        trusted = trajectory.proprioception[:, [PROPRIOCEPTION.index(f"{leg}_trusted") for leg in go1.LEGS]] > 0
-        rotation = kinematics.rotation_matrix(trajectory.quaternion_base_in_world)
-        feet = kinematics.foot_position(trajectory.joint_position) @ np.swapaxes(rotation, -1, -2)
-        feet = feet + trajectory.position_base_in_world[:, None]
-        gap = feet[..., 2] - go1.FOOT_RADIUS - trajectory.terrain.height_at(feet[..., 0])
-        # Within the reach error of the script, but for feet that stand within it of an edge.
-        assert np.mean(np.abs(gap[trusted]) < 0.011) > 0.95
-        assert trusted.mean() > 0.05
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_true_heights_are_the_terrain_along_the_yaw(kind: TerrainKind) -> None:
-    (trajectory,) = KinematicBounding(ticks=50, terrains=(kind,)).trajectories(np.random.default_rng(1), 1)
+    (trajectory,) = GlidingRobots(ticks=50, terrains=(kind,)).trajectories(np.random.default_rng(1), 1)
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     heights = true_heights(trajectory.terrain, position, quaternion)
     for i in (0, 20, 49):

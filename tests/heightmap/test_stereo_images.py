@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from synthetic_motion import GlidingRobots
 
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.effects.camera import ViewChain
 from saltus.heightmap.data.closed_loop import ClosedLoop
 from saltus.heightmap.data.delivery import FRAME_TICKS
-from saltus.heightmap.data.kinematic import KinematicBounding
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
@@ -23,8 +23,8 @@ from saltus.trial import Trial
 
 @pytest.fixture(scope="module")
 def motion() -> list[Trajectory]:
-    short = KinematicBounding(ticks=41, terrains=("stairs", "gap"))
-    longer = KinematicBounding(ticks=60, terrains=("stepping_stones", "step"))
+    short = GlidingRobots(ticks=41, terrains=("stairs", "gap"))
+    longer = GlidingRobots(ticks=60, terrains=("stepping_stones", "step"))
     rng = np.random.default_rng(0)
     return [*short.trajectories(rng, 3), *longer.trajectories(rng, 3)]
 
