@@ -9,7 +9,7 @@ from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
 from saltus.render.camera import moved_camera
 from saltus.render.exposure import Exposure, PerfectExposure
-from saltus.render.process import CameraProcess
+from saltus.render.process import RANDOM_STREAM, CameraProcess
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.terrain.curriculum import make_terrain
@@ -18,7 +18,6 @@ from saltus.wire.messages import Done
 
 WAIT_S = 0.1  # how often an idle process gives proof of life
 NOTHING_DUE = -1
-RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of its own
 
 
 def build(context: ProcessContext) -> CameraProcess:

@@ -9,6 +9,7 @@ from saltus.render.exposure import Exposure
 from saltus.wire.messages import DepthFrame, GroundTruth
 
 EXPOSURE_STEPS = 2  # policy steps at 100 Hz: 50 Hz
+RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of its own
 
 
 class CameraProcess:

@@ -17,8 +17,8 @@ from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, Ster
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import MAX_HEIGHT_M, UNKNOWN_STD_M
-from saltus.render.__main__ import RANDOM_STREAM
-from saltus.render.process import EXPOSURE_STEPS
+from saltus.policy.evaluation.states import RobotStates
+from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
 from saltus.resources import resource
 from saltus.sim.state import PlantState

@@ -11,10 +11,9 @@ from saltus.heightmap.service.service import HeightmapService
 from saltus.policy.evaluation.heights import HeightSource
 from saltus.policy.evaluation.rollout import Rollout, RolloutStep
 from saltus.policy.planner import make_planner
-from saltus.render.__main__ import RANDOM_STREAM
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
-from saltus.render.process import CameraProcess
+from saltus.render.process import RANDOM_STREAM, CameraProcess
 from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
