@@ -6,7 +6,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import GO1, Profile
@@ -30,7 +32,6 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import Floats
 
 # Stairs and stones twice: there the heights matter most, and there they were worst.
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
@@ -119,7 +120,7 @@ class MixedPlanner:
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
-    def step(self, observation: Observation, heights: Floats) -> Action:
+    def step(self, observation: Observation, heights: NDArray[np.floating]) -> Action:
         """Plans the next 10 ms of all robots."""
         rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights)
         policy = replace(

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.wire.messages import Floats
+from saltus.arrays import Floats
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 TICK_S = 0.01

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from saltus.arrays import Singles
 from saltus.config import Camera
 from saltus.depth import MODEL_CAMERA
 from saltus.grid import HEIGHTMAP_X
@@ -16,7 +17,6 @@ from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.terrain.batch import KINDS
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,9 +27,9 @@ class Recorded:
     """Of each robot's terrain, its place in `saltus.terrain.batch.KINDS`, shape (n,)."""
     starts: NDArray[np.bool_]
     """Whether a robot starts anew with a tick, shape (n, ticks)."""
-    proprioception: Floats
+    proprioception: Singles
     """Shape (n, ticks, some)."""
-    height: Floats
+    height: Singles
     """[m], shape (n, ticks, 30)."""
     depth: Mapping[Camera, NDArray[np.uint16]]
     """Images of each camera [mm], taken every `FRAME_TICKS` from the first tick on, shape (n, frames, 48, 16)."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.config import Camera
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.effects.profile import Profile, load_profile
@@ -17,7 +18,6 @@ from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, Ster
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import MAX_HEIGHT_M, UNKNOWN_STD_M
-from saltus.policy.evaluation.states import RobotStates
 from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
 from saltus.resources import resource
@@ -25,7 +25,6 @@ from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +112,7 @@ class PredictedHeights:
             self._arrivals[i].reset()
 
 
-def _as_sent(depth: Floats) -> NDArray[np.float32]:
+def _as_sent(depth: NDArray[np.floating]) -> NDArray[np.float32]:
     """Depth and validity of an image that has arrived, shape (2, 48, 16)."""
     image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
     return np.stack([image.depth, image.valid]).astype(np.float32)
@@ -137,7 +136,7 @@ class _Arrivals:
         self._under_way = {}
         self._used_s = -np.inf
 
-    def step(self, image: NDArray[np.float32] | None, time_s: float) -> tuple[float, Floats] | None:
+    def step(self, image: NDArray[np.float32] | None, time_s: float) -> tuple[float, NDArray[np.floating]] | None:
         """Takes an image that is exposed now, if one is; returns one that has arrived, with its capture time [s]."""
         if image is not None:
             self._under_way[time_s] = image

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import kinematics
+from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.effects.camera import ViewChain
 from saltus.grid import HEIGHTMAP_X
@@ -18,7 +19,6 @@ from saltus.heightmap.data.shards import Episode, ShardRecord, write_shard
 from saltus.render.camera import Mount, moved_camera
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

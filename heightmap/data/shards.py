@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
@@ -21,7 +22,6 @@ from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.shard_columns import ShardColumn, read_column
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.provenance import commit
-from saltus.wire.messages import Floats
 
 MANIFEST = "manifest.json"
 _FORMAT = "saltus-heightmap-dataset-1"
@@ -41,9 +41,9 @@ class Episode:
     """One robot, one run, without interruption, at 100 Hz. Images are as taken: delay and noise are added later."""
 
     terrain: str
-    proprioception: Floats
+    proprioception: Singles
     """See `saltus.heightmap.service.features`, shape (ticks, n)."""
-    height: Floats
+    height: Singles
     """True heights relative to the base [m], shape (ticks, 30)."""
     depth: NDArray[np.uint16]
     """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import kinematics
+from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X
@@ -17,7 +18,7 @@ from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.recordings.recording import Recording
 from saltus.render.camera import Mount, camera_pose
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, GroundTruth, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
 RECORDED = "recorded"
 BASELINES = {"geometric": 0.0, "geometric-feet": FOOT_GAIN}

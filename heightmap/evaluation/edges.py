@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
-from saltus.wire.messages import Floats
 
 JUMP_M = 0.03  # a smaller one the feet do not mind: the swing clears 6 cm
 STEP_M = 0.005  # a jump goes on while each point of the grid adds this much in the same direction

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import PHASES, Comparison
 from saltus.heightmap.service.quantiles import INTERVAL90, half_width, negative_log_likelihood
-from saltus.wire.messages import Floats
 
 PROGRESS_BINS = 5
 SPEED_BIN_MPS = 0.25

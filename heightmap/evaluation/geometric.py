@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1, kinematics
+from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, Intrinsics
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.odometry import Odometry, Pose
 from saltus.render.camera import Mount, camera_pose, ray_directions
-from saltus.wire.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
 
 MODEL_ID = "geometric"

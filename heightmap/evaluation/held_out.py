@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.config import Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
@@ -38,7 +39,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 MASTERED, HARD = "mastered", "hard"

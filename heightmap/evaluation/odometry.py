@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import kinematics
-from saltus.wire.messages import Floats, RobotState
+from saltus.arrays import Floats
+from saltus.wire.messages import RobotState
 
 MAX_STEP_S = 0.25  # a longer silence tells nothing about the way: the original pauses its filter for no longer
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from saltus.depth import NOTHING
@@ -12,7 +13,7 @@ from saltus.heightmap.evaluation.comparison import Comparison
 from saltus.heightmap.evaluation.edges import EdgeErrors
 from saltus.heightmap.evaluation.errors_by import Errors, Row
 from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.wire.messages import DepthFrame
 
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette
 EDGE_BIN_M = 0.1
@@ -152,7 +153,7 @@ def moment_figure(
     return figure
 
 
-def _image(frame: DepthFrame) -> tuple[Floats, Floats, Floats]:
+def _image(frame: DepthFrame) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
     """Depth [m] in view of the page: at most 96 rows, NaN where invalid or beyond range; and tangents of its pixels."""
     every = max(1, frame.depth.shape[0] // 96)
     raw = frame.depth[::every, ::every]

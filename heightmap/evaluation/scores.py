@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun
 from saltus.heightmap.evaluation.sight import UNSEEN, VIEWS
 from saltus.heightmap.service.quantiles import INTERVAL90, negative_log_likelihood
-from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

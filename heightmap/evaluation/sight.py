@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import kinematics
+from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.evaluation.comparison import in_view
 from saltus.render.camera import Mount, camera_pose
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 VISIBLE, REMEMBERED, UNSEEN = 0, 1, 2
 VIEWS = ("visible", "remembered", "unseen")

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from saltus import kinematics
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Singles, namespace
 from saltus.states import Proprioception
-from saltus.wire.messages import Floats, RobotState
+from saltus.wire.messages import RobotState
 
 PROPRIOCEPTION = (
     "roll",
@@ -71,7 +71,7 @@ def proprioception_of_states(states: Proprioception) -> Array:
     )
 
 
-def proprioception_of(state: RobotState) -> Floats:
+def proprioception_of(state: RobotState) -> Singles:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
     entries = _entries(
         kinematics.rotation_of_one(state.quaternion_base_in_world.tolist()),

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saltus import depth, go1
+from saltus.arrays import Floats, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.model_file import ModelFile
-from saltus.wire.messages import Floats
 
 FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
@@ -35,22 +35,22 @@ def camera_metadata() -> dict[str, Any]:
 class Inputs(NamedTuple):
     """What one tick of one robot is computed from, next to its memory."""
 
-    image: Floats
+    image: Singles
     """Depth in [0, 1] and validity, shape (2, 48, 16)."""
     age_s: float
     new: bool
-    features: Floats
+    features: Singles
     """See `saltus.heightmap.service.features`, shape (n,)."""
 
 
 class Tick(NamedTuple):
     """What one call returns; not checked."""
 
-    height: Floats
+    height: Singles
     """[m], shape (30,)."""
-    std: Floats
+    std: Singles
     """[m], shape (30,)."""
-    hidden: Floats
+    hidden: Singles
     """Shape (hidden size,)."""
 
 
@@ -71,12 +71,12 @@ class HeightmapNetwork:
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
 
-    def tick(self, image: Floats, age_s: float, new: bool, features: Floats, hidden: Floats) -> Tick:
+    def tick(self, image: Singles, age_s: float, new: bool, features: Singles, hidden: Singles) -> Tick:
         """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
         height, std, hidden_out = self._call(1).run((image, age_s, new, features, hidden))
         return Tick(height[0], std[0], hidden_out[0])
 
-    def ticks(self, image: Floats, age_s: Floats, new: NDArray[np.bool_], features: Floats, hidden: Floats) -> Tick:
+    def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
         """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
         return Tick(*self._call(len(image)).run((image, age_s, new, features, hidden)))
 
@@ -101,7 +101,7 @@ class _Call:
         for name, array in zip(OUTPUTS, self._outputs, strict=True):
             self._binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
 
-    def run(self, values: Iterable[ArrayLike]) -> list[Floats]:
+    def run(self, values: Iterable[ArrayLike]) -> list[Singles]:
         """Takes what `INPUTS` names and returns what `OUTPUTS` names, in arrays of their own."""
         for array, value in zip(self._inputs, values, strict=True):
             array[...] = value

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from saltus.wire.messages import Floats
+from saltus.arrays import Floats
 
 INTERVAL90 = 1.645
 """So many of them to each side hold 90 % of the errors: by this they are fitted. For normal errors it is the usual

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from saltus.arrays import Singles
 from saltus.depth import ModelImage, model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
 from saltus.heightmap.service.stuck_output import StuckOutput
-from saltus.wire.messages import DepthFrame, Floats, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
 
 MAX_HEIGHT_M = 1.5  # nothing that the robot can jump is further above or below its base
@@ -36,7 +37,7 @@ _DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
 class _View:
     """An image that has arrived."""
 
-    image: Floats
+    image: Singles
     """Depth and validity, shape (2, 48, 16)."""
     invalid_fraction: float
     time_ns: int
@@ -58,7 +59,7 @@ class HeightmapService:
         ModelError: the model is unreadable or does not fit.
     """
 
-    _hidden: Floats
+    _hidden: Singles
 
     def __init__(self, model: Path | HeightmapNetwork) -> None:
         self._network = model if isinstance(model, HeightmapNetwork) else HeightmapNetwork(model)
@@ -81,7 +82,7 @@ class HeightmapService:
         return self._frames >= self._network.warmup_frames
 
     @property
-    def hidden(self) -> Floats:
+    def hidden(self) -> Singles:
         """The memory, shape (hidden size,)."""
         return self._hidden
 
@@ -234,14 +235,14 @@ class HeightmapService:
         )
 
 
-def _bounds(hidden_size: int) -> tuple[Floats, Floats]:
+def _bounds(hidden_size: int) -> tuple[Singles, Singles]:
     """Within what the outputs of a tick are plausible, one after the other."""
     sizes = (len(HEIGHTMAP_X), len(HEIGHTMAP_X), hidden_size)
     low = np.repeat(np.array((-MAX_HEIGHT_M, np.finfo(np.float32).tiny, -MAX_HIDDEN), np.float32), sizes)
     return low, np.repeat(np.array((MAX_HEIGHT_M, MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
 
 
-def _network_image(image: ModelImage) -> Floats:
+def _network_image(image: ModelImage) -> Singles:
     """Depth and validity, shape (2, 48, 16)."""
     layers = np.empty((2, *image.depth.shape), np.float32)
     layers[0] = image.depth
@@ -249,7 +250,7 @@ def _network_image(image: ModelImage) -> Floats:
     return layers
 
 
-def _blank_image() -> Floats:
+def _blank_image() -> Singles:
     """What the network sees before the first frame: nothing valid."""
     blank = np.zeros((2, 48, 16), np.float32)
     blank[0] = 1.0

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from saltus.arrays import Singles
 from saltus.depth import MILLIMETRE, NOTHING, model_images
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.wire.messages import Floats
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
 UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
@@ -47,7 +47,7 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
         delivery: How images travel; by default 50 ms late and none lost.
     """
     network = HeightmapNetwork(model_path)
-    errors: list[Floats] = []
+    errors: list[Singles] = []
     covered: list[float] = []
     by_terrain: dict[str, list[float]] = {}
     for episode in episodes:
@@ -94,7 +94,7 @@ def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50
 
 def run_episode(
     network: HeightmapNetwork, episode: Episode, delivery: DeliveryModel, forget_at: int | None = None
-) -> tuple[Floats, Floats]:
+) -> tuple[Singles, Singles]:
     """Heights and standard deviations [m] at every tick, each of shape (ticks, 30).
 
     Args:
