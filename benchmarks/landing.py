@@ -88,7 +88,7 @@ def _heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Hei
         step=step,
         x=HEIGHTMAP_X,
         height=robot.terrain.height_at(ahead) - position[2] + trial.height_shift_z,
-        std=np.zeros(len(HEIGHTMAP_X)),
+        half_width_90=np.zeros(len(HEIGHTMAP_X)),
         status=HeightmapStatus.OK,
         depth_age_s=0.05,
         frame_id=step,

@@ -2,7 +2,7 @@
 
 One call of `step` is one tick at 100 Hz. Sizes follow the paper's network (original: channels 2, 4, 8, one GRU layer
 of 256, three hidden layers of 256 with ELU); beyond it, this one sees which pixels are valid, how old its image is,
-and returns a standard deviation for every height. Normalisation is part of the network, so that whoever runs it
+and states an interval for every height. Normalisation is part of the network, so that whoever runs it
 hands over plain SI units.
 """
 
@@ -22,7 +22,7 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
 MIN_STD_M, MAX_STD_M = 0.0003, 0.5
-"""Bounds of the standard deviation: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
+"""Bounds of what the file calls `std`: of rounding to the depth unit of a D435i, 1 mm; the deepest trench."""
 IMAGE_SHAPE = (2, 48, 16)
 """Depth in [0, 1] (1 where invalid) and validity (0 or 1), rows from the top."""
 
@@ -62,11 +62,12 @@ class Estimate(NamedTuple):
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""
     log_std: Tensor
-    """Logarithm of the standard deviation in metres, see `saltus.heightmap.service.quantiles`, shape (..., 30)."""
+    """Logarithm of what the file calls `std` [m]: half of the 90 % interval is 1.645 times it
+    (`saltus.heightmap.service.quantiles`). Shape (..., 30)."""
 
 
 class HeightmapModel(nn.Module):
-    """Depth images and proprioception to heights with standard deviations."""
+    """Depth images and proprioception to heights with intervals."""
 
     proprioception_mean: Tensor
     proprioception_std: Tensor

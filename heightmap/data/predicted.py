@@ -17,7 +17,8 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
-from saltus.heightmap.service.service import MAX_HEIGHT_M, UNKNOWN_STD_M
+from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
+from saltus.heightmap.service.service import MAX_HEIGHT_M
 from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
 from saltus.resources import resource
@@ -76,8 +77,8 @@ class PredictedHeights:
         self._image = np.zeros((count, 2, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
         self.captured_s = np.full(count, -np.inf)
         """Capture time of the image in use of each robot [s]; minus infinity before the first."""
-        self.std = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_STD_M)
-        """Of the newest heights [m], shape (n, 30)."""
+        self.half_width_90 = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_HALF_WIDTH_M)
+        """Half of the 90 % interval of the newest heights [m], shape (n, 30)."""
         self.depth: NDArray[np.float32] | None = None
         """What the cameras take at this step [m], shape (n, 48, 16); None where it is not the time."""
         self._hidden = np.zeros((count, network.hidden_size), np.float32)
@@ -99,13 +100,14 @@ class PredictedHeights:
             self._image, states.time_s - self.captured_s, new, proprioception_of_states(states), self._hidden
         )
         good = _plausible(tick)
-        self._hidden[good], self._heights[good], self.std[good] = tick.hidden[good], tick.height[good], tick.std[good]
+        self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
+        self.half_width_90[good] = tick.half_width_90[good]
         return self._heights.copy()
 
     def _forget(self, mask: NDArray[np.bool_]) -> None:
         """Robots that start anew have seen nothing."""
         self._hidden[mask] = 0.0
-        self._heights[mask], self.std[mask] = 0.0, UNKNOWN_STD_M
+        self._heights[mask], self.half_width_90[mask] = 0.0, UNKNOWN_HALF_WIDTH_M
         self._image[mask, 0], self._image[mask, 1] = 1.0, 0.0
         self.captured_s[mask] = -np.inf
         for i in np.flatnonzero(mask):

@@ -59,8 +59,8 @@ class Comparison:
     """Since the first state, shape (n,)."""
     height: Floats
     """Predicted, relative to the base [m], shape (n, 30)."""
-    std: Floats
-    """Of it as the predictor states it [m], shape (n, 30)."""
+    half_width_90: Floats
+    """Half of its 90 % interval, as the predictor states it [m], shape (n, 30)."""
     true_height: Floats
     """By the reference, NaN where it does not know [m], shape (n, 30)."""
     visible: NDArray[np.bool_]
@@ -199,7 +199,7 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
         step=np.array([state.step for state in states], np.int64),
         time_s=(time_ns - poses.time_ns[0]) * 1e-9,
         height=height,
-        std=np.array([heightmap.std for heightmap in maps], np.float64),
+        half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),
         true_height=true_height,
         visible=in_view(place, *captured),
         phase=np.array([phase for phase, _ in phases]),

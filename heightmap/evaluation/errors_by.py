@@ -1,4 +1,4 @@
-"""Errors of predicted heights by what they may depend on, and whether their standard deviation tells the truth."""
+"""Errors of predicted heights by what they may depend on, and whether the stated intervals hold them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.comparison import PHASES, Comparison
-from saltus.heightmap.service.quantiles import INTERVAL90, half_width, negative_log_likelihood
+from saltus.heightmap.service.quantiles import half_width, negative_log_likelihood
 
 PROGRESS_BINS = 5
 SPEED_BIN_MPS = 0.25
 AGE_BIN_MS = 10.0  # one tick
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-STD_BINS = 10
+WIDTH_BINS = 10
 VISIBLE, REMEMBERED = "visible", "remembered"
 
 
@@ -32,22 +32,22 @@ class Row:
     """90 % of the absolute errors are below."""
     bias_m: float
     """Mean of predicted less true."""
-    std_m: float
-    """Median of the standard deviations as stated."""
+    half_width_90_m: float
+    """Median of half of the 90 % intervals as stated."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """Whether stated standard deviations fit the errors, see `saltus.heightmap.service.quantiles`."""
+    """Whether stated intervals fit the errors, see `saltus.heightmap.service.quantiles`."""
 
     level: Floats
     """Expected coverage of central intervals."""
     coverage: Floats
     """Observed."""
     stated_m: Floats
-    """Mean (RMS) stated standard deviation in bins of equal counts."""
+    """Mean (RMS) of half of the stated 90 % intervals in bins of equal counts."""
     observed_m: Floats
-    """What should have been stated there: the error that 90 % are below, over 1.645."""
+    """What should have been stated there: the error that 90 % are below."""
     nll: float
     """Mean negative log-likelihood of the true heights, in nats, heights in metres."""
 
@@ -69,7 +69,7 @@ class Errors:
         error = np.concatenate([c.error for c in comparisons])
         known = np.isfinite(error)
         self.error = error[known]
-        self.std = np.concatenate([c.std for c in comparisons])[known]
+        self.half_width_90 = np.concatenate([c.half_width_90 for c in comparisons])[known]
         self._x = np.tile(np.arange(points), (len(error), 1))[known]
         self._visible = np.concatenate([c.visible for c in comparisons])[known]
         step = np.repeat(np.arange(len(error)), points).reshape(-1, points)[known]
@@ -115,16 +115,17 @@ class Errors:
         return self._binned(self._age_ms + 1e-6, AGE_BIN_MS, "{:.0f}-{:.0f}")
 
     def calibration(self) -> Calibration:
-        """Coverage by level, and error against stated standard deviation."""
-        score = np.abs(self.error) / self.std
+        """Coverage by level, and error against half of the stated 90 % interval."""
+        width = self.half_width_90
+        score = np.abs(self.error) / width
         limits = [half_width(level) for level in LEVELS]
-        bins = [part for part in np.array_split(np.argsort(self.std, kind="stable"), STD_BINS) if len(part)]
+        bins = [part for part in np.array_split(np.argsort(width, kind="stable"), WIDTH_BINS) if len(part)]
         return Calibration(
             level=np.array(LEVELS),
             coverage=np.array([np.mean(score <= limit) for limit in limits]),
-            stated_m=np.array([np.sqrt(np.mean(self.std[part] ** 2)) for part in bins]),
-            observed_m=np.array([np.quantile(np.abs(self.error[part]), 0.9) / INTERVAL90 for part in bins]),
-            nll=float(np.mean(negative_log_likelihood(self.error, self.std))),
+            stated_m=np.array([np.sqrt(np.mean(width[part] ** 2)) for part in bins]),
+            observed_m=np.array([np.quantile(np.abs(self.error[part]), 0.9) for part in bins]),
+            nll=float(np.mean(negative_log_likelihood(self.error, width))),
         )
 
     def _binned(self, values: Floats, width: float, name: str) -> list[Row]:
@@ -146,5 +147,5 @@ class Errors:
             mae_m=float(np.abs(error).mean()),
             p90_m=float(np.quantile(np.abs(error), 0.9)),
             bias_m=float(error.mean()),
-            std_m=float(np.median(self.std[mask])),
+            half_width_90_m=float(np.median(self.half_width_90[mask])),
         )

@@ -22,6 +22,7 @@ from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, Intrinsics
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.odometry import Odometry, Pose
+from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
@@ -43,8 +44,7 @@ WALL_ANGLE = math.radians(45.0)  # steeper than this nothing can be stood on
 WALL_SPAN = 0.014  # half the angle over which steepness is judged [rad]: wide against noise, narrow against a stair
 OUTLIER_SIGMAS = 3.0
 SLACK_M = 0.01  # what the drift since the last sight may add to the noise of a point
-GAP_SLOPE = 0.5  # standard deviation per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
-UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
+GAP_SLOPE = 0.5  # standard error per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
 
 _DEPTH = TOPICS["camera/depth"]
 
@@ -97,7 +97,7 @@ class GeometricHeightmap:
             self._take(frame)
         while self._points and state.time_ns - self._points[0].time_ns > self._memory_ns:
             self._points.popleft()
-        height, std = self._fuse(self._odometry.pose)
+        height, half_width_90 = self._fuse(self._odometry.pose)
         if self._foot_gain > 0.0 and self._points:
             height = height + self._touch(state, height)
         newest = self._newest
@@ -106,7 +106,7 @@ class GeometricHeightmap:
             step=state.step,
             x=HEIGHTMAP_X,
             height=height,
-            std=std,
+            half_width_90=half_width_90,
             status=self._status(now_ns),
             depth_age_s=math.inf if newest is None else (state.time_ns - newest.time_ns) * 1e-9,
             frame_id=-1 if newest is None else newest.frame_id,
@@ -146,10 +146,10 @@ class GeometricHeightmap:
         return HeightmapStatus.DEGRADED if age_s > _DEPTH.degraded_age_s else HeightmapStatus.OK
 
     def _fuse(self, pose: Pose) -> tuple[Floats, Floats]:
-        """Heights relative to the base and their standard deviations, each of shape (30,)."""
+        """Heights relative to the base and half of their 90 % intervals, each of shape (30,)."""
         if not self._points:
             unknown = np.zeros(len(HEIGHTMAP_X))
-            return unknown, unknown + UNKNOWN_STD_M
+            return unknown, unknown + UNKNOWN_HALF_WIDTH_M
         ages_s = [np.full(len(p.xyz), (pose.time_ns - p.time_ns) * 1e-9) for p in self._points]
         offset = np.concatenate([p.xyz for p in self._points]) - pose.position
         variance = np.concatenate([p.variance for p in self._points]) + (DRIFT_MPS * np.concatenate(ages_s)) ** 2
@@ -202,7 +202,7 @@ def _on_grid(ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats
     """Fuses points, sorted by distance ahead, at each place of the grid."""
     first = np.searchsorted(ahead, HEIGHTMAP_X - WINDOW_M)
     last = np.searchsorted(ahead, HEIGHTMAP_X + WINDOW_M)
-    height, std = np.zeros(len(HEIGHTMAP_X)), np.zeros(len(HEIGHTMAP_X))
+    height, half_width_90 = np.zeros(len(HEIGHTMAP_X)), np.zeros(len(HEIGHTMAP_X))
     for i, x in enumerate(HEIGHTMAP_X):
         near, distance = slice(first[i], last[i]), 0.0
         if first[i] == last[i]:
@@ -212,8 +212,8 @@ def _on_grid(ahead: Floats, z: Floats, variance: Floats) -> tuple[Floats, Floats
                 np.searchsorted(ahead, ahead[place] - WINDOW_M), np.searchsorted(ahead, ahead[place] + WINDOW_M)
             )
         height[i], fused = _robust_mean(z[near], variance[near])
-        std[i] = min(math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_STD_M)
-    return height, std
+        half_width_90[i] = min(INTERVAL90 * math.hypot(fused, GAP_SLOPE * distance), UNKNOWN_HALF_WIDTH_M)
+    return height, half_width_90
 
 
 def _nearest(ahead: Floats, x: float) -> int:
@@ -224,9 +224,9 @@ def _nearest(ahead: Floats, x: float) -> int:
 
 
 def _robust_mean(z: Floats, variance: Floats) -> tuple[float, float]:
-    """Mean of the points that agree with the weighted median, and its standard deviation.
+    """Mean of the points that agree with the weighted median, and its standard error.
 
-    The median chooses one side of an edge. The surest point bounds the standard deviation from below: points share the
+    The median chooses one side of an edge. The surest point bounds the standard error from below: points share the
     drift of the odometry, so that more of them do not make the mean surer.
     """
     weight = 1.0 / np.maximum(variance, 1e-8)

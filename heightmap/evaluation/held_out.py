@@ -117,8 +117,8 @@ class Prediction:
 
     height: Floats
     """[m], shape (n, 30)."""
-    std: Floats
-    """[m], shape (n, 30)."""
+    half_width_90: Floats
+    """Half of the 90 % interval [m], shape (n, 30)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,7 +151,7 @@ class _Tick:
     """What the services of all robots had and said at one step."""
 
     height: Floats
-    std: Floats
+    half_width_90: Floats
     captured_s: Floats
     depth: NDArray[np.uint16] | None
     """Taken at this step [mm], shape (robots, 48, 16)."""
@@ -170,7 +170,12 @@ class _Watched:
         height = source.heights(states, truth, fresh)
         depth = None if source.depth is None else depth_in_millimetres(source.depth)
         self._ticks.append(
-            _Tick(height=height, std=source.std.copy(), captured_s=source.captured_s.copy(), depth=depth)
+            _Tick(
+                height=height,
+                half_width_90=source.half_width_90.copy(),
+                captured_s=source.captured_s.copy(),
+                depth=depth,
+            )
         )
         return height
 
@@ -186,7 +191,7 @@ def _measured(
     captured_s = np.array([tick.captured_s[robot] for tick in ticks])
     network = Prediction(
         height=np.array([tick.height[robot] for tick in ticks], np.float64),
-        std=np.array([tick.std[robot] for tick in ticks], np.float64),
+        half_width_90=np.array([tick.half_width_90[robot] for tick in ticks], np.float64),
     )
     others = {name: _baseline(name, steps, ticks, robot) for name in config.baselines}
     counted = slice(STAND_STEPS, None)
@@ -196,7 +201,7 @@ def _measured(
         true_height=true_heights(terrain, position, quaternion)[counted],
         view=sight(terrain, position, quaternion, captured_s)[counted],
         predictions={
-            name: Prediction(height=said.height[counted], std=said.std[counted])
+            name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()
         },
     )
@@ -217,7 +222,7 @@ def _baseline(name: str, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], r
     maps = replay_predictor(GeometricHeightmap(foot_gain=BASELINES[name]), frames, states, arrival_ns)
     return Prediction(
         height=np.array([heightmap.height for heightmap in maps], np.float64),
-        std=np.array([heightmap.std for heightmap in maps], np.float64),
+        half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),
     )
 
 

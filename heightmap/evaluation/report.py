@@ -166,9 +166,9 @@ def write_report(report: ErrorReport, path: Path) -> None:
         "<h2>Edges</h2>",
         '<p class="note">Mean error of the position of jumps of more than 3 cm that were predicted.</p>',
         figures.figure_html(figures.edge_figure(report.edges())),
-        "<h2>Stated standard deviation</h2>",
+        "<h2>Stated intervals</h2>",
         '<p class="note">Left: how many of the true heights lie in the intervals that should hold a share of them. '
-        "Right: error of the points with the same stated deviation.</p>",
+        "Right: the error that 90 % are below, of the points whose stated intervals are as wide.</p>",
         figures.figure_html(figures.calibration_figure(errors)),
         f"<h2>The {WORST} worst moments of {html.escape(report.predictors[0])}</h2>",
         *_moments(report),

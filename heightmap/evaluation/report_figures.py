@@ -38,7 +38,7 @@ def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
         for label, values, dash in (
             ("mean", [row.mae_m for row in rows], "solid"),
             ("90 % are below", [row.p90_m for row in rows], "dot"),
-            ("stated deviation", [row.std_m for row in rows], "dash"),
+            ("half of the stated 90 % interval", [row.half_width_90_m for row in rows], "dash"),
         ):
             figure.add_scatter(
                 x=x, y=_cm(values), name=f"{name}, {label}", legendgroup=name, line={"color": colour, "dash": dash}
@@ -83,7 +83,7 @@ def edge_figure(edges: Mapping[str, EdgeErrors]) -> go.Figure:
 
 
 def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
-    """Observed over expected coverage, and error over stated standard deviation."""
+    """Observed over expected coverage, and the error that 90 % are below over half of the stated 90 % interval."""
     figure = make_subplots(cols=2, horizontal_spacing=0.12)
     top = 0.0
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):
@@ -102,8 +102,8 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
         )  # fmt: skip
     figure.update_xaxes(title="expected coverage [%]", col=1)
     figure.update_yaxes(title="observed [%]", col=1)
-    figure.update_xaxes(title="stated standard deviation [cm]", col=2)
-    figure.update_yaxes(title="RMS error [cm]", col=2)
+    figure.update_xaxes(title="half of the stated 90 % interval [cm]", col=2)
+    figure.update_yaxes(title="90 % of errors are below [cm]", col=2)
     figure.update_layout(height=380, margin={"l": 60, "r": 20, "t": 40, "b": 50}, legend=_LEGEND)
     return figure
 
@@ -115,7 +115,7 @@ def moment_figure(
 
     Args:
         index: of the step in `moment`.
-        moment: whose prediction is shown with its standard deviation.
+        moment: whose prediction is shown with its 90 % interval.
         others: more predictors on the same run.
         frame: None where the recording has not kept it.
         names: of all predictors, in the order of colours.
@@ -131,11 +131,11 @@ def moment_figure(
     figure.update_yaxes(visible=False, autorange="reversed", scaleanchor="x", col=1)
     centimetres = 100 * HEIGHTMAP_X
     colours = dict(zip(names, _colours(names), strict=True))
-    height, std = 100 * moment.height[index], 100 * moment.std[index]
-    band = np.concatenate([height + 2 * std, (height - 2 * std)[::-1]])
+    height, half_width = 100 * moment.height[index], 100 * moment.half_width_90[index]
+    band = np.concatenate([height + half_width, (height - half_width)[::-1]])
     figure.add_scatter(
         x=np.concatenate([centimetres, centimetres[::-1]]), y=band,
-        fill="toself", line={"width": 0}, fillcolor="rgba(0,114,178,0.15)", name="2 standard deviations",
+        fill="toself", line={"width": 0}, fillcolor="rgba(0,114,178,0.15)", name="90 % interval",
         hoverinfo="skip", row=1, col=2,
     )  # fmt: skip
     for comparison in (moment, *others):

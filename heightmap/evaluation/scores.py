@@ -11,7 +11,7 @@ from saltus.arrays import Floats
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun
 from saltus.heightmap.evaluation.sight import UNSEEN, VIEWS
-from saltus.heightmap.service.quantiles import INTERVAL90, negative_log_likelihood
+from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +42,13 @@ class Score:
 def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
     """One predictor in some runs."""
     said = [run.predictions[predictor] for run in runs]
-    height, std, true = (
+    height, half_width_90, true = (
         np.concatenate(parts)
-        for parts in ([p.height for p in said], [p.std for p in said], [run.true_height for run in runs])
+        for parts in ([p.height for p in said], [p.half_width_90 for p in said], [run.true_height for run in runs])
     )
     view = np.concatenate([run.view for run in runs])
     error = np.abs(height - true)
-    covered = error <= INTERVAL90 * std
+    covered = error <= half_width_90
     by_view = {name: _mean(error[view == number]) for number, name in enumerate(VIEWS)}
     met = view != UNSEEN
     edges = edge_errors(height, np.where(met, true, np.nan))
@@ -61,7 +61,7 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
         edges_found=edges.found,
         coverage90=_mean(covered),
         coverage90_met=_mean(covered[met]),
-        nll=_mean(negative_log_likelihood(error, std)),
+        nll=_mean(negative_log_likelihood(error, half_width_90)),
         points=error.size,
     )
 

@@ -138,11 +138,11 @@ class FleetService:
 
 def _run(network: HeightmapNetwork, asked: list[tuple[Inputs, HeightmapService]]) -> list[Tick]:
     """One call of the network for all."""
-    height, std, hidden = network.ticks(
+    rows = network.ticks(
         np.array([inputs.image for inputs, _ in asked]),
         np.array([inputs.age_s for inputs, _ in asked]),
         np.array([inputs.new for inputs, _ in asked]),
         np.array([inputs.features for inputs, _ in asked]),
         np.array([service.hidden for _, service in asked]),
     )
-    return [Tick(*rows) for rows in zip(height, std, hidden, strict=True)]
+    return [Tick(*row) for row in zip(*rows, strict=True)]

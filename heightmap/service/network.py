@@ -13,6 +13,7 @@ from saltus.arrays import Floats, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.model_file import ModelFile
 
 FORMAT = "saltus-heightmap-1"
@@ -48,8 +49,8 @@ class Tick(NamedTuple):
 
     height: Singles
     """[m], shape (30,)."""
-    std: Singles
-    """[m], shape (30,)."""
+    half_width_90: Singles
+    """Of each height, half of the interval that holds 90 % of the errors [m], shape (30,)."""
     hidden: Singles
     """Shape (hidden size,)."""
 
@@ -73,12 +74,15 @@ class HeightmapNetwork:
 
     def tick(self, image: Singles, age_s: float, new: bool, features: Singles, hidden: Singles) -> Tick:
         """Runs one tick of one robot: image (2, 48, 16), features (n,), hidden (hidden size,)."""
-        height, std, hidden_out = self._call(1).run((image, age_s, new, features, hidden))
-        return Tick(height[0], std[0], hidden_out[0])
+        return Tick(*(output[0] for output in self._ticks(1, (image, age_s, new, features, hidden))))
 
     def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
         """Runs one tick of many robots; all arrays, and those returned, have a leading dimension of robots."""
-        return Tick(*self._call(len(image)).run((image, age_s, new, features, hidden)))
+        return self._ticks(len(image), (image, age_s, new, features, hidden))
+
+    def _ticks(self, robots: int, inputs: Iterable[ArrayLike]) -> Tick:
+        height, std, hidden_out = self._call(robots).run(inputs)
+        return Tick(height, np.float32(INTERVAL90) * std, hidden_out)
 
     def _call(self, robots: int) -> "_Call":
         if robots not in self._calls:

@@ -1,4 +1,4 @@
-"""What a stated standard deviation of a height means: an interval of 90 %, and the law of the others."""
+"""What the network states of its errors: an interval of 90 %, and the law by which other intervals follow from it."""
 
 import math
 
@@ -7,19 +7,21 @@ import numpy as np
 from saltus.arrays import Floats
 
 INTERVAL90 = 1.645
-"""So many of them to each side hold 90 % of the errors: by this they are fitted. For normal errors it is the usual
-standard deviation; real errors have heavier tails, so it is not the root of their mean square."""
-_SCALE = INTERVAL90 / math.log(10.0)
-"""Scale of the Laplace law whose 90 % interval this is, over the standard deviation. Its tails are nearer to those of
-the errors than those of a normal law."""
+"""Half of the 90 % interval over what a model file calls `std`. For normal errors that would be their standard
+deviation; real errors have heavier tails, and the network is fitted to hold 90 % of them, so it is not."""
+UNKNOWN_HALF_WIDTH_M = INTERVAL90 * 0.5
+"""Of a height that nobody has seen: the deepest trench."""
+_SCALE = 1.0 / math.log(10.0)
+"""Scale of the Laplace law over half of its 90 % interval. Its tails are nearer to those of the errors than those of a
+normal law."""
 
 
 def half_width(level: float) -> float:
-    """Standard deviations to each side that hold a share `level` of a Laplace law."""
+    """Half of the interval that holds a share `level` of a Laplace law, over half of the one that holds 90 %."""
     return -math.log(1.0 - level) * _SCALE
 
 
-def negative_log_likelihood(error: Floats, std: Floats) -> Floats:
-    """Of errors [m] under the Laplace law, in nats."""
-    scale = _SCALE * np.asarray(std)
+def negative_log_likelihood(error: Floats, half_width_90: Floats) -> Floats:
+    """Of errors under the Laplace law with that half of the 90 % interval [m], in nats."""
+    scale = _SCALE * np.asarray(half_width_90)
     return np.abs(error) / scale + np.log(2.0 * scale)

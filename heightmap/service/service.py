@@ -12,6 +12,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
+from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.stuck_output import StuckOutput
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
@@ -27,7 +28,6 @@ DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trai
 LOSS_MARGIN_S = 0.020
 """Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
 is said at this one."""
-UNKNOWN_STD_M = 0.5  # of a height that nobody has seen: the deepest trench
 
 _DEPTH = TOPICS["camera/depth"]
 _DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
@@ -216,7 +216,9 @@ class HeightmapService:
             self._forget()
             self._bad_outputs = BAD_OUTPUTS_TO_INVALID  # INVALID until an output is good again
         if self._last is not None:
-            return replace(self._heightmap(state, None, status), height=self._last.height, std=self._last.std)
+            return replace(
+                self._heightmap(state, None, status), height=self._last.height, half_width_90=self._last.half_width_90
+            )
         return self._heightmap(state, None, status)
 
     def _heightmap(self, state: RobotState, tick: Tick | None, status: HeightmapStatus) -> Heightmap:
@@ -227,7 +229,7 @@ class HeightmapService:
             step=state.step,
             x=HEIGHTMAP_X,
             height=unknown if tick is None else tick.height,
-            std=unknown + UNKNOWN_STD_M if tick is None else tick.std,
+            half_width_90=unknown + UNKNOWN_HALF_WIDTH_M if tick is None else tick.half_width_90,
             status=status,
             depth_age_s=math.inf if view is None else (state.time_ns - view.time_ns) * 1e-9,
             frame_id=-1 if view is None else view.frame_id,
@@ -239,7 +241,7 @@ def _bounds(hidden_size: int) -> tuple[Singles, Singles]:
     """Within what the outputs of a tick are plausible, one after the other."""
     sizes = (len(HEIGHTMAP_X), len(HEIGHTMAP_X), hidden_size)
     low = np.repeat(np.array((-MAX_HEIGHT_M, np.finfo(np.float32).tiny, -MAX_HIDDEN), np.float32), sizes)
-    return low, np.repeat(np.array((MAX_HEIGHT_M, MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
+    return low, np.repeat(np.array((MAX_HEIGHT_M, INTERVAL90 * MAX_HEIGHT_M, MAX_HIDDEN), np.float32), sizes)
 
 
 def _network_image(image: ModelImage) -> Singles:

@@ -18,7 +18,7 @@ BATCH, LENGTH, WINDOWS = 32, 100, 30
 def calibrate(
     model: HeightmapModel, store: EpisodeStore, delivery: DeliveryModel, noise: ImageNoise, seed: int
 ) -> float:
-    """Scales all stated standard deviations so that 90 % of the errors lie within 1.645 of them.
+    """Scales all stated intervals so that the 90 % intervals hold 90 % of the errors.
 
     A network states what it met in training, and errs by a little more elsewhere. The factor goes into the last layer.
 

@@ -16,6 +16,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
+from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.model_file import put_model
 from saltus.provenance import commit
 from saltus.wire.topics import CAMERA_LATENCY_S
@@ -89,7 +90,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
 
 
 def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
-    """Greatest difference of a height or standard deviation [m] between torch and the file.
+    """Greatest difference of a height or of half of its 90 % interval [m] between torch and the file.
 
     Args:
         model: The network in torch.
@@ -102,13 +103,13 @@ def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_ev
     for step, given in enumerate(inputs):
         if step % reset_every == 0:
             hidden, torch_hidden = np.zeros(network.hidden_size, np.float32), torch.zeros(1, network.hidden_size)
-        height, std, hidden = network.tick(*given, hidden)
+        height, half_width_90, hidden = network.tick(*given, hidden)
         image, features = (torch.from_numpy(array)[None] for array in (given.image, given.features))
         age, new = torch.tensor([given.age_s]), torch.tensor([float(given.new)])
         with torch.no_grad():
             estimate, torch_hidden = model.step(image, age, new, features, torch_hidden)
-        expected = (estimate.height[0].numpy(), estimate.log_std[0].exp().numpy())
-        differences = [np.abs(a - b).max() for a, b in zip((height, std), expected, strict=True)]
+        expected = (estimate.height[0].numpy(), INTERVAL90 * estimate.log_std[0].exp().numpy())
+        differences = [np.abs(a - b).max() for a, b in zip((height, half_width_90), expected, strict=True)]
         worst = float(np.max([worst, *differences]))  # which a number that is none comes through
     return worst
 

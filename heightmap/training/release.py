@@ -129,8 +129,9 @@ def _card(result: Release, training: dict[str, Any], records: list[ShardRecord],
     return f"""# Heightmap model {result.model_id}
 
 Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 terrain heights from 0.4 m behind to
-0.8 m ahead of the base, each with a standard deviation, out; 100 Hz. Convolutions with {sizes["channels"]} channels,
-one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in simulation only.
+0.8 m ahead of the base, each with half of its 90 % interval (1.645 times the output `std`), out; 100 Hz. Convolutions
+with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
+simulation only.
 
 Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
 

@@ -86,7 +86,7 @@ class Progress:
     """Over the last batch, noise and faults included."""
     seconds: float
     calibrates: bool = False
-    """All updates are done; the standard deviations are now fitted to held-out episodes, which takes a while."""
+    """All updates are done; the intervals are now fitted to held-out episodes, which takes a while."""
 
 
 def train(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -20,7 +20,7 @@ from saltus import config
 from saltus.config import RunConfig
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.recordings.recorder import METADATA, METADATA_END
-from saltus.wire import codec
+from saltus.wire import codec, schemas
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
@@ -44,6 +44,7 @@ class Recording:
     """Whether the file has its end and every part of it is sound."""
     lost: list[str] = field(default_factory=list)
     """What is missing, one line each."""
+    _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, Channel] = field(default_factory=dict)
     _chunks: list[Chunk] = field(default_factory=list)
 
@@ -61,6 +62,7 @@ class Recording:
         Raises:
             RecordingError: a message does not fit this version's messages.
         """
+        self._check_fields(topic)
         for arrival_ns, envelope, payload, key in self._records(topic):
             row = topic_of(key)
             assert row is not None  # noqa: S101 - `_records` yields rows of the table only
@@ -74,13 +76,35 @@ class Recording:
         for arrival_ns, envelope, payload, _ in self._records(topic):
             yield arrival_ns, envelope, payload
 
-    def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
-        wanted: dict[int, tuple[str, bytes]] = {}
+    def _check_fields(self, topic: str) -> None:
+        """Refuses fields of another version: the bytes of one that was renamed would be read under its new meaning."""
+        for channel in self._channels_of(topic).values():
+            schema = self._schemas.get(channel.schema_id)
+            if schema is None or schema.name not in schemas.DEFINITIONS:
+                continue
+            written, known = (
+                _fields(text) for text in (schema.data.decode(errors="replace"), codec.definition_of(schema.name))
+            )
+            if written != known:
+                other = next((line for line in written if line not in known), "fewer fields")
+                raise RecordingError(
+                    f"{self.path}: {topic} was written by another version of saltus ('{other}' is not in its messages "
+                    "today): read it with that version, or record the run anew"
+                )
+
+    def _channels_of(self, topic: str) -> dict[int, Channel]:
+        found = {}
         for number, channel in self._channels.items():
-            key = channel.topic[1:]
-            row = topic_of(key)
-            if row is not None and topic in (row.name, key):
-                wanted[number] = key, bytes.fromhex(channel.metadata.get("boot_id", ""))
+            row = topic_of(channel.topic[1:])
+            if row is not None and topic in (row.name, channel.topic[1:]):
+                found[number] = channel
+        return found
+
+    def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
+        wanted = {
+            number: (channel.topic[1:], bytes.fromhex(channel.metadata.get("boot_id", "")))
+            for number, channel in self._channels_of(topic).items()
+        }
         for chunk in self._chunks:
             for record in breakup_chunk(chunk):
                 if isinstance(record, Record) and record.channel_id in wanted:
@@ -148,6 +172,8 @@ class _Reader:
             self._take_metadata(record)
         elif isinstance(record, Channel):  # the summary repeats them: those of a damaged part come back
             recording._channels.setdefault(record.id, record)
+        elif isinstance(record, Schema):
+            recording._schemas.setdefault(record.id, record)
         elif isinstance(record, Footer):
             self.ended = True
 
@@ -165,6 +191,8 @@ class _Reader:
         for record in records:
             if isinstance(record, Channel):
                 recording._channels[record.id] = record
+            elif isinstance(record, Schema):
+                recording._schemas[record.id] = record
 
     def _take_metadata(self, record: Metadata) -> None:
         if record.name == METADATA_END:
@@ -175,6 +203,11 @@ class _Reader:
                 self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
             except ConfigError as error:
                 self.recording.lost.append(f"the configuration: {error}")
+
+
+def _fields(definition: str) -> list[str]:
+    """Lines of a message definition, without those of the types that it contains."""
+    return definition.split("=" * 80)[0].split("\n")
 
 
 def _reason(error: Exception) -> str:

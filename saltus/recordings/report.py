@@ -237,11 +237,11 @@ def _error_figure(data: RunData) -> go.Figure:
     if trusted:
         x = 100 * np.asarray(trusted[0][0].x)
         error = 100 * np.abs(np.array([np.asarray(h.height) - t.height for h, t in trusted]))
-        claimed = 100 * np.median([np.asarray(h.std) for h, _ in trusted], axis=0)
+        claimed = 100 * np.median([np.asarray(h.half_width_90) for h, _ in trusted], axis=0)
         for name, values, colour in (
             ("median error", np.median(error, axis=0), BLUE),
             ("90 % of errors are below", np.quantile(error, 0.9, axis=0), RED),
-            ("standard deviation that the model states, median", claimed, GREY),
+            ("half of the 90 % interval that the model states, median", claimed, GREY),
         ):
             figure.add_scatter(x=x, y=values, name=name, mode="lines+markers", line={"color": colour})
     figure.update_xaxes(title="distance ahead of the base [cm]")

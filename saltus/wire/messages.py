@@ -107,9 +107,8 @@ class Heightmap:
     """Distance ahead of the base along its yaw [m], shape (30,)."""
     height: Floats
     """Terrain height relative to the base [m], shape (30,)."""
-    std: Floats
-    """Of `height` [m]: 1.645 of it to each side hold 90 % of the errors (`saltus.heightmap.service.quantiles`), shape
-    (30,)."""
+    half_width_90: Floats
+    """Half of the 90 % interval of `height` [m]: 90 % of the errors are smaller, shape (30,)."""
     status: HeightmapStatus
     depth_age_s: float
     """Age of the image that was used; infinite where there is none yet."""

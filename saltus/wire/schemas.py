@@ -101,7 +101,7 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _index("step"),
         _vector("x", HEIGHTS, HEIGHT),
         _vector("height", HEIGHTS, HEIGHT),
-        _vector("std", HEIGHTS, HEIGHT, low=0.0),
+        _vector("half_width_90", HEIGHTS, HEIGHT, low=0.0),
         Field("status", "uint8", enum=messages.HeightmapStatus),
         _scalar("depth_age_s", -1.0, math.inf),
         _index("frame_id", low=-1),

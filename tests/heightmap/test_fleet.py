@@ -63,7 +63,7 @@ def alone(network: HeightmapNetwork, robot: int, steps: Iterable[int]) -> list[H
 def assert_same(found: list[Heightmap], expected: list[Heightmap]) -> None:
     assert [(h.step, h.status, h.frame_id) for h in found] == [(h.step, h.status, h.frame_id) for h in expected]
     np.testing.assert_allclose([h.height for h in found], [h.height for h in expected], atol=1e-6)
-    np.testing.assert_allclose([h.std for h in found], [h.std for h in expected], atol=1e-6)
+    np.testing.assert_allclose([h.half_width_90 for h in found], [h.half_width_90 for h in expected], atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])

@@ -9,7 +9,8 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.edges import edge_errors
-from saltus.heightmap.evaluation.geometric import FOOT_GAIN, UNKNOWN_STD_M, GeometricHeightmap
+from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
+from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 
@@ -71,7 +72,7 @@ def test_nothing_is_known_before_the_first_image(step_run: Glide) -> None:
     heightmap = GeometricHeightmap().step(step_run.states[0], None, 0)
     assert heightmap.status == HeightmapStatus.WARMING
     assert heightmap.frame_id == -1
-    assert heightmap.std == pytest.approx(UNKNOWN_STD_M)
+    assert heightmap.half_width_90 == pytest.approx(UNKNOWN_HALF_WIDTH_M)
 
 
 def test_a_place_is_less_sure_the_farther_the_nearest_point(step_run: Glide) -> None:
@@ -80,8 +81,8 @@ def test_a_place_is_less_sure_the_farther_the_nearest_point(step_run: Glide) -> 
         frame = step_run.frames[0] if state.step == 5 else None
         heightmap = predictor.step(state, frame, state.time_ns)
     unseen = HEIGHTMAP_X < 0.4  # the first image begins farther ahead
-    assert (np.diff(heightmap.std[unseen]) < 0.0).all()
-    assert heightmap.std[~unseen].max() < heightmap.std[unseen].min()
+    assert (np.diff(heightmap.half_width_90[unseen]) < 0.0).all()
+    assert heightmap.half_width_90[~unseen].max() < heightmap.half_width_90[unseen].min()
 
 
 @pytest.mark.parametrize("value", [0, NOTHING, 5000])
@@ -117,7 +118,7 @@ def test_silence_is_told_and_a_long_pause_forgets(step_run: Glide) -> None:
     assert statuses == sorted(statuses)
     assert statuses[-1] == HeightmapStatus.INVALID
     late = replace(step_run.states[80], time_ns=step_run.states[79].time_ns + 1000 * MS)
-    assert predictor.step(late, None, late.time_ns).std == pytest.approx(UNKNOWN_STD_M)
+    assert predictor.step(late, None, late.time_ns).half_width_90 == pytest.approx(UNKNOWN_HALF_WIDTH_M)
 
 
 def test_standing_feet_take_away_vertical_drift() -> None:

@@ -22,14 +22,13 @@ from saltus.heightmap.evaluation.held_out import (
 )
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.sight import REMEMBERED, UNSEEN, VISIBLE
-from saltus.heightmap.service.quantiles import INTERVAL90
 
 POINTS = len(HEIGHTMAP_X)
 STEPS = 400
 
 
-def made_up(height: np.ndarray, std: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
-    prediction = Prediction(height=height, std=std)
+def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray) -> HeldOutRun:
+    prediction = Prediction(height=height, half_width_90=half_width)
     return HeldOutRun(
         terrain="stairs", level=MASTERED, true_height=true, view=view.astype(np.int8), predictions={NETWORK: prediction}
     )  # fmt: skip
@@ -47,7 +46,7 @@ def test_errors_are_counted_by_what_was_met() -> None:
     true = rng.normal(size=(STEPS, POINTS))
     view = rng.integers(0, 3, (STEPS, POINTS))
     off = np.select([view == VISIBLE, view == REMEMBERED], [0.01, 0.03], 0.5)
-    found = score([made_up(true + off, np.full_like(true, 0.1), true, view)], NETWORK)
+    found = score([synthetic_run(true + off, np.full_like(true, 0.1), true, view)], NETWORK)
     assert found.mae_visible_m == pytest.approx(0.01)
     assert found.mae_remembered_m == pytest.approx(0.03)
     assert found.mae_unseen_m == pytest.approx(0.5)
@@ -62,14 +61,14 @@ def test_errors_are_counted_by_what_was_met() -> None:
 def test_an_interval_that_holds_nine_of_ten_errors_is_said_to(law: str) -> None:
     rng = np.random.default_rng(1)
     true = np.zeros((STEPS, POINTS))
-    std = rng.uniform(0.005, 0.05, true.shape)
-    draw = rng.normal(size=true.shape) if law == "normal" else rng.laplace(size=true.shape) * INTERVAL90 / np.log(10.0)
-    found = score([made_up(draw * std, std, true, np.zeros(true.shape))], NETWORK)
+    half_width = rng.uniform(0.01, 0.08, true.shape)
+    draw = rng.normal(size=true.shape) / 1.645 if law == "normal" else rng.laplace(size=true.shape) / np.log(10.0)
+    found = score([synthetic_run(draw * half_width, half_width, true, np.zeros(true.shape))], NETWORK)
     assert found.coverage90 == pytest.approx(0.9, abs=0.01)
-    worse = score([made_up(draw * std, 3.0 * std, true, np.zeros(true.shape))], NETWORK)
+    worse = score([synthetic_run(draw * half_width, 3.0 * half_width, true, np.zeros(true.shape))], NETWORK)
     assert worse.nll > found.nll
     if law == "laplace":  # the law by which it is judged: nothing scores better than the truth
-        scale = std * INTERVAL90 / np.log(10.0)
+        scale = half_width / np.log(10.0)
         assert found.nll == pytest.approx(float(np.mean(1.0 + np.log(2.0 * scale))), abs=0.02)
 
 
@@ -77,11 +76,11 @@ def test_edges_that_were_never_met_do_not_count() -> None:
     true = np.tile(np.where(HEIGHTMAP_X > 0.4, 0.1, 0.0), (STEPS, 1))
     late = np.roll(true, 1, axis=1)
     late[:, 0] = 0.0
-    met = score([made_up(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
+    met = score([synthetic_run(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
     assert met.edge_error_m == pytest.approx(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
     assert met.edges_found == 1.0
     ahead = np.where(HEIGHTMAP_X > 0.3, UNSEEN, VISIBLE) * np.ones_like(true)
-    assert np.isnan(score([made_up(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m)
+    assert np.isnan(score([synthetic_run(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m)
 
 
 def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_path: Path) -> None:
@@ -90,9 +89,9 @@ def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_pa
         assert run.true_height.shape == run.view.shape
         assert set(run.predictions) == {NETWORK, "geometric"}
         for said in run.predictions.values():
-            assert said.height.shape == said.std.shape == run.true_height.shape
+            assert said.height.shape == said.half_width_90.shape == run.true_height.shape
             assert np.isfinite(said.height).all()
-            assert (said.std > 0.0).all()
+            assert (said.half_width_90 > 0.0).all()
         ahead = run.view[:50, HEIGHTMAP_X > 0.6]
         assert (ahead != UNSEEN).mean() > 0.5
     table = scores(runs)

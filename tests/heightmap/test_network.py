@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 
 from saltus.errors import ModelError
-from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.model import HeightmapModel
+from saltus.heightmap.service.network import INPUTS, HeightmapNetwork
+from saltus.heightmap.training.export import random_inputs
 
 
 def mutated(model_path: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:
@@ -55,6 +58,16 @@ MUTATIONS = {
     "warmup_frames": at("warmup_frames", 0),
     "nominal_delay_s": at("nominal_delay_s", "soon"),
 }
+
+
+def test_a_tick_has_half_of_the_90_percent_interval(model: HeightmapModel, model_path: Path) -> None:
+    (given,) = random_inputs(model, np.random.default_rng(0), 1)
+    network = HeightmapNetwork(model_path)
+    tick = network.tick(*given, np.zeros(network.hidden_size, np.float32))
+    arrays = (given.image, given.age_s, given.new, given.features, np.zeros(network.hidden_size))
+    session = onnxruntime.InferenceSession(model_path)
+    stated = session.run(["std"], {name: np.array([a], np.float32) for name, a in zip(INPUTS, arrays, strict=True)})
+    np.testing.assert_allclose(tick.half_width_90, 1.645 * stated[0][0], rtol=1e-5)
 
 
 @pytest.mark.parametrize("field", MUTATIONS)

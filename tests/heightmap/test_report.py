@@ -19,7 +19,6 @@ from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors, Row
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.report import APART_S, WORST, measure, write_report
-from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
 from saltus.recordings.recording import Recording
 from saltus.render.camera import Mount, camera_pose, ray_directions
@@ -46,11 +45,11 @@ def recording(run: Glide, geometric: list[Heightmap], tmp_path_factory: pytest.T
     return record(tmp_path_factory.mktemp("run") / "recording.mcap", run, geometric)
 
 
-def told(run: Glide, maps: list[Heightmap], error: np.ndarray, std: np.ndarray) -> list[Heightmap]:
+def told(run: Glide, maps: list[Heightmap], error: np.ndarray, half_width: np.ndarray) -> list[Heightmap]:
     """Heightmaps that are wrong by what is given, shapes (steps, 30)."""
     return [
-        replace(heightmap, height=truth + e, std=s)
-        for heightmap, truth, e, s in zip(maps, run.true_height, error, std, strict=True)
+        replace(heightmap, height=truth + e, half_width_90=w)
+        for heightmap, truth, e, w in zip(maps, run.true_height, error, half_width, strict=True)
     ]
 
 
@@ -77,7 +76,9 @@ def test_a_constant_error_is_found_in_every_group(
     errors = Errors([compared(tmp_path / "bias.mcap", run, told(run, geometric, wrong, np.abs(wrong)))])
     for table in TABLES:
         for row in table(errors):
-            np.testing.assert_allclose([row.mae_m, row.p90_m, abs(row.bias_m), row.std_m], abs(bias), atol=1e-6)
+            np.testing.assert_allclose(
+                [row.mae_m, row.p90_m, abs(row.bias_m), row.half_width_90_m], abs(bias), atol=1e-6
+            )
             assert np.sign(row.bias_m) == np.sign(bias)
 
 
@@ -98,9 +99,9 @@ def test_calibration_compares_what_is_stated_with_what_is(
     run: Glide, geometric: list[Heightmap], tmp_path: Path, scale: float
 ) -> None:
     rng = np.random.default_rng(3)
-    std = rng.uniform(0.005, 0.05, run.true_height.shape)
-    wrong = rng.laplace(size=std.shape) * std * INTERVAL90 / np.log(10.0)
-    maps = told(run, geometric, wrong, scale * std)
+    half_width = rng.uniform(0.01, 0.08, run.true_height.shape)
+    wrong = rng.laplace(size=half_width.shape) * half_width / np.log(10.0)
+    maps = told(run, geometric, wrong, scale * half_width)
     calibration = Errors([compared(tmp_path / "c.mcap", run, maps)]).calibration()
     np.testing.assert_allclose(calibration.observed_m * scale, calibration.stated_m, rtol=0.15)
     if scale == 1.0:
@@ -110,7 +111,7 @@ def test_calibration_compares_what_is_stated_with_what_is(
 
 
 def test_the_true_spread_has_the_best_likelihood(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
-    wrong = np.random.default_rng(4).laplace(size=run.true_height.shape) * 0.02 * INTERVAL90 / np.log(10.0)
+    wrong = np.random.default_rng(4).laplace(size=run.true_height.shape) * 0.02 / np.log(10.0)
     scores = [
         Errors([compared(tmp_path / f"{s}.mcap", run, told(run, geometric, wrong, np.full_like(wrong, s)))])
         .calibration()
@@ -241,7 +242,7 @@ def test_the_page_has_every_part_and_numbers_are_json(
     # The recorded heights are the geometric ones: the two must agree in every number.
     assert numbers["predictors"][RECORDED] == numbers["predictors"]["geometric"]
     text = out.read_text()
-    for title in ("distance", "gait phase", "speed", "age", "terrain", "remembered", "Edges", "deviation", "worst"):
+    for title in ("distance", "gait phase", "speed", "age", "terrain", "remembered", "Edges", "intervals", "worst"):
         assert title in text
     assert re.search(r"<(script|link|img)[^>]*(src|href)=.?http", text) is None  # it opens without a network
 

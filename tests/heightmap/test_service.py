@@ -25,7 +25,7 @@ def clean(steps: int) -> dict[int, DepthFrame | None]:
 
 def same(left: list[Heightmap], right: list[Heightmap]) -> bool:
     return all(
-        np.array_equal(a.height, b.height) and np.array_equal(a.std, b.std) and a.status == b.status
+        np.array_equal(a.height, b.height) and np.array_equal(a.half_width_90, b.half_width_90) and a.status == b.status
         for a, b in zip(left, right, strict=True)
     )
 
@@ -59,7 +59,7 @@ def test_bad_pixels_do_not_poison(model_path: Path, value: float, pixels: int) -
     frames[31] = frame(good.frame_id, good.time_ns / MS, depth)
     with np.errstate(all="ignore"):
         answers = run(HeightmapService(model_path), frames, 80)
-    assert all(np.isfinite(h.height).all() and np.isfinite(h.std).all() for h in answers)
+    assert all(np.isfinite(h.height).all() and np.isfinite(h.half_width_90).all() for h in answers)
     assert answers[33].status == OK  # one image later
 
 
@@ -164,14 +164,15 @@ class Faulty:
 
 
 def bad_tick(where: str, value: float) -> Tick:
-    arrays = {"height": np.zeros(30), "std": np.full(30, 0.1), "hidden": np.zeros(256)}
+    arrays = {"height": np.zeros(30), "half_width_90": np.full(30, 0.1), "hidden": np.zeros(256)}
     arrays[where][3] = value
     return Tick(**arrays)
 
 
 @pytest.mark.parametrize(
     "bad",
-    [bad_tick(w, v) for w in ("height", "std", "hidden") for v in (np.nan, np.inf, -2.0)] + [bad_tick("height", 1.6)],
+    [bad_tick(w, v) for w in ("height", "half_width_90", "hidden") for v in (np.nan, np.inf, -2.0)]
+    + [bad_tick("height", 1.6)],
 )
 def test_a_bad_output_is_bridged_and_its_memory_dropped(model_path: Path, bad: Tick) -> None:
     service = HeightmapService(model_path)
@@ -327,4 +328,4 @@ def test_images_of_any_size_and_lens_are_survived(model_path: Path, size: tuple[
             given = replace(given, depth=depth, fx=focal, fy=focal, cx=size[1] / 2, cy=size[0] / 2)
         answer = service.step(state, given, state.time_ns)
         assert np.isfinite(answer.height).all()
-        assert np.isfinite(answer.std).all()
+        assert np.isfinite(answer.half_width_90).all()

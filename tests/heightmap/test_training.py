@@ -20,6 +20,7 @@ from saltus.heightmap.data.rollouts import collect
 from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel, ModelConfig
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
 from saltus.heightmap.training.release import release
@@ -344,9 +345,9 @@ def test_a_window_gives_what_the_file_gives_tick_by_tick(
     with torch.no_grad():
         estimate, _ = run_window(model, window, torch.zeros(1, 256))
     episode, _ = found(store, window.height[:, 0].numpy())
-    height, std = run_episode(HeightmapNetwork(model_path), episode, DeliveryModel())
+    height, half_width = run_episode(HeightmapNetwork(model_path), episode, DeliveryModel())
     np.testing.assert_allclose(estimate.height[:, 0].numpy(), height, atol=1e-4)
-    np.testing.assert_allclose(estimate.log_std[:, 0].exp().numpy(), std, atol=1e-4)
+    np.testing.assert_allclose(INTERVAL90 * estimate.log_std[:, 0].exp().numpy(), half_width, atol=1e-4)
 
 
 def test_noise_keeps_images_what_they_are(store: EpisodeStore) -> None:

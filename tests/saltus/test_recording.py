@@ -81,7 +81,7 @@ def run_messages(step: int) -> Iterator[tuple[str, Message]]:
     yield (
         "heightmap/heightmap",
         messages.Heightmap(
-            **now, x=np.linspace(-0.4, 0.8, 30), height=rng.normal(size=30), std=rng.random(30),
+            **now, x=np.linspace(-0.4, 0.8, 30), height=rng.normal(size=30), half_width_90=rng.random(30),
             status=messages.HeightmapStatus.OK, depth_age_s=0.05, frame_id=3, model_id="0123456789abcdef",
         ),
     )  # fmt: skip
@@ -227,6 +227,17 @@ def test_other_files_are_refused(data: bytes, tmp_path_factory: pytest.TempPathF
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"cannot read .*none.mcap"):
         read_recording(tmp_path / "none.mcap")
+
+
+def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`half_width_90` was called `std` once, and meant something else in the same place."""
+    definition_of = codec.definition_of
+    monkeypatch.setattr(codec, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std"))
+    older = write(tmp_path / "older.mcap", list(run_samples(3)))
+    monkeypatch.undo()
+    assert len(list(older.messages("controller/state"))) == 3
+    with pytest.raises(RecordingError, match=r"older.mcap: heightmap/heightmap .*'float64\[30\] std'"):
+        list(older.messages("heightmap/heightmap"))
 
 
 def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
