@@ -13,8 +13,8 @@ from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import GO1, Profile
 from saltus.errors import ConfigError
-from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
 from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION, varied
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled

@@ -20,7 +20,7 @@ from saltus.terrain.batch import KINDS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recorded:
+class RecordedBatch:
     """A batch of robots, robot by robot."""
 
     kind: NDArray[np.int64]
@@ -70,17 +70,19 @@ class DeviceRecording:
         # The bits of 16 bits without a sign, which few operations of torch know.
         self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
 
-    def add(self, tick: int, felt: Tensor, height: Tensor, starts: Tensor, images: Mapping[Camera, Tensor]) -> None:
+    def add(
+        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[Camera, Tensor]
+    ) -> None:
         """One tick of all robots; images [mm] where it is their time."""
-        self._proprioception[:, tick] = felt
+        self._proprioception[:, tick] = proprioception
         self._height[:, tick] = height
         self._starts[:, tick] = starts
         for camera, image in images.items():
             self._depth[camera][:, tick // FRAME_TICKS] = image.to(torch.int16)
 
-    def to_host(self, kind: Tensor) -> Recorded:
+    def to_host(self, kind: Tensor) -> RecordedBatch:
         """A copy of what is there, for robots on the given kinds of terrain, shape (n,)."""
-        return Recorded(
+        return RecordedBatch(
             kind=_copied(kind),
             starts=_copied(self._starts),
             proprioception=_copied(self._proprioception),

@@ -17,8 +17,8 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
-from saltus.heightmap.data.device_recording import DeviceRecording, Recorded
-from saltus.heightmap.data.leaders import RHYTHM, SPEED, VARIATION, varied
+from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
+from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION, varied
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
@@ -105,7 +105,7 @@ class DeviceRollouts:
         self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
 
     @torch.no_grad()
-    def batch(self) -> Recorded:
+    def batch(self) -> RecordedBatch:
         """Lets all robots run for `loop.ticks`."""
         env = self._env
         self._cameras.replace(self._rng)
@@ -116,12 +116,12 @@ class DeviceRollouts:
         stands_until = STAND_STEPS * self._uniform()  # the deployed controller stands before it obeys
         transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
         for tick in range(self.loop.ticks):
-            felt, qpos = self.felt(), self._qpos.float()
+            sensed, qpos = self.proprioception(), self._qpos.float()
             images = self._cameras.expose(env.courses(), qpos, tick) if tick % FRAME_TICKS == 0 else {}
-            self._recording.add(tick, felt, self.true_heights(), fresh, images)
+            self._recording.add(tick, sensed, self.true_heights(), fresh, images)
             shown = transition.actor
             if heights is not None:
-                shown[:, -LAYOUT["heights"] :] = heights.step(images.get(self.loop.cameras[0]), tick, felt, fresh)
+                shown[:, -LAYOUT["heights"] :] = heights.step(images.get(self.loop.cameras[0]), tick, sensed, fresh)
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
@@ -132,7 +132,7 @@ class DeviceRollouts:
             fresh = transition.done
         return self._recording.to_host(env.memory.kind)
 
-    def felt(self) -> Tensor:
+    def proprioception(self) -> Tensor:
         """What the robots feel now, see `saltus.heightmap.service.features`, shape (n, some)."""
         vector: Tensor = proprioception_of_states(self._env.states)
         return vector

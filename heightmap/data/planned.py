@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.effects.profile import GO1, Profile
-from saltus.heightmap.data.leaders import VARIATION, varied
+from saltus.heightmap.data.planner_randomisation import VARIATION, varied
 from saltus.heightmap.data.rollouts import Trajectory
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.policy.evaluation.rollout import Rollout

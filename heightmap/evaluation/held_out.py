@@ -28,7 +28,7 @@ from saltus.heightmap.data.rollouts import true_heights
 from saltus.heightmap.data.stereo_images import drawn_cameras
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
-from saltus.heightmap.evaluation.sight import sight
+from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
@@ -94,12 +94,12 @@ class HeldOutRuns:
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
             make_planner(planner),
-            heights=(watch := _Watch(partial(self._source, HeightmapNetwork(model), rng))),
+            heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(model), rng))),
             time_limit_s=self.time_limit_s,
         )
         steps = list(rollout.run())
         levels = [some[i % COURSES][0] for i in range(count)]
-        return [_measured(self, steps, watch.ticks, robot, terrains[robot], levels[robot]) for robot in range(count)]
+        return [_measured(self, steps, factory.ticks, robot, terrains[robot], levels[robot]) for robot in range(count)]
 
     def _source(
         self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]
@@ -131,19 +131,19 @@ class HeldOutRun:
     true_height: Floats
     """[m], shape (n, 30)."""
     view: NDArray[np.int8]
-    """See `saltus.heightmap.evaluation.sight`, shape (n, 30)."""
+    """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
     predictions: dict[str, Prediction]
 
 
-class _Watch:
+class _RecordedSourceFactory:
     """A factory of heights whose source is watched."""
 
     def __init__(self, make: Callable[[TerrainStack, Sequence[Trial]], PredictedHeights]) -> None:
         self._make = make
         self.ticks: list[_Tick] = []
 
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "_Watched":
-        return _Watched(self._make(terrains, trials), self.ticks)
+    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "_RecordedSource":
+        return _RecordedSource(self._make(terrains, trials), self.ticks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +157,7 @@ class _Tick:
     """Taken at this step [mm], shape (robots, 48, 16)."""
 
 
-class _Watched:
+class _RecordedSource:
     """A `saltus.policy.evaluation.heights.HeightSource` that writes down what it says."""
 
     def __init__(self, source: PredictedHeights, ticks: list[_Tick]) -> None:
@@ -199,7 +199,7 @@ def _measured(
         terrain=terrain.kind,
         level=level,
         true_height=true_heights(terrain, position, quaternion)[counted],
-        view=sight(terrain, position, quaternion, captured_s)[counted],
+        view=visibility(terrain, position, quaternion, captured_s)[counted],
         predictions={
             name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()

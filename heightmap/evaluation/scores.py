@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun
-from saltus.heightmap.evaluation.sight import UNSEEN, VIEWS
+from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
 from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 
@@ -32,7 +32,7 @@ class Score:
     """Share of them that is predicted."""
     coverage90: float
     """Share of all points, unseen ones included, that lie in their 90 % interval."""
-    coverage90_met: float
+    coverage90_seen: float
     """The same of the points that were ever met by a ray."""
     nll: float
     """Mean negative log-likelihood of all points [nats, heights in metres], for a Laplace law with that interval."""
@@ -60,7 +60,7 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
         edge_error_m=edges.mean_m,
         edges_found=edges.found,
         coverage90=_mean(covered),
-        coverage90_met=_mean(covered[met]),
+        coverage90_seen=_mean(covered[met]),
         nll=_mean(negative_log_likelihood(error, half_width_90)),
         points=error.size,
     )

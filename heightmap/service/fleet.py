@@ -9,7 +9,7 @@ from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
-TRIAL_NS = 3_000_000_000
+TAKEOVER_NS = 3_000_000_000
 """A model that is to take over must have become as good as the running one in this time: far more than its warm-up
 (below half a second), and longer than a short outage of the camera."""
 
@@ -71,7 +71,7 @@ class _Robot:
             return False
         if self.coming_since_ns is None:
             self.coming_since_ns = now_ns
-        if now_ns - self.coming_since_ns <= TRIAL_NS:
+        if now_ns - self.coming_since_ns <= TAKEOVER_NS:
             return False
         self.coming = None
         return True

@@ -1,4 +1,4 @@
-"""A folder's place for a model that is given to a running service: watched, tried out, and only then handed over."""
+"""A folder's place for a model that is given to a running service: watched, checked, and only then handed over."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ TIMEOUT_S = 60.0
 class ModelInbox:
     """Looks after one file; what lay there before is not news.
 
-    A new file is loaded and run in another process first (`saltus.heightmap.service.trial_load`), then the very same
+    A new file is loaded and run in another process first (`saltus.heightmap.service.model_check`), then the very same
     bytes, by their sha256, are loaded here, both away from the thread that answers the robots.
 
     Args:
@@ -30,7 +30,7 @@ class ModelInbox:
         self._path = path
         self._seen = self._signature()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model-inbox")
-        self._trial: Future[HeightmapNetwork] | None = None
+        self._check: Future[HeightmapNetwork] | None = None
         self._process: subprocess.Popen[str] | None = None
 
     def poll(self) -> HeightmapNetwork | None:
@@ -39,36 +39,36 @@ class ModelInbox:
         Raises:
             ModelError: a model was given that must not be used.
         """
-        if self._trial is None:
+        if self._check is None:
             signature = self._signature()
             if signature != self._seen:
                 self._seen = signature
                 if signature is not None:
-                    self._trial = self._worker.submit(self._load_tried)
+                    self._check = self._worker.submit(self._load_checked)
             return None
-        if not self._trial.done():
+        if not self._check.done():
             return None
-        trial, self._trial = self._trial, None
+        check, self._check = self._check, None
         try:
-            return trial.result()
+            return check.result()
         except OSError as error:  # no memory or no handle for another process: not the fault of those who are served
-            raise ModelError(f"model {self._path} could not be tried out: {error}") from error
+            raise ModelError(f"model {self._path} could not be checked: {error}") from error
 
     def close(self) -> None:
-        """Ends a trial that is under way, and the thread."""
+        """Ends a check that is under way, and the thread."""
         if self._process is not None:
             self._process.kill()
         self._worker.shutdown(cancel_futures=True)
 
-    def _load_tried(self) -> HeightmapNetwork:
-        """Loads a model that has been tried out in another process.
+    def _load_checked(self) -> HeightmapNetwork:
+        """Loads a model that has been checked in another process.
 
         Raises:
             ModelError: it has no checksum, is damaged, does not fit, or did not survive.
         """
         path = self._path
         _ask_for_checksum(path)
-        command = [sys.executable, "-P", "-m", "saltus.heightmap.service.trial_load", str(path)]
+        command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment) as self._process:
@@ -80,11 +80,11 @@ class ModelInbox:
         if self._process.returncode != 0:
             lines = complaint.strip().splitlines()
             raise ModelError(
-                lines[-1] if lines else f"model {path} ended its trial with code {self._process.returncode}"
+                lines[-1] if lines else f"model {path} ended its check with code {self._process.returncode}"
             )
         network = HeightmapNetwork(path)
         if network.model_id != model_id.strip():
-            raise ModelError(f"model {path} was replaced while it was tried out")
+            raise ModelError(f"model {path} was replaced while it was checked")
         return network
 
     def _signature(self) -> tuple[int, int, int] | None:

@@ -11,9 +11,9 @@ from saltus.depth import ModelImage, model_image
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frame_loss import WINDOW_NS, FrameLoss
+from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
-from saltus.heightmap.service.stuck_output import StuckOutput
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
 
@@ -97,7 +97,7 @@ class HeightmapService:
         self._newest: _View | None = None  # the same, unless hardly a pixel of it is valid
         self._started_ns: int | None = None
         self._last: Heightmap | None = None
-        self._stuck = StuckOutput()
+        self._frozen = FrozenOutput()
         self._forget()
 
     def new_camera(self) -> None:
@@ -145,7 +145,7 @@ class HeightmapService:
             self._hidden = tick.hidden
             self._bad_outputs = 0
             status = self._input_status(state, now_ns)
-            if self._stuck.step(inputs, tick, state.time_ns):
+            if self._frozen.step(inputs, tick, state.time_ns):
                 status = max(status, HeightmapStatus.DEGRADED)
             heightmap = self._heightmap(state, tick, status)
         else:

@@ -77,7 +77,7 @@ class DaggerConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collected:
+class CollectionProgress:
     """Where the collection of a round is."""
 
     round: int
@@ -91,7 +91,7 @@ class Collected:
 class Observer:
     """What is told about a run while it goes on."""
 
-    collected: Callable[[Collected], None]
+    collected: Callable[[CollectionProgress], None]
     trained: Callable[[int, Progress], None]
     """Gets the round, too."""
 
@@ -210,7 +210,7 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
     for done, episodes in enumerate(batches, start=1):
         yield from episodes
         ticks += sum(len(episode.height) for episode in episodes)
-        observer.collected(Collected(round=index, batches=done, ticks=ticks))
+        observer.collected(CollectionProgress(round=index, batches=done, ticks=ticks))
 
 
 def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer) -> None:

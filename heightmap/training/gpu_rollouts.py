@@ -28,7 +28,7 @@ POLICY = Path("models/checkpoints/policy.pt")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchDone:
+class BatchProgress:
     """Where the collection is."""
 
     batches: int
@@ -51,7 +51,7 @@ def collect(
     batches: int,
     seed: int,
     device: str,
-    done: Callable[[BatchDone], None],
+    done: Callable[[BatchProgress], None],
     code: str | None = None,
 ) -> dict[Camera, ShardRecord]:
     """Adds one shard to each dataset; all show the same motion.
@@ -90,7 +90,7 @@ def collect(
                 labelled = shard.ticks
             now = time.perf_counter()
             done(
-                BatchDone(
+                BatchProgress(
                     batches=batch + 1, ticks=labelled, moving_s=moving_s, seconds=now - began,
                     crowded=rollouts.crowded_share(),
                 )
@@ -126,9 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given.camera == "ideal":
             parser.error("--also-ideal is for another camera than --camera ideal")
         outputs["ideal"] = given.also_ideal
-    told: list[BatchDone] = []
+    told: list[BatchProgress] = []
 
-    def tell(batch: BatchDone) -> None:
+    def tell(batch: BatchProgress) -> None:
         told.append(batch)
         _say(
             f"batch {batch.batches}: {batch.ticks} steps, {batch.ticks / batch.moving_s:.0f} /s, "

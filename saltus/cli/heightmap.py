@@ -155,7 +155,7 @@ class Collect:
     def _on_device(self) -> "ShardRecord":
         try:
             from saltus.heightmap.data.device_rollouts import DeviceLoop
-            from saltus.heightmap.training.gpu_rollouts import POLICY, BatchDone, collect
+            from saltus.heightmap.training.gpu_rollouts import POLICY, BatchProgress, collect
             from saltus.resources import resource
         except ImportError as error:
             raise SaltusError(f"--source policy needs {error.name}: {TRAINING}") from error
@@ -166,7 +166,7 @@ class Collect:
         batches, camera = -(-self.episodes // ROBOTS), self.camera or "d435i"
         with tqdm(total=batches, unit="batch", desc="collect") as bar:
 
-            def show(batch: BatchDone) -> None:
+            def show(batch: BatchProgress) -> None:
                 bar.update()
                 bar.set_postfix(steps=batch.ticks, steps_per_s=f"{batch.ticks / batch.seconds:.0f}")
 

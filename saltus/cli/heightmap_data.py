@@ -13,7 +13,7 @@ from saltus.cli.output import print_json
 from saltus.config import Camera, check_at_least
 
 if TYPE_CHECKING:
-    from saltus.heightmap.training.dagger import Collected
+    from saltus.heightmap.training.dagger import CollectionProgress
     from saltus.heightmap.training.train import Progress
 
 
@@ -93,7 +93,7 @@ class _Bars:
         if self._bar is not None:
             self._bar.close()
 
-    def collected(self, progress: "Collected") -> None:
+    def collected(self, progress: "CollectionProgress") -> None:
         """One more batch."""
         bar = self._at(progress.round, "collect", progress.batches)
         bar.set_postfix(steps=progress.ticks)

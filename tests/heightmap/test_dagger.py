@@ -19,7 +19,7 @@ from saltus.heightmap.data.closed_loop import ClosedLoop, MixedPlanner
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.training.dagger import Collected, DaggerConfig, Observer, dagger
+from saltus.heightmap.training.dagger import CollectionProgress, DaggerConfig, Observer, dagger
 from saltus.heightmap.training.train import Progress
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.observation import observe
@@ -39,7 +39,7 @@ class Killed(BaseException):
 def killed_at(when: str) -> Observer:
     """Ends the run when it is told of this moment: "collect ROUND BATCHES" or "train ROUND"."""
 
-    def collected(progress: Collected) -> None:
+    def collected(progress: CollectionProgress) -> None:
         if when == f"collect {progress.round} {progress.batches}":
             raise Killed
 

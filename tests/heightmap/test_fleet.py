@@ -9,7 +9,7 @@ import pytest
 from heightmap_inputs import WARMUP, frame, on_time, states
 from test_service import Faulty, bad_tick
 
-from saltus.heightmap.service.fleet import TRIAL_NS, Arrival, FleetService
+from saltus.heightmap.service.fleet import TAKEOVER_NS, Arrival, FleetService
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
@@ -200,7 +200,7 @@ def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_
     fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
     nan = bad_tick("height", np.nan)
     given.ticks = lambda *_: Tick(*(value[None] for value in nan))  # type: ignore[method-assign]
-    steps = 50 + TRIAL_NS // 10_000_000
+    steps = 50 + TAKEOVER_NS // 10_000_000
     found: list[Heightmap] = []
     for step in range(steps):
         if step == 40:

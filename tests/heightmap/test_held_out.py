@@ -21,7 +21,7 @@ from saltus.heightmap.evaluation.held_out import (
     Prediction,
 )
 from saltus.heightmap.evaluation.scores import score, scores
-from saltus.heightmap.evaluation.sight import REMEMBERED, UNSEEN, VISIBLE
+from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
 
 POINTS = len(HEIGHTMAP_X)
 STEPS = 400
@@ -53,7 +53,7 @@ def test_errors_are_counted_by_what_was_met() -> None:
     seen = view != UNSEEN
     assert found.mae_m == pytest.approx(off[seen].mean())
     assert found.coverage90 == pytest.approx(seen.mean())
-    assert found.coverage90_met == 1.0
+    assert found.coverage90_seen == 1.0
     assert found.points == true.size
 
 

@@ -78,7 +78,7 @@ def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> N
     give(model_path, tmp_path)
     inbox = ModelInbox(tmp_path / FILE)
     assert inbox.poll() is None
-    assert inbox._trial is None
+    assert inbox._check is None
     inbox.close()
 
 
@@ -89,7 +89,7 @@ def test_a_bad_model_is_refused_with_a_reason(inbox: ModelInbox, model_path: Pat
         "truncated": "not a model that can be run",
         "empty": "has 0 bytes",
         "grid": r"'grid_m\[3\]'",
-        "not finite": "fails its trial: after 0 good images the heightmap is INVALID",
+        "not finite": "fails its check: after 0 good images the heightmap is INVALID",
         "flipped": "is not the file that heightmap.onnx.sha256 names",
         "no checksum": "has no heightmap.onnx.sha256",
     }
@@ -133,18 +133,18 @@ def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_pat
     assert list(run_dir.iterdir()) == []
 
 
-def test_closing_does_not_wait_for_a_trial(model_path: Path, tmp_path: Path) -> None:
+def test_closing_does_not_wait_for_a_check(model_path: Path, tmp_path: Path) -> None:
     inbox = ModelInbox(tmp_path / FILE)
     give(model_path, tmp_path)
     assert inbox.poll() is None
     before_s = time.monotonic()
     inbox.close()
     assert time.monotonic() - before_s < PATIENCE_S / 2
-    assert inbox._trial is not None
-    assert inbox._trial.done()
+    assert inbox._check is not None
+    assert inbox._check.done()
 
 
-def test_a_trial_that_cannot_begin_refuses_the_model(
+def test_a_check_that_cannot_begin_refuses_the_model(
     inbox: ModelInbox, model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_memory(*_: object, **__: object) -> None:
@@ -157,7 +157,7 @@ def test_a_trial_that_cannot_begin_refuses_the_model(
         verdict(inbox)
 
 
-def test_a_trial_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
+def test_a_check_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
     """As it is when the runtime crashes or asks for too much memory."""
     give(model_path, tmp_path)
     assert inbox.poll() is None
@@ -166,7 +166,7 @@ def test_a_trial_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path:
         assert time.monotonic() < deadline_s
         waiting.wait(0.001)
     inbox._process.kill()
-    with pytest.raises(ModelError, match="ended its trial with code -9"):
+    with pytest.raises(ModelError, match="ended its check with code -9"):
         verdict(inbox)
 
 

@@ -213,8 +213,8 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
     model_path: Path, moves: bool
 ) -> None:
     service = HeightmapService(model_path)
-    stuck = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
-    service._network = Faulty(service, dict.fromkeys(range(50, 200), stuck))  # type: ignore[assignment]
+    frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
     still = on_time(49)
     assert still is not None
     frames = {
@@ -230,8 +230,8 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
 
 def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
     service = HeightmapService(model_path)
-    stuck = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
-    service._network = Faulty(service, dict.fromkeys(range(50, 151), stuck))  # type: ignore[assignment]
+    frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
+    service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
     assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
 
 

@@ -1,6 +1,6 @@
 """Loads a model in a process of its own and runs it for a while: what crashes here cannot crash a robot's service.
 
-    python -m saltus.heightmap.service.trial_load FILE
+    python -m saltus.heightmap.service.model_check FILE
 
 Prints the model's id; a model that cannot be used ends in one line on stderr and exit code 2.
 """
@@ -27,7 +27,7 @@ CPU_S = 20
 NICENESS = 10  # the robots go first
 
 
-def try_out(path: Path) -> HeightmapNetwork:
+def checked_model(path: Path) -> HeightmapNetwork:
     """Loads a model and runs it in a service, on made-up images of a robot that stands.
 
     Raises:
@@ -42,7 +42,7 @@ def try_out(path: Path) -> HeightmapNetwork:
         expected = HeightmapStatus.OK if tick >= network.warmup_frames else HeightmapStatus.WARMING
         if answer.status > expected:
             raise ModelError(
-                f"model {path} fails its trial: after {tick} good images the heightmap is {answer.status.name}"
+                f"model {path} fails its check: after {tick} good images the heightmap is {answer.status.name}"
             )
     return network
 
@@ -67,7 +67,7 @@ def main() -> int:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
     try:
-        sys.stdout.write(f"{try_out(Path(sys.argv[1])).model_id}\n")
+        sys.stdout.write(f"{checked_model(Path(sys.argv[1])).model_id}\n")
     except SaltusError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -4,11 +4,11 @@ import numpy as np
 
 from saltus.heightmap.service.network import Inputs, Tick
 
-STUCK_NS = 1_000_000_000
+FROZEN_NS = 1_000_000_000
 """A trotting or bounding robot goes through two cycles in this time: no terrain looks the same to the last bit."""
 
 
-class StuckOutput:
+class FrozenOutput:
     """Watches for outputs that stay the same, to the bit, while the inputs change."""
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class StuckOutput:
         if first is None or asked is None or not _same_output(first, tick):
             self._since_ns, self._tick, self._inputs = time_ns, tick, inputs
             return False
-        return time_ns - self._since_ns > STUCK_NS and not _same_input(asked, inputs)
+        return time_ns - self._since_ns > FROZEN_NS and not _same_input(asked, inputs)
 
 
 def _same_output(left: Tick, right: Tick) -> bool:

@@ -20,7 +20,7 @@ _MARGIN_M = 4.0  # the camera sees to 3 m, from less than 1 m ahead of the base
 _NEAREST_M = 0.02  # ground below the camera has no slope
 
 
-def sight(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Floats) -> NDArray[np.int8]:
+def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Floats) -> NDArray[np.int8]:
     """How each point of the heightmap was last met, by images that the robot has got.
 
     Legs are not in the way here, and the camera sits where it is said to.
@@ -36,7 +36,7 @@ def sight(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Fl
     """
     ground = np.arange(position[:, 0].min() - _MARGIN_M, position[:, 0].max() + _MARGIN_M, BIN_M)
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
-    met = dict(zip(taken.tolist(), met_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
+    met = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
     _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
     points = position[:, :1] + np.cos(yaw)[:, None] * HEIGHTMAP_X
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
@@ -50,7 +50,7 @@ def sight(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Fl
     return result
 
 
-def met_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
+def seen_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
     """Which ground on the robot's heading is in the field of view, within range, and behind nothing.
 
     Args:
