@@ -1,12 +1,13 @@
 """Configuration of a run: frozen keyword-only dataclasses, read from and written to TOML."""
 
 import dataclasses
+import hashlib
 import math
 import tomllib
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import tomli_w
 
@@ -87,6 +88,24 @@ class RunConfig:
             raise ConfigError(f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree")
 
 
+class Value:
+    """A frozen dataclass that is handed down, with a TOML form that reads back equal to the bit."""
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Reads what `to_toml` writes; the errors of `saltus.config.from_toml`."""
+        return from_toml(cls, text)
+
+    def to_toml(self) -> str:
+        """The value as TOML."""
+        return to_toml(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """Changes with every number of the value: first 16 hexadecimal digits of the sha256 of its TOML."""
+        return hashlib.sha256(self.to_toml().encode()).hexdigest()[:16]
+
+
 def check_at_least(config: Any, **smallest: float) -> None:
     """Raises `ConfigError` for the first field below the number that is given for it, and for one that is no number."""
     for name, low in smallest.items():
@@ -105,11 +124,19 @@ def from_toml(kind: type[Config], text: str) -> Config:
     Raises:
         ConfigError: not TOML, an unknown key (the nearest known key is named), or a value of the wrong type.
     """
+    return from_table(kind, read_toml(text))
+
+
+def read_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ConfigError: not TOML.
+    """
     try:
-        table = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"not valid TOML: {error}") from error
-    return from_table(kind, table)
 
 
 def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:

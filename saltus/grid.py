@@ -1,6 +1,73 @@
-"""The grid of the heightmap."""
+"""The points at which heights are asked, sent and predicted."""
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-HEIGHTMAP_X = np.linspace(-0.4, 0.8, 30)
-"""Distance of each height ahead of the base along its yaw [m]; original: 30 points on one line."""
+from saltus.arrays import Array, Constant, namespace
+from saltus.config import Value
+from saltus.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightGrid(Value):
+    """Points in the yaw-aligned frame of the base: x ahead, y to the left; row after row, each from its first y on.
+
+    Raises:
+        ConfigError: a coordinate is not finite, or coordinates are not ascending.
+    """
+
+    x: tuple[float, ...]
+    """Of the rows, ascending [m]."""
+    y: tuple[float, ...] = (0.0,)
+    """Of the columns, ascending [m]."""
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if not value.size or not np.isfinite(value).all() or not (np.diff(value) > 0.0).all():
+                raise ConfigError(f"{name} of a height grid is {value.tolist()}: it must be finite numbers that ascend")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.x), len(self.y)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return len(self.x) * len(self.y)
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Place of each point, x and y [m], shape (size, 2)."""
+        return np.stack(np.meshgrid(self.x, self.y, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def points_in_world(self, position: Array, yaw: Array, ahead: Array | float = 0.0) -> tuple[Array, Array]:
+        """World x and y of each point [m], each of shape (..., size).
+
+        Args:
+            position: Of the base [m], numpy or torch, shape (..., 2) or (..., 3).
+            yaw: Of the base [rad], shape (...).
+            ahead: Every point is taken to be this much further ahead [m], shape (...) or one number.
+        """
+        xp = namespace(position)
+        cosine, sine = xp.cos(yaw)[..., None], xp.sin(yaw)[..., None]
+        x, y = (constant.like(position) for constant in self._constants)
+        if not isinstance(ahead, float):
+            ahead = ahead[..., None]
+        x = x + ahead
+        return position[..., :1] + (cosine * x - sine * y), position[..., 1:2] + (sine * x + cosine * y)
+
+    @cached_property
+    def _constants(self) -> tuple[Constant, Constant]:
+        return Constant(self.points[:, 0]), Constant(self.points[:, 1])
+
+
+LINE = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 30).tolist()))
+"""The original's: 30 points on one line along the yaw."""
+
+HEIGHTMAP_X = np.array(LINE.x)
+"""Distance of each height of `LINE` ahead of the base [m]."""

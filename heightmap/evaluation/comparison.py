@@ -11,7 +11,7 @@ from saltus import kinematics
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
 from saltus.heightmap.evaluation.odometry import Odometry
 from saltus.heightmap.service.replay import Predictor, replay_predictor
@@ -259,8 +259,7 @@ def _poses(run: Run) -> _Poses:
 
 def _places(position: Floats, yaw: Floats, height: Floats) -> Floats:
     """The points of heightmaps in the world, shape (n, 30, 3)."""
-    x = position[:, 0, None] + np.cos(yaw)[:, None] * HEIGHTMAP_X
-    y = position[:, 1, None] + np.sin(yaw)[:, None] * HEIGHTMAP_X
+    x, y = LINE.points_in_world(position, yaw)
     return np.stack([x, y, position[:, 2, None] + height], axis=-1)
 
 
