@@ -72,7 +72,7 @@ def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silen
     return Landing(
         stands=loop.mode == ControllerMode.STOPPED
         and bool(rotation_matrix(state.quaternion_base_in_world)[2, 2] > np.cos(np.deg2rad(30.0)))
-        and float(state.position_base_in_world[2] - terrain.height_at(np.array(x))) > 0.18
+        and float(state.position_base_in_world[2] - terrain.height_at(x, float(state.position_base_in_world[1]))) > 0.18
         and float(np.linalg.norm(state.velocity_base_in_world)) < 0.1,
         touched=robot.take_trunk_contact(),
         stopped_s=stopped_s,
@@ -82,12 +82,12 @@ def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silen
 
 def _heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Heightmap:
     position: Floats = robot.state.position_base_in_world
-    ahead = position[0] + trial.height_shift_x + HEIGHTMAP_X
+    x = position[0] + trial.height_shift_x + HEIGHTMAP_X
     return Heightmap(
         time_ns=time_ns,
         step=step,
         x=HEIGHTMAP_X,
-        height=robot.terrain.height_at(ahead) - position[2] + trial.height_shift_z,
+        height=robot.terrain.height_at(x, float(position[1])) - position[2] + trial.height_shift_z,
         half_width_90=np.zeros(len(HEIGHTMAP_X)),
         status=HeightmapStatus.OK,
         depth_age_s=0.05,

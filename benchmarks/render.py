@@ -74,7 +74,7 @@ def poses(count: int) -> tuple[Floats, Floats, Floats]:
     """Robots along the course, somewhat turned; every second one stretches its legs into the picture."""
     rng = np.random.default_rng(0)
     position = rng.uniform([0.0, -0.1, 0.3], [4.0, 0.1, 0.6], (count, 3))
-    position[:, 2] += TERRAIN.height_at(position[:, 0])
+    position[:, 2] += TERRAIN.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.2, 0.2, (3, count)))
     joints = go1.STAND_POSE + rng.uniform(-0.3, 0.3, (count, 12))
     ahead = joints.reshape(count, 4, 3)[::2]

@@ -115,7 +115,7 @@ def poses(terrain: Terrain) -> Poses:
     edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
     x = np.array([edge - view.before_edge for view in VIEWS])
     near = x[:, None] + np.linspace(-0.25, 0.25, 11)
-    z = terrain.height_at(near).max(axis=1) + [view.clearance for view in VIEWS]
+    z = terrain.height_at(near, 0.0).max(axis=1) + [view.clearance for view in VIEWS]
     level = np.zeros(len(VIEWS))
     quaternion = quaternion_from_roll_pitch_yaw(level, np.array([view.pitch for view in VIEWS]), level)
     return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in VIEWS])

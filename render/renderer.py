@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
 from saltus.render.camera import Mount, check_camera, check_mount
-from saltus.render.surface import check_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -24,7 +23,7 @@ class Renderer(ABC):
         legs: whether the robot's legs can be seen.
 
     Raises:
-        SaltusError: the terrain cannot be drawn, the camera is no pin-hole, or it sits inside the robot.
+        SaltusError: the camera is no pin-hole, or it sits inside the robot.
     """
 
     name: ClassVar[str]
@@ -37,7 +36,6 @@ class Renderer(ABC):
         *,
         legs: bool = True,
     ) -> None:
-        check_terrain(terrain)
         check_camera(intrinsics)
         self.mount = mount or Mount()
         check_mount(self.mount)

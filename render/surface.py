@@ -3,56 +3,49 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.errors import SaltusError
-from saltus.terrain.terrain import BOTTOM, Terrain
+from saltus.terrain.boxes import Boxes
+from saltus.terrain.columns import Columns
+from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
+
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # seen from outside
 
 
 def terrain_triangles(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """The outer surface: treads, risers, sides, ends and bottom; no walls between columns of one height.
+    """The outer surface of columns, without walls between columns of one height; else all faces of all boxes.
 
     Returns:
         Vertices [m], world frame, shape (4 faces, 3), and corners of triangles, shape (2 faces, 3).
-
-    Raises:
-        SaltusError: the terrain is not one that can be drawn.
     """
-    check_terrain(terrain)
-    x, top = terrain.column_x, terrain.column_top
-    right, left = -0.5 * terrain.width, 0.5 * terrain.width
-    before = np.concatenate([[BOTTOM], top])  # on the near side of every wall, and beyond it
-    beyond = np.concatenate([top, [BOTTOM]])
-    wall = np.nonzero(before != beyond)[0]
-    faces = [
-        _faces(x[:-1], x[1:], (right, left), top, top),
-        _across(x[wall], (right, left), before[wall], beyond[wall]),
-        *(_along(x[:-1], x[1:], y, top) for y in (right, left)),
-        _faces(x[:1], x[-1:], (right, left), np.array([BOTTOM]), np.array([BOTTOM])),
-    ]
-    vertices = np.concatenate(faces).reshape(-1, 3)
+    faces = _box_faces(terrain.arrays) if terrain.columns is None else _column_faces(terrain.columns)
+    vertices = faces.reshape(-1, 3)
     first = np.arange(0, len(vertices), 4)
     triangles = first[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     return vertices.astype(np.float32), triangles.reshape(-1, 3).astype(np.uint32)
 
 
-def check_terrain(terrain: Terrain) -> None:
-    """Refuses what no back end can draw.
+def _box_faces(boxes: Boxes) -> Floats:
+    """Six faces of each box, shape (n, 4, 3)."""
+    corners = boxes.center[:, None] + (_CORNERS * boxes.half_size[:, None]) @ boxes.rotation.mT
+    return np.asarray(corners[:, _FACES].reshape(-1, 4, 3))
 
-    Raises:
-        SaltusError: a size is not finite, or the boundaries of the columns are not ascending.
-    """
-    for name, value in (("column_x", terrain.column_x), ("column_top", terrain.column_top), ("width", terrain.width)):
-        wrong = np.flatnonzero(~np.isfinite(value))
-        if wrong.size:
-            raise SaltusError(
-                f"terrain '{terrain.kind}': {name} is {np.ravel(value)[wrong[0]]} at place {wrong[0]}; "
-                "every size of a terrain must be a finite number of metres"
-            )
-    if not (np.diff(terrain.column_x) > 0.0).all() or len(terrain.column_top) != len(terrain.column_x) - 1:
-        raise SaltusError(
-            f"terrain '{terrain.kind}': {len(terrain.column_x)} boundaries of {len(terrain.column_top)} columns; "
-            "there must be one more than columns, in ascending order"
-        )
+
+def _column_faces(columns: Columns) -> Floats:
+    """Treads, risers, sides, ends and bottom, shape (n, 4, 3)."""
+    x, top, bottom = columns.x, columns.top, columns.bottom
+    sides = right, left = -0.5 * columns.width, 0.5 * columns.width
+    before = np.concatenate([[bottom], top])  # on the near side of every wall, and beyond it
+    beyond = np.concatenate([top, [bottom]])
+    wall = np.nonzero(before != beyond)[0]
+    under = np.full(1, bottom)
+    faces = [
+        _faces(x[:-1], x[1:], sides, top, top),
+        _across(x[wall], sides, before[wall], beyond[wall]),
+        *(_along(x[:-1], x[1:], y, top, bottom) for y in (right, left)),
+        _faces(x[:1], x[-1:], sides, under, under),
+    ]
+    return np.concatenate(faces)
 
 
 def _faces(first: Floats, last: Floats, y: tuple[float, float], z_first: Floats, z_last: Floats) -> Floats:
@@ -68,9 +61,9 @@ def _across(x: Floats, y: tuple[float, float], low: Floats, high: Floats) -> Flo
     return _faces(x, x, y, low, high)
 
 
-def _along(first: Floats, last: Floats, y: float, top: Floats) -> Floats:
+def _along(first: Floats, last: Floats, y: float, top: Floats, bottom: float) -> Floats:
     """Upright rectangles along the course, shape (n, 4, 3)."""
-    low = np.full_like(top, BOTTOM)
+    low = np.full_like(top, bottom)
     return np.stack(
         [_points(first, y, low), _points(last, y, low), _points(last, y, top), _points(first, y, top)], axis=1
     )

@@ -14,6 +14,8 @@ from saltus.render.capsules import capsules_in_camera
 from saltus.render.legs import RADIUS, leg_capsules
 from saltus.render.renderer import Renderer
 from saltus.render.warp_kernels import cast_kernel, hide_kernel
+from saltus.terrain.boxes import Boxes
+from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -28,8 +30,7 @@ class WarpCaster:
     arrays, which `warp.to_torch` turns into tensors without a copy.
 
     Args:
-        box_center: [m], world frame, numpy or torch, shape (n, boxes, 3), or (1, boxes, 3) for one terrain under all.
-        box_half_size: [m], the same shape; see `saltus.terrain.batch.Courses.boxes`.
+        boxes: numpy or torch, arrays of shape (n, boxes, ...), or (1, boxes, ...) for one terrain under all.
         intrinsics: of the cameras.
         mount: of the cameras on the trunks, of all or of each; the Go1's where it is not given.
         legs: whether the robots' legs can be seen.
@@ -38,8 +39,7 @@ class WarpCaster:
 
     def __init__(
         self,
-        box_center: Array,
-        box_half_size: Array,
+        boxes: Boxes,
         intrinsics: Intrinsics = MODEL_CAMERA,
         mount: Mount | None = None,
         *,
@@ -53,14 +53,16 @@ class WarpCaster:
         warp.config.log_level = warp.LOG_WARNING  # no banner
         self.device = str(warp.get_device(device))
         self._radius = warp.array(RADIUS if legs else RADIUS[:0], dtype=float, device=self.device)
-        self.set_boxes(box_center, box_half_size)
+        self._level = warp.zeros((0, 0), dtype=warp.mat33f, device=self.device)
+        self.set_boxes(boxes)
 
-    def set_boxes(self, center: Array, half_size: Array) -> None:
+    def set_boxes(self, boxes: Boxes) -> None:
         """Puts other boxes under the robots; arguments as those of the class.
 
         Raises:
-            SaltusError: the two have different shapes, or they are no boxes.
+            SaltusError: centres and sizes have different shapes, or they are no boxes.
         """
+        center, half_size = boxes.center, boxes.half_size
         if center.ndim != 3 or center.shape[-1] != 3 or tuple(center.shape) != tuple(half_size.shape):
             raise SaltusError(
                 f"boxes have centres of shape {tuple(center.shape)} and half sizes of shape {tuple(half_size.shape)}: "
@@ -68,6 +70,7 @@ class WarpCaster:
             )
         self._low = self._on_device(center - half_size, warp.vec3f)
         self._high = self._on_device(center + half_size, warp.vec3f)
+        self._turn = self._level if boxes.turn is None else self._on_device(boxes.rotation, warp.mat33f)
 
     def set_mount(self, mount: Mount) -> None:
         """Puts the cameras somewhere else on the trunks.
@@ -129,6 +132,7 @@ class WarpCaster:
             self._on_device(rotation, warp.mat33f),
             self._low,
             self._high,
+            self._turn,
             self._on_device(seen.start, warp.vec3f),
             self._on_device(seen.end, warp.vec3f),
             self._radius,
@@ -177,8 +181,8 @@ class WarpRenderer(Renderer):
         device: str | None = None,
     ) -> None:
         super().__init__(terrain, intrinsics, mount, legs=legs)
-        center, half_size = terrain.box_center[None], 0.5 * terrain.box_size[None]
-        self.caster = WarpCaster(center, half_size, intrinsics, self.mount, legs=legs, device=device)
+        boxes = TerrainStack([terrain]).boxes(len(terrain.boxes))
+        self.caster = WarpCaster(boxes, intrinsics, self.mount, legs=legs, device=device)
 
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         depth: NDArray[np.float32] = self.caster.cast(base_position, base_quaternion, joint_position).numpy()

@@ -65,14 +65,37 @@ def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: f
 
 
 @wp.func
+def turned_entry(
+    origin: wp.vec3f,
+    direction: wp.vec3f,
+    low: wp.array2d[wp.vec3f],
+    high: wp.array2d[wp.vec3f],
+    turn: wp.array2d[wp.mat33f],
+    row: int,
+    i: int,
+) -> wp.vec2f:
+    """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
+    if turn.shape[0] > 0:
+        back = wp.transpose(turn[row, i])
+        center = 0.5 * (low[row, i] + high[row, i])
+        return box_entry(center + back * (origin - center), back * direction, low[row, i], high[row, i])
+    return box_entry(origin, direction, low[row, i], high[row, i])
+
+
+@wp.func
 def boxes_entry(
-    origin: wp.vec3f, direction: wp.vec3f, low: wp.array2d[wp.vec3f], high: wp.array2d[wp.vec3f], row: int
+    origin: wp.vec3f,
+    direction: wp.vec3f,
+    low: wp.array2d[wp.vec3f],
+    high: wp.array2d[wp.vec3f],
+    turn: wp.array2d[wp.mat33f],
+    row: int,
 ) -> float:
     """Depth of the nearest surface of the union of boxes, from inside as from outside."""
     nearest = wp.float32(NOTHING)  # Warp keeps what a loop changes in variables, not in constants
     within = wp.float32(-1.0)
     for i in range(low.shape[1]):
-        span = box_entry(origin, direction, low[row, i], high[row, i])
+        span = turned_entry(origin, direction, low, high, turn, row, i)
         if span[0] <= span[1] and span[1] > 0.0:
             if span[0] > 0.0:
                 nearest = wp.min(nearest, span[0])
@@ -82,7 +105,7 @@ def boxes_entry(
         for _ in range(low.shape[1]):
             before = within
             for i in range(low.shape[1]):
-                span = box_entry(origin, direction, low[row, i], high[row, i])
+                span = turned_entry(origin, direction, low, high, turn, row, i)
                 if span[0] <= within + 1.0e-5 and span[1] > within:
                     within = span[1]
             if within == before:
@@ -103,6 +126,7 @@ def cast_kernel(
     rotation: wp.array[wp.mat33f],
     box_low: wp.array2d[wp.vec3f],
     box_high: wp.array2d[wp.vec3f],
+    box_turn: wp.array2d[wp.mat33f],
     start: wp.array2d[wp.vec3f],
     end: wp.array2d[wp.vec3f],
     radius: wp.array[float],
@@ -116,7 +140,7 @@ def cast_kernel(
     frame, row, column = wp.tid()
     direction = pixel_direction(row, column, fx, fy, cx, cy)
     boxes = wp.min(frame, box_low.shape[0] - 1)
-    nearest = boxes_entry(origin[frame], rotation[frame] * direction, box_low, box_high, boxes)
+    nearest = boxes_entry(origin[frame], rotation[frame] * direction, box_low, box_high, box_turn, boxes)
     for k in range(radius.shape[0]):
         nearest = wp.min(nearest, capsule_entry(direction, start[frame, k], end[frame, k], radius[k]))
     depth[frame, row, column] = nearest
@@ -128,6 +152,7 @@ def hide_kernel(
     rotation: wp.array[wp.mat33f],
     box_low: wp.array2d[wp.vec3f],
     box_high: wp.array2d[wp.vec3f],
+    box_turn: wp.array2d[wp.mat33f],
     start: wp.array2d[wp.vec3f],
     end: wp.array2d[wp.vec3f],
     radius: wp.array[float],
@@ -148,7 +173,7 @@ def hide_kernel(
     way = point - to_right
     right = origin[frame] + rotation[frame] * to_right
     boxes = wp.min(frame, box_low.shape[0] - 1)
-    nearest = boxes_entry(right, rotation[frame] * way, box_low, box_high, boxes)
+    nearest = boxes_entry(right, rotation[frame] * way, box_low, box_high, box_turn, boxes)
     for k in range(radius.shape[0]):
         nearest = wp.min(nearest, capsule_entry(way, start[frame, k] - to_right, end[frame, k] - to_right, radius[k]))
     hidden[frame, row, column] = nearest < along

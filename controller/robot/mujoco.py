@@ -4,7 +4,7 @@ import numpy as np
 
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -76,5 +76,5 @@ class MujocoRobot(RobotBackend):
             angular_velocity_base=state.angular_velocity_base,
             joint_position=state.joint_position,
             foot_force=state.foot_force,
-            height=self.terrain.height_at(position[0] + np.cos(yaw) * HEIGHTMAP_X) - position[2],
+            height=self.terrain.height_at(*LINE.points_in_world(position, yaw)) - position[2],
         )

@@ -38,7 +38,7 @@ class DeviceCameras:
         self._count = len(courses.finish_x)
         self._device = device
         views = {"ideal": MODEL_CAMERA, "d435i": _SAMPLED}
-        self._casters = {kind: WarpCaster(*courses.boxes(), views[kind], device=device) for kind in kinds}
+        self._casters = {kind: WarpCaster(courses.boxes(), views[kind], device=device) for kind in kinds}
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:
@@ -70,7 +70,7 @@ class DeviceCameras:
         robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
         images: dict[Camera, Tensor] = {}
         for kind, caster in self._casters.items():
-            caster.set_boxes(*boxes)
+            caster.set_boxes(boxes)
             if kind == "ideal":
                 depth = as_tensor(caster.cast(*robots))
             else:

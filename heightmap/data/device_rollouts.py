@@ -13,7 +13,7 @@ from torch import Tensor
 
 from saltus.config import Camera, check_at_least, from_toml
 from saltus.errors import ConfigError, SaltusError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
@@ -101,7 +101,6 @@ class DeviceRollouts:
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
         self._cameras = DeviceCameras(self._env.courses(), loop.cameras, device, self._rng)
-        self._grid = torch.tensor(HEIGHTMAP_X, dtype=torch.float32, device=self._device)
         self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
 
     @torch.no_grad()
@@ -141,7 +140,7 @@ class DeviceRollouts:
         """The terrain relative to the base along its yaw [m], shape (n, 30)."""
         qpos = self._qpos.float()
         _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
-        heights: Tensor = self._env.courses().height_at(qpos[:, :1] + torch.cos(yaw)[:, None] * self._grid)
+        heights: Tensor = self._env.courses().height_at(*LINE.points_in_world(qpos, yaw))
         return heights - qpos[:, 2:3]
 
     def crowded_share(self) -> float:

@@ -12,7 +12,7 @@ from saltus import kinematics
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.effects.camera import ViewChain
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.shards import Episode, ShardRecord, write_shard
@@ -87,8 +87,7 @@ def episodes(
 def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floats:
     """The profile relative to the base along its yaw. Shapes (..., 3), (..., 4) -> (..., 30)."""
     _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
-    x = position[..., :1] + HEIGHTMAP_X * np.cos(yaw)[..., None]
-    return terrain.height_at(x) - position[..., 2:]
+    return terrain.height_at(*LINE.points_in_world(position, yaw)) - position[..., 2:]
 
 
 def episode_of(

@@ -125,7 +125,7 @@ class Prediction:
 class HeldOutRun:
     """One run, n steps of which count."""
 
-    terrain: TerrainKind
+    terrain: str
     level: str
     """`MASTERED` or `HARD`."""
     true_height: Floats

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from saltus import kinematics
 from saltus.arrays import Floats
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.evaluation.comparison import in_view
 from saltus.render.camera import Mount, camera_pose
@@ -38,7 +38,7 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
     met = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
     _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
-    points = position[:, :1] + np.cos(yaw)[:, None] * HEIGHTMAP_X
+    points, _ = LINE.points_in_world(position, yaw)
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
     last_s = np.full(len(ground), -np.inf)
     result = np.empty(points.shape, np.int8)
@@ -62,9 +62,9 @@ def seen_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion:
     Returns:
         Shape (n, m).
     """
-    height = terrain.height_at(ground)
     _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
     aside = position[:, 1:2] + np.tan(yaw)[:, None] * (ground - position[:, :1])
+    height = terrain.height_at(np.broadcast_to(ground, aside.shape), aside)
     place = np.stack(np.broadcast_arrays(ground, aside, height), axis=-1)
     origin, _ = camera_pose(Mount(), position, quaternion)
     ahead = ground - np.asarray(origin)[:, :1]

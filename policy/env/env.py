@@ -248,8 +248,8 @@ class JumpEnv:
         relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
         relative = relative + torch.linalg.cross(angular_velocity[:, None].expand_as(foot), foot)
         foot_velocity = velocity[:, None] + relative @ rotation.mT
-        x = torch.cat([foot_world[..., 0], position[:, :1]], -1)
-        ground = self.courses().height_at(x)
+        places = torch.cat([foot_world, position[:, None]], 1)
+        ground = self.courses().height_at(places[..., 0], places[..., 1])
         _, _, yaw = roll_pitch_yaw(rotation)
         return RewardInputs(
             contact=memory.contact,

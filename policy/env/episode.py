@@ -71,7 +71,8 @@ class Episodes:
         roll, pitch, yaw = roll_pitch_yaw(rotation)
         position = qpos[:, :3]
         edge = position[:, None] + self._trunk_edge @ rotation.mT
-        ground = self._views.courses().height_at(torch.cat([position[:, :1], edge[..., 0]], -1))
+        places = torch.cat([position[:, None], edge], 1)
+        ground = self._views.courses().height_at(places[..., 0], places[..., 1])
         finite = torch.isfinite(self._qpos.sum(-1) + self._qvel.sum(-1))
         tilted = (roll.abs() > UPRIGHT_LIMIT) | (pitch.abs() > UPRIGHT_LIMIT)
         touched = (edge[..., 2] < ground[:, 1:]).any(-1) | memory.touched[:, 12:].any(-1)
@@ -109,7 +110,7 @@ class Episodes:
         bodies = draw_bodies(ranges, body_draws)
         drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
         store(memory, mask, **{name: getattr(bodies, name) for name in drawn})
-        self._engine.set_terrain(*self._views.courses().boxes())
+        self._engine.set_terrain(self._views.courses().boxes())
         self._engine.set_bodies(memory.friction, memory.payload_kg, memory.com_shift)
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from saltus import go1
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE, HeightGrid
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.settings import EnvConfig
@@ -15,7 +15,7 @@ from saltus.terrain.batch import Courses
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
 """Heights that only the critic sees [m ahead]."""
-_UNDER_BASE = 10  # of HEIGHTMAP_X: 0.014 m
+_WITH_FAR = HeightGrid(x=(*LINE.x, *FAR_X))
 _GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal there
 
 
@@ -33,8 +33,7 @@ class Views:
     def __init__(self, memory: Memory, config: EnvConfig, states: Proprioception, qpos: Tensor, qvel: Tensor) -> None:
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
-        self._grid = torch.tensor([*HEIGHTMAP_X, *FAR_X], dtype=torch.float32, device=device)
-        self.points = len(HEIGHTMAP_X)
+        self.points = LINE.size
         self.actor = torch.zeros(count, SIZE, device=device)
         self.critic = torch.zeros(count, SIZE + PRIVILEGED, device=device)
 
@@ -52,10 +51,11 @@ class Views:
         cycle = torch.floor(memory.phase)
         begins = fresh | (cycle != memory.cycle)
         far = position[:, :1] + position.new_tensor([0.0, _GOAL_M])
-        ground = self.courses().height_at(far).clamp(min=0.0)
+        aside = position[:, 1:2]
+        ground = self.courses().height_at(far, aside.expand_as(far)).clamp(min=0.0)
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
-        there = self.courses().height_at(goal_x[:, None])[:, 0]
+        there = self.courses().height_at(goal_x[:, None], aside)[:, 0]
         goal_z = torch.maximum(there, ground[:, 0]) + go1.STAND_HEIGHT
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
@@ -66,13 +66,12 @@ class Views:
         seen = observe(self._states)
         rotation = rotation_matrix(qpos[:, 3:7])
         _, _, yaw = roll_pitch_yaw(rotation)
-        ahead = torch.cos(yaw)[:, None]
         shift = memory.height_shift
         courses, position = self.courses(), qpos[:, :3]
-        near = self._grid[: self.points]
-        shifted = courses.height_at(position[:, :1] + ahead * (near + shift[:, :1])) - position[:, 2:] + shift[:, 1:]
+        places = LINE.points_in_world(position, yaw, ahead=shift[:, 0])
+        shifted = courses.height_at(*places) - position[:, 2:] + shift[:, 1:]
         noise = self._config.randomisation.height_noise_m * (2.0 * draws[:, -self.points :] - 1.0)
-        true = courses.height_at(position[:, :1] + ahead * self._grid) - position[:, 2:]
+        true = courses.height_at(*_WITH_FAR.points_in_world(position, yaw)) - position[:, 2:]
         self.actor.copy_(torch.nan_to_num(features(seen, shifted + noise)))
         exact = features(seen, true[:, : self.points])
         known = self._privileged(yaw, true)

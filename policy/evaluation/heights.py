@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -17,7 +17,7 @@ class HeightSource(Protocol):
     """Terrain profiles for a batch of robots, asked for once a policy step, from step 0 on and without gaps."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """Terrain relative to the base on `saltus.grid.HEIGHTMAP_X`.
+        """Terrain relative to the base on `saltus.grid.LINE`.
 
         Args:
             states: What the robots know.
@@ -42,7 +42,7 @@ class TrueHeights:
     def __init__(self, terrains: TerrainStack, shift_x: Floats | float = 0.0, shift_z: Floats | float = 0.0) -> None:
         count = len(terrains.terrains)
         self._terrains = terrains
-        self._x = HEIGHTMAP_X + np.broadcast_to(shift_x, (count,))[:, None]
+        self._x = np.broadcast_to(shift_x, (count,))
         self._z = np.broadcast_to(shift_z, (count,))[:, None]
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
@@ -50,6 +50,6 @@ class TrueHeights:
         del states, fresh
         _, _, yaw = roll_pitch_yaw(rotation_matrix(truth.quaternion_base_in_world))
         position = truth.position_base_in_world
-        x = position[:, :1] + self._x * np.cos(yaw)[:, None]
-        heights: Floats = self._terrains.height_at(x) - position[:, 2:] + self._z
+        points = LINE.points_in_world(position, yaw, ahead=self._x)
+        heights: Floats = self._terrains.height_at(*points) - position[:, 2:] + self._z
         return heights

@@ -90,7 +90,7 @@ def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go
     for terrain in {id(terrain): terrain for terrain in terrains}.values():
         x = np.linspace(-BEHIND_M, terrain.finish_x + AHEAD_M, 1000)
         x = np.unique(np.concatenate([x, terrain.edges_x - 1e-6, terrain.edges_x]))
-        figure.add_scatter(x=x, y=terrain.height_at(x), showlegend=False, line={"color": GREY, "width": 1.5})
+        figure.add_scatter(x=x, y=terrain.height_at(x, 0.0), showlegend=False, line={"color": GREY, "width": 1.5})
     for trial in trials:
         colour = GREEN if trial.outcome.success else RED
         figure.add_scattergl(

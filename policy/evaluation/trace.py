@@ -37,7 +37,7 @@ class Trace:
     heights: Floats
     """What the planner saw: terrain relative to the base [m], shape (t, 30)."""
     foot: Floats
-    """x and z of the feet's centres in the world [m], shape (t, 4, 2)."""
+    """Centres of the feet in the world [m], shape (t, 4, 3)."""
     stance: NDArray[np.bool_]
     """Scheduled contact, shape (t, 4)."""
     loaded: NDArray[np.bool_]
@@ -63,7 +63,7 @@ class Trace:
     def landings(self) -> Floats:
         """Where feet came to bear in a stance: x and z of their centres [m], shape (landings, 2)."""
         bears = self.loaded & self.stance
-        return np.asarray(self.foot[1:][bears[1:] & ~bears[:-1]])
+        return np.asarray(self.foot[1:][bears[1:] & ~bears[:-1]][:, [0, 2]])
 
 
 def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
@@ -74,7 +74,7 @@ def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
     pose = np.concatenate([position, quaternion], axis=-1)
     joints = np.array([step.truth.joint_position for step in steps])
     heights = np.array([step.heights for step in steps])
-    foot = np.array([step.truth.foot_position_in_world[..., [0, 2]] for step in steps])
+    foot = np.array([step.truth.foot_position_in_world for step in steps])
     stance = np.array([step.states.leg_contact for step in steps])
     loaded = np.array([step.truth.foot_force for step in steps]) > LOADED_N
     return [
@@ -110,14 +110,14 @@ def failure_of(outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
 
 def _sunk(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
     """Feet below the level of the start, over a trench. Shape (t, 4)."""
-    over_trench = terrain.height_at(foot[..., 0]) < -SUNK_M
-    return np.asarray(over_trench & (foot[..., 1] - go1.FOOT_RADIUS < -SUNK_M))
+    over_trench = terrain.height_at(foot[..., 0], foot[..., 1]) < -SUNK_M
+    return np.asarray(over_trench & (foot[..., 2] - go1.FOOT_RADIUS < -SUNK_M))
 
 
 def _at_wall(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
     """Feet in front of a wall that reaches higher than their sole. Shape (t, 4)."""
-    x, sole = foot[..., 0], foot[..., 1] - go1.FOOT_RADIUS
-    return np.asarray(terrain.height_at(x + WALL_M) > np.maximum(sole, terrain.height_at(x)) + UNDER_M)
+    x, y, sole = foot[..., 0], foot[..., 1], foot[..., 2] - go1.FOOT_RADIUS
+    return np.asarray(terrain.height_at(x + WALL_M, y) > np.maximum(sole, terrain.height_at(x, y)) + UNDER_M)
 
 
 def _slipped(x: Floats, loaded: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -200,8 +200,7 @@ def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, An
         "payload_kg": experiment.payload_kg,
     }
     if terrain.edges_x.size:
-        boxes = zip(terrain.box_center.tolist(), terrain.box_size.tolist(), strict=True)
-        meta["terrain"] = [{"center": center, "size": size} for center, size in boxes]
+        meta["terrain"] = terrain.arrays.to_tables()
     return meta
 
 

@@ -1,14 +1,16 @@
 """Which points that the left imager sees terrain can hide from the right one: few, so few rays have to be cast.
 
-Terrain is columns across the course. In the vertical plane along the course, let L and R be the imagers and P a point
-that L sees. The line from R to P can only be blocked where an upper corner C of a column lies in the triangle LRP, so
-the direction from L to P lies between those of LC and RC. Between them lies a strip of the image along each corner.
+Of a terrain of columns across the course: in the vertical plane along the course, let L and R be the imagers and P a
+point that L sees. The line from R to P can only be blocked where an upper corner C of a column lies in the triangle
+LRP, so the direction from L to P lies between those of LC and RC. Between them lies a strip of the image along each
+corner. Boxes that are no columns leave every point in doubt.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import Intrinsics
+from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -37,8 +39,10 @@ def doubtful(
     Returns:
         Ascending places in the flattened images.
     """
-    found = _beside(terrain, camera, origin, rotation, baseline_m, depth)
-    image, first, last, column = _strips(terrain, camera, origin, rotation, baseline_m)
+    if terrain.columns is None:
+        return np.arange(depth.size)
+    found = _beside(terrain.columns, camera, origin, rotation, baseline_m, depth)
+    image, first, last, column = _strips(terrain.columns, camera, origin, rotation, baseline_m)
     tall = last - first
     strip = np.repeat(np.arange(len(tall)), tall)
     row = np.arange(len(strip)) + np.repeat(first - np.cumsum(tall) + tall, tall)
@@ -47,7 +51,7 @@ def doubtful(
 
 
 def _beside(
-    terrain: Terrain,
+    columns: Columns,
     camera: Intrinsics,
     origin: Floats,
     rotation: Floats,
@@ -55,12 +59,12 @@ def _beside(
     depth: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
     """Points of which the corners do not tell all: not over the course, or seen from beside it or from within it."""
-    limit = 0.5 * terrain.width - SLACK_M
+    limit = 0.5 * columns.width - SLACK_M
     right = origin + baseline_m * rotation[..., 0]
     strange = np.zeros(len(origin), dtype=np.bool_)
     for imager in (origin, right):
         strange |= abs(imager[:, 1]) > limit
-        strange |= terrain.height_at(imager[:, 0]) > imager[:, 2] - SLACK_M
+        strange |= columns.height_at(imager[:, 0]) > imager[:, 2] - SLACK_M
     lateral = rotation[:, 1].astype(np.float32)
     x = ((np.arange(camera.width) + 0.5 - camera.cx) / camera.fx).astype(np.float32)
     y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy).astype(np.float32)
@@ -72,11 +76,11 @@ def _beside(
 
 
 def _strips(
-    terrain: Terrain, camera: Intrinsics, origin: Floats, rotation: Floats, baseline_m: float
+    columns: Columns, camera: Intrinsics, origin: Floats, rotation: Floats, baseline_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Image, first row, end of the rows, and column of each part of a column of pixels along a corner."""
-    top = np.concatenate([[-np.inf], terrain.column_top, [-np.inf]])
-    corner_x, corner_z = terrain.column_x, np.maximum(top[1:], top[:-1])
+    top = np.concatenate([[-np.inf], columns.top, [-np.inf]])
+    corner_x, corner_z = columns.x, np.maximum(top[1:], top[:-1])
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     edges, rises = [], []
     for imager in (origin, origin + baseline_m * rotation[..., 0]):

@@ -149,7 +149,7 @@ def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
     ground_x = ground_x[(ground_x > -0.7) & (ground_x < x_end)]
     figure = go.Figure()
     figure.add_scatter(
-        x=ground_x, y=terrain.height_at(ground_x), name="terrain", fill="tozeroy",
+        x=ground_x, y=terrain.height_at(ground_x, 0.0), name="terrain", fill="tozeroy",
         line={"color": GREY, "width": 1.5}, fillcolor="rgba(120,120,120,0.25)",
     )  # fmt: skip
     for status, colour in (

@@ -207,9 +207,7 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
     }
     if recording.config is not None:
         if recording.config.terrain.terrain != "flat":
-            terrain = make_terrain(recording.config.terrain)
-            boxes = zip(terrain.box_center.tolist(), terrain.box_size.tolist(), strict=True)
-            meta["terrain"] = [{"center": center, "size": size} for center, size in boxes]
+            meta["terrain"] = make_terrain(recording.config.terrain).arrays.to_tables()
         meta["config"] = asdict(recording.config)
     if frames:
         meta["camera"] = _camera(frames[0])

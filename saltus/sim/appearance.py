@@ -9,7 +9,8 @@ import numpy as np
 from saltus import go1
 from saltus.sim import scene
 from saltus.sim.scene import VISUAL_GROUP
-from saltus.terrain.terrain import BOTTOM, Terrain
+from saltus.terrain.columns import Columns
+from saltus.terrain.terrain import Terrain
 
 Rgba = tuple[float, float, float, float]
 
@@ -79,20 +80,25 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     for geom in spec.geoms:
         if geom.group == scene.TERRAIN_GROUP:
             geom.material = "ground"
-    world = spec.worldbody
-    _add(world, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, BOTTOM), size=(0.0, 0.0, 1.0))
-    half = 0.5 * terrain.width
-    for x, low, high in _walls(terrain):
-        side = 1.0 if terrain.height_at(x + 1e-6) == high else -1.0
+    lowest = float((terrain.arrays.center - terrain.arrays.extent)[:, 2].min())
+    _add(spec.worldbody, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, lowest), size=(0.0, 0.0, 1.0))
+    if terrain.columns is not None:
+        _add_walls(spec.worldbody, terrain.columns)
+
+
+def _add_walls(world: mujoco.MjsBody, columns: Columns) -> None:
+    half = 0.5 * columns.width
+    for x, low, high in _walls(columns):
+        side = 1.0 if columns.height_at(np.asarray(x + 1e-6)) == high else -1.0
         middle, tall = 0.5 * (low + high), 0.5 * (high - low)
         _add(world, BOX, RISER, pos=(x, 0.0, middle), size=(0.002, half, tall - 0.002))
         _add(world, BOX, NOSING, pos=(x + side * STRIP_M, 0.0, high - 0.001), size=(STRIP_M, half, 0.002))
 
 
-def _walls(terrain: Terrain) -> list[tuple[float, float, float]]:
+def _walls(columns: Columns) -> list[tuple[float, float, float]]:
     """Where the height changes by more than what can be drawn: x, lower and upper end [m]."""
-    tops = terrain.column_top
-    walls = zip(terrain.column_x[1:-1], np.minimum(tops[1:], tops[:-1]), np.maximum(tops[1:], tops[:-1]), strict=True)
+    tops = columns.top
+    walls = zip(columns.x[1:-1], np.minimum(tops[1:], tops[:-1]), np.maximum(tops[1:], tops[:-1]), strict=True)
     return [(float(x), float(low), float(high)) for x, low, high in walls if high - low > 0.005]
 
 

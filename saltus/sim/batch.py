@@ -60,8 +60,8 @@ class BatchPlant:
         given = [terrains] * count if isinstance(terrains, Terrain) else list(terrains)
         self.terrains = TerrainStack(given)
         self.count = count
-        self._columns = columns or self.terrains.columns
-        longest = max(given, key=lambda terrain: len(terrain.column_top))  # its tree of boxes suits the others too
+        self._columns = columns or self.terrains.widest
+        longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
         self.model = scene.build_spec(longest, payload_kg=1.0, columns=self._columns).compile()
         self._chain = chain or ActuatorChain()
@@ -87,13 +87,17 @@ class BatchPlant:
         for i, terrain in zip(indices, terrains, strict=True):
             every[i] = terrain
         self.terrains = TerrainStack(every)
-        centers, sizes = TerrainStack(terrains).boxes(self._columns)
+        boxes = TerrainStack(terrains).boxes(self._columns)
         where = np.ix_(indices, self._boxes)
-        self._geom_pos[where] = centers
-        self._geom_size[where] = 0.5 * sizes
-        self._geom_rbound[where] = 0.5 * np.linalg.norm(sizes, axis=-1)
-        self._geom_aabb[where] = np.concatenate([np.zeros_like(sizes), 0.5 * sizes], axis=-1)
-        self._bvh[indices, terrain_nodes(self.model)] = tree_bounds(self.model, self._boxes, centers, 0.5 * sizes)
+        self._geom_pos[where] = boxes.center
+        self._geom_size[where] = boxes.half_size
+        self._geom_rbound[where] = np.linalg.norm(boxes.half_size, axis=-1)
+        self._geom_aabb[where] = np.concatenate([np.zeros_like(boxes.center), boxes.half_size], axis=-1)
+        self._bvh[indices, terrain_nodes(self.model)] = tree_bounds(self.model, self._boxes, boxes)
+        if boxes.turn is not None or self._batch.expanded("geom_quat") is not None:
+            self._batch.expand("geom_quat")[where] = boxes.quaternion
+            # a box that was compiled level would keep the axes of the world
+            self._batch.expand("geom_sameframe")[where] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
     def set_bodies(self, indices: Indices, friction: ArrayLike, payload_kg: ArrayLike) -> None:
         """Gives some robots other soles and payloads; shapes () or (len(indices),)."""

@@ -8,6 +8,7 @@ from saltus import go1
 from saltus.arrays import Array
 from saltus.sim import scene
 from saltus.sim.engine import TOUCHING, Engine, ModelIndices, build_spec
+from saltus.terrain.boxes import Boxes
 
 
 class BatchEngine(Engine):
@@ -48,14 +49,17 @@ class BatchEngine(Engine):
         """No robot, shape (count,): the engine makes room as it is needed."""
         return np.zeros(self.count, dtype=np.bool_)
 
-    def set_terrain(self, center: Array, half_size: Array) -> None:
+    def set_terrain(self, boxes: Boxes) -> None:
         """Puts boxes under all robots."""
-        center, half_size = np.asarray(center), np.asarray(half_size)
-        boxes = self._where.terrain
-        self._geom_pos[:, boxes] = center
-        self._geom_size[:, boxes] = half_size
-        self._geom_rbound[:, boxes] = np.linalg.norm(half_size, axis=-1)
-        self._geom_aabb[:, boxes, 3:] = half_size
+        half_size, where = np.asarray(boxes.half_size), self._where.terrain
+        self._geom_pos[:, where] = np.asarray(boxes.center)
+        self._geom_size[:, where] = half_size
+        self._geom_rbound[:, where] = np.linalg.norm(half_size, axis=-1)
+        self._geom_aabb[:, where, 3:] = half_size
+        if boxes.turn is not None or self._batch.expanded("geom_quat") is not None:
+            self._batch.expand("geom_quat")[:, where] = np.asarray(boxes.quaternion)
+            # a box that was compiled level would keep the axes of the world
+            self._batch.expand("geom_sameframe")[:, where] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
     def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
         """Gives all robots their soles, payloads and trunks."""

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.terrain.boxes import Boxes
 from saltus.wire.messages import Floats
 
 WORLD = 0  # the body that terrain belongs to
@@ -19,27 +20,27 @@ def terrain_nodes(model: mujoco.MjModel) -> slice:
     return slice(start, start + int(model.body_bvhnum[WORLD]))
 
 
-def tree_bounds(model: mujoco.MjModel, geoms: NDArray[np.integer], center: Floats, half_size: Floats) -> Floats:
+def tree_bounds(model: mujoco.MjModel, geoms: NDArray[np.integer], boxes: Boxes) -> Floats:
     """Bounding boxes of all nodes of the world's tree.
 
     Args:
         model: Its tree decides which node is above which.
         geoms: Identifiers of the terrain's boxes, all the geoms that the world has, shape (boxes,).
-        center: Of each box [m], shape (robots, boxes, 3).
-        half_size: Of each box [m], shape (robots, boxes, 3).
+        boxes: Where they are, arrays of shape (robots, boxes, ...).
 
     Returns:
         Centre and half size of each node [m], shape (robots, nodes, 6).
     """
     nodes = terrain_nodes(model)
     children, geom_of_node = model.bvh_child[nodes], model.bvh_nodeid[nodes]
+    box_low, box_high = boxes.center - boxes.extent, boxes.center + boxes.extent
     box_of_geom = {int(geom): box for box, geom in enumerate(geoms)}
-    low = np.empty((len(center), len(children), 3))
+    low = np.empty((len(box_low), len(children), 3))
     high = np.empty_like(low)
     for node in reversed(range(len(children))):  # a node comes before those below it
         if geom_of_node[node] >= 0:
             box = box_of_geom[int(geom_of_node[node])]
-            low[:, node], high[:, node] = center[:, box] - half_size[:, box], center[:, box] + half_size[:, box]
+            low[:, node], high[:, node] = box_low[:, box], box_high[:, box]
         else:
             low[:, node], high[:, node] = low[:, children[node]].min(axis=1), high[:, children[node]].max(axis=1)
     return np.concatenate([0.5 * (low + high), 0.5 * (high - low)], axis=-1)

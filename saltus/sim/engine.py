@@ -15,6 +15,7 @@ from saltus import go1
 from saltus.arrays import Array
 from saltus.sim import scene
 from saltus.terrain import flat
+from saltus.terrain.boxes import Boxes
 
 MEDIUM_PAYLOAD_KG = 0.75  # middle of what trials draw
 
@@ -58,8 +59,8 @@ class Engine(ABC):
         """Which robots had contacts that found no room since the last call, and were not simulated: shape (count,)."""
 
     @abstractmethod
-    def set_terrain(self, center: Array, half_size: Array) -> None:
-        """Puts boxes under all robots; centres and half edge lengths [m], shape (count, boxes, 3)."""
+    def set_terrain(self, boxes: Boxes) -> None:
+        """Puts boxes under all robots; arrays of shape (count, boxes, ...)."""
 
     @abstractmethod
     def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:

@@ -1,6 +1,5 @@
 """Many copies of one robot on one ground, put into given states and driven by given torques: short replays of a log."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -12,9 +11,7 @@ from saltus.effects.body import BodyModel
 from saltus.sim import scene
 from saltus.sim.state import Floats
 from saltus.terrain import flat
-
-Box = tuple[Sequence[float], Sequence[float]]
-"""Centre and full edge lengths of a box of the terrain [m], world frame."""
+from saltus.terrain.boxes import Boxes
 
 GROUND_SIZE = 100.0  # half edge length of flat ground [m]: wherever motion capture has its origin
 OWN_GROUND = 1e-3  # boxes of which one has its top below this [m] bring their own ground
@@ -42,7 +39,8 @@ class FreeRobots:
 
     Args:
         count: Number of robots.
-        boxes: On flat ground at height 0, or, where one of them is no higher than that, in its place.
+        boxes: On flat ground at height 0, or, where one of them is no higher than that, in its place; without leading
+            dimension, and there may be none.
         solver: Of contacts.
         threads: Of the physics; 0 is one for each core.
 
@@ -51,7 +49,7 @@ class FreeRobots:
         qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Live, shape (count, 18).
     """
 
-    def __init__(self, count: int, boxes: Sequence[Box] = (), *, solver: Solver = OWN_SOLVER, threads: int = 1) -> None:
+    def __init__(self, count: int, boxes: Boxes, *, solver: Solver = OWN_SOLVER, threads: int = 1) -> None:
         self.count = count
         self._model = _compiled(boxes, solver)
         self._substeps = solver.substeps
@@ -109,20 +107,12 @@ class FreeRobots:
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 
-def _compiled(boxes: Sequence[Box], solver: Solver) -> mujoco.MjModel:
+def _compiled(boxes: Boxes, solver: Solver) -> mujoco.MjModel:
     # with a payload, so that what the engine derives from masses exists for every robot
     spec = scene.build_spec(flat.make(), payload_kg=1.0)
     ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
-    for center, size in boxes:
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=np.asarray(center, dtype=np.float64),
-            size=0.5 * np.asarray(size, dtype=np.float64),
-            contype=1,
-            conaffinity=0,
-            group=scene.TERRAIN_GROUP,
-        )
-    if any(center[2] + 0.5 * size[2] < OWN_GROUND for center, size in boxes):
+    scene.add_boxes(spec, boxes, "box_{}")
+    if (boxes.center[:, 2] + boxes.extent[:, 2] < OWN_GROUND).any():
         spec.delete(ground)
     else:
         ground.size[:2] = GROUND_SIZE

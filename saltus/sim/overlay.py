@@ -16,6 +16,7 @@ SHADOW_RGBA = (0.05, 0.07, 0.10, 0.30)
 SHADOW_LENGTH = go1.TRUNK_SIZE[0] + 0.12  # trunk and head [m]
 SHADOW_WIDTH = 0.17  # trunk and hips [m]
 FOOT_SHADOW_RADIUS = 0.028  # [m]
+SHADOW_PIECE = 0.05  # length of a piece on boxes that are no columns [m]
 LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
 
 
@@ -56,7 +57,8 @@ def draw_shadow(shapes: mujoco.MjvScene, terrain: Terrain, base_pose: Floats, fe
     along = max(abs(float(heading[0, 0])), 0.3)  # a robot that has turned sideways gets a shadow that is too long
     reach = 0.5 * SHADOW_LENGTH * along
     low, high = base_pose[0] - reach, base_pose[0] + reach
-    cuts = np.array([low, *(x for x in terrain.column_x if low < x < high), high])
+    edges = np.arange(low, high, SHADOW_PIECE) if terrain.columns is None else terrain.columns.x
+    cuts = np.array([low, *(x for x in edges if low < x < high), high])
     for start, end in pairwise(cuts):  # one piece on each column of the terrain
         x = 0.5 * (start + end)
         y = base_pose[1] + (x - base_pose[0]) * heading[1, 0] / along
@@ -75,7 +77,7 @@ def _heading(base_pose: Floats) -> Floats:
 
 
 def _on_ground(terrain: Terrain, x: float, y: float) -> Floats:
-    return np.array([x, y, float(terrain.height_at(np.asarray(x))) + LIFT])
+    return np.array([x, y, float(terrain.height_at(float(x), float(y))) + LIFT])
 
 
 def _add(

@@ -48,9 +48,9 @@ def standing_pose(
     yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
     feet = foot_position(go1.STAND_POSE) @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
-    foot_x = position_x[..., None] + feet[..., 0]
+    foot_x, foot_y = position_x[..., None] + feet[..., 0], position_y[..., None] + feet[..., 1]
     sole_x = np.concatenate([foot_x - go1.FOOT_RADIUS, foot_x + go1.FOOT_RADIUS], axis=-1)  # (..., 8)
-    ground = terrain.height_at(sole_x).max(axis=-1)
+    ground = terrain.height_at(sole_x, np.concatenate([foot_y, foot_y], axis=-1)).max(axis=-1)
     position = np.stack([position_x, position_y, ground + STAND_DROP + clearance], axis=-1)
     joints = np.broadcast_to(go1.STAND_POSE, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)

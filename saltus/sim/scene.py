@@ -13,6 +13,7 @@ from saltus import go1
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
 from saltus.sim import links
 from saltus.sim.links import Inertia
+from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
@@ -56,7 +57,7 @@ def build_spec(
     """Describes one Go1 on `terrain`.
 
     Args:
-        terrain: Becomes one box for each column.
+        terrain: Its boxes.
         friction: Coefficient of sliding friction between robot and terrain.
         payload_kg: Mass of a box on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
@@ -70,9 +71,7 @@ def build_spec(
     spec.modelname = "go1"
     spec.compiler.degree = False
     _options(spec)
-    centers, sizes = TerrainStack([terrain]).boxes(columns or len(terrain.column_top))
-    for i, (center, size) in enumerate(zip(centers[0], sizes[0], strict=True)):
-        _add_column(spec, i, center, size)
+    add_boxes(spec, TerrainStack([terrain]).boxes(columns or len(terrain.boxes)).of_robot(0))
     base = _add_trunk(spec, np.asarray(com_shift, dtype=np.float64), payload_kg)
     for leg in range(4):
         _add_leg(base, leg)
@@ -84,6 +83,22 @@ def build_spec(
         motor.set_to_motor()
     _add_contact_sensors(spec)
     return spec
+
+
+def add_boxes(spec: mujoco.MjSpec, boxes: Boxes, name: str = TERRAIN_GEOM) -> None:
+    """Adds boxes to the terrain, named by their place; arrays without leading dimensions."""
+    rows = zip(boxes.center, boxes.half_size, boxes.quaternion, strict=True)
+    for i, (center, half_size, quaternion) in enumerate(rows):
+        spec.worldbody.add_geom(
+            name=name.format(i),
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=center,
+            size=half_size,
+            quat=quaternion,
+            contype=1,
+            conaffinity=0,
+            group=TERRAIN_GROUP,
+        )
 
 
 def payload_inertia(payload_kg: float) -> np.ndarray:
@@ -111,18 +126,6 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.impratio = CONTACT_IMPRATIO
     # A simulation that has diverged must show it, not jump back to the start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-
-
-def _add_column(spec: mujoco.MjSpec, i: int, center: np.ndarray, size: np.ndarray) -> None:
-    spec.worldbody.add_geom(
-        name=TERRAIN_GEOM.format(i),
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=center,
-        size=0.5 * size,
-        contype=1,
-        conaffinity=0,
-        group=TERRAIN_GROUP,
-    )
 
 
 def _set_inertia(body: mujoco.MjsBody, inertia: Inertia) -> None:

@@ -117,7 +117,7 @@ def test_frame() -> Frame:
     """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
     terrain = stairs.make(steps=5, rise_m=0.06, run_m=0.25)
     pose = standing_pose(terrain, np.asarray(terrain.first_edge_x - 0.4), np.zeros(()), np.zeros(()), clearance=0.0)
-    heights = terrain.height_at(pose[0] + HEIGHTMAP_X) - pose[2]
+    heights = terrain.height_at(pose[0] + HEIGHTMAP_X, 0.0) - pose[2]
     return next(render_run(terrain, np.zeros(1), pose[None, :7], pose[None, 7:], HEIGHTMAP_X, heights[None]))
 
 

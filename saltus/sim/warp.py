@@ -10,6 +10,7 @@ from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.sim import scene
 from saltus.sim.engine import Engine, ModelIndices, build_spec
+from saltus.terrain.boxes import Boxes
 
 CONTACTS = 16
 """Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
@@ -88,15 +89,17 @@ class WarpEngine(Engine):
         self._overflow.zero_()
         return found
 
-    def set_terrain(self, center: Array, half_size: Array) -> None:
+    def set_terrain(self, boxes: Boxes) -> None:
         """Puts boxes under all robots."""
-        xp = namespace(center)
-        boxes = self._where.terrain
-        self._geom_pos[:, boxes] = center
-        self._geom_xpos[:, boxes] = center  # poses of what does not move are computed once, when data is made
-        self._geom_size[:, boxes] = half_size
-        self._geom_aabb[:, boxes, 1] = half_size
-        self._geom_rbound[:, boxes] = xp.linalg.vector_norm(half_size, axis=-1)
+        xp, where = namespace(boxes.center), self._where.terrain
+        self._geom_pos[:, where] = boxes.center
+        self._geom_xpos[:, where] = boxes.center  # poses of what does not move are computed once, when data is made
+        self._geom_size[:, where] = boxes.half_size
+        self._geom_aabb[:, where, 1] = boxes.half_size
+        self._geom_rbound[:, where] = xp.linalg.vector_norm(boxes.half_size, axis=-1)
+        self._is_turned |= boxes.turn is not None
+        if self._is_turned:
+            self._geom_xmat[:, where] = boxes.rotation
 
     def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
         """Gives all robots their soles, payloads and trunks."""
@@ -119,7 +122,9 @@ class WarpEngine(Engine):
         self.trunk_wrench = view(data.xfrc_applied)[:, self._where.trunk]
         self._geom_pos, self._geom_size = view(model.geom_pos), view(model.geom_size)
         self._geom_aabb, self._geom_rbound = view(model.geom_aabb), view(model.geom_rbound)
-        self._geom_friction, self._geom_xpos = view(model.geom_friction), view(data.geom_xpos)
+        self._geom_friction = view(model.geom_friction)
+        self._geom_xpos, self._geom_xmat = view(data.geom_xpos), view(data.geom_xmat)
+        self._is_turned = False
         self._body_mass, self._body_inertia = view(model.body_mass), view(model.body_inertia)
         self._body_ipos = view(model.body_ipos)
         self._contact_geom, self._contact_world = view(data.contact.geom), view(data.contact.worldid)

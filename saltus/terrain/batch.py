@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
 from saltus.config import TerrainKind
+from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import TABLE
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
 
@@ -38,7 +39,7 @@ _FLAT_FINISH_X = 8.0  # ten jumps of 0.8 m
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Courses:
-    """Boxes that may overlap; the highest at a place is the ground. Arrays with a leading dimension of robots."""
+    """Columns that may overlap; the highest at a place is the ground. Arrays with a leading dimension of robots."""
 
     low: Array
     """Where each column begins [m], world x, shape (n, COLUMNS)."""
@@ -50,23 +51,30 @@ class Courses:
     """End of the course [m], shape (n,)."""
     slope: Array
     """Length of way, up and along, for each metre ahead, on average over the course; shape (n,)."""
+    turn: Array | None = None
+    """Pitch and yaw of the columns about their centres [rad], shape (n, COLUMNS, 2); None where all are level."""
 
-    def height_at(self, x: Array) -> Array:
-        """Ground at world x [m], the higher side of an edge. Shape (n, points) -> (n, points)."""
+    def height_at(self, x: Array, y: Array) -> Array:
+        """Ground at world x and y [m], the higher side of an edge; shapes (n, points). Level columns reach any y."""
+        if self.turn is not None:
+            return self.boxes().height_at(x, y)
         xp = namespace(x)
         inside = (x[..., None] >= self.low[:, None, :]) & (x[..., None] <= self.high[:, None, :])
         floor = xp.zeros_like(self.top[:, None, :]) - TRENCH_DEPTH
         return xp.max(xp.where(inside, self.top[:, None, :], floor), axis=-1)
 
-    def boxes(self) -> tuple[Array, Array]:
-        """Centres and half edge lengths of columns and floor [m], each of shape (n, BOXES, 3)."""
+    def boxes(self) -> Boxes:
+        """Columns and floor, arrays of shape (n, BOXES, ...)."""
         xp = namespace(self.low)
         low = xp.concat([self.low, self.low[:, :1]], axis=-1)
         high = xp.concat([self.high, self.high[:, -1:]], axis=-1)
         top = xp.concat([self.top, xp.zeros_like(self.top[:, :1]) - TRENCH_DEPTH], axis=-1)
         half = xp.zeros_like(low) + 0.5 * _THICKNESS
-        center = xp.stack([0.5 * (low + high), xp.zeros_like(low), top - half], -1)
-        return center, xp.stack([0.5 * (high - low), xp.zeros_like(low) + 0.5 * WIDTH, half], -1)
+        return Boxes(
+            center=xp.stack([0.5 * (low + high), xp.zeros_like(low), top - half], -1),
+            half_size=xp.stack([0.5 * (high - low), xp.zeros_like(low) + 0.5 * WIDTH, half], -1),
+            turn=None if self.turn is None else xp.concat([self.turn, xp.zeros_like(self.turn[:, :1])], axis=1),
+        )
 
 
 def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:

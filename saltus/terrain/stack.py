@@ -6,10 +6,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
-from numpy.typing import NDArray
 
-from saltus.terrain.terrain import Floats, Terrain
+from saltus.terrain.boxes import Boxes
+from saltus.terrain.columns import Floats, column_heights
+from saltus.terrain.terrain import Terrain
 
 SPARE_DEPTH = -100.0  # a box that a terrain does not need lies this deep below its end, out of everything's way [m]
 SPARE_SIZE = 0.02  # [m]
@@ -22,51 +22,64 @@ class TerrainStack:
     terrains: Sequence[Terrain]
 
     @cached_property
-    def columns(self) -> int:
-        """Number of columns of the terrain that has the most."""
-        return max(len(terrain.column_top) for terrain in self.terrains)
-
-    @cached_property
-    def walls(self) -> Floats:
-        """Boundaries between columns [m], padded with infinity, shape (robots, columns - 1)."""
-        return np.stack([_padded(t.column_x[1:-1], self.columns - 1, np.inf) for t in self.terrains])
-
-    @cached_property
-    def tops(self) -> Floats:
-        """Heights of columns [m], shape (robots, columns)."""
-        return np.stack([_padded(t.column_top, self.columns, 0.0) for t in self.terrains])
+    def widest(self) -> int:
+        """Number of boxes of the terrain that has the most."""
+        return max(len(terrain.boxes) for terrain in self.terrains)
 
     @cached_property
     def finish_x(self) -> Floats:
         """[m], shape (robots,)."""
         return np.array([terrain.finish_x for terrain in self.terrains])
 
-    def height_at(self, x: Any) -> Any:
+    def height_at(self, x: Any, y: Any) -> Any:
         """Height of each robot's terrain [m], as `Terrain.height_at`.
 
         Args:
-            x: World x, numpy or torch, shape (robots, points).
+            x: World x [m], numpy or torch, shape (robots, points).
+            y: World y [m], the same shape.
 
         Returns:
             Shape (robots, points).
         """
-        xp = array_namespace(x)
-        walls = xp.astype(xp.asarray(self.walls, device=x.device), x.dtype)[:, None, :]
-        tops = xp.astype(xp.asarray(self.tops, device=x.device), x.dtype)
-        behind = xp.sum(xp.astype(x[..., None] > walls, xp.int64), axis=-1)
-        ahead = xp.sum(xp.astype(x[..., None] >= walls, xp.int64), axis=-1)
-        return xp.maximum(xp.take_along_axis(tops, behind, axis=1), xp.take_along_axis(tops, ahead, axis=1))
+        if self._columns is not None:
+            return column_heights(*self._columns, x)
+        return self._boxes.like(x).height_at(x, y)
 
-    def boxes(self, columns: int) -> tuple[Floats, Floats]:
-        """Centres and full sizes of boxes [m], each of shape (robots, columns, 3)."""
-        centers = np.zeros((len(self.terrains), columns, 3))
-        sizes = np.full_like(centers, SPARE_SIZE)
-        for i, terrain in enumerate(self.terrains):
-            used = len(terrain.column_top)
-            centers[i] = (terrain.column_x[-1], 0.0, SPARE_DEPTH)
-            centers[i, :used], sizes[i, :used] = terrain.box_center, terrain.box_size
-        return centers, sizes
+    def boxes(self, count: int) -> Boxes:
+        """Exactly `count` boxes for each robot, with spare ones far below; arrays of shape (robots, count, ...)."""
+        boxes = self._repeated(count)
+        robot, box = np.nonzero(np.arange(count) >= np.array([[len(terrain.boxes)] for terrain in self.terrains]))
+        ends = np.array([terrain.boxes[-1].high[0] for terrain in self.terrains])
+        boxes.center[robot, box] = np.stack([ends, 0.0 * ends, 0.0 * ends + SPARE_DEPTH], axis=-1)[robot]
+        boxes.half_size[robot, box] = 0.5 * SPARE_SIZE
+        return boxes
+
+    @cached_property
+    def _columns(self) -> tuple[Floats, Floats] | None:
+        """Walls, padded with infinity, and tops [m], where all terrains are columns."""
+        columns = [terrain.columns for terrain in self.terrains]
+        if any(each is None for each in columns):
+            return None
+        walls = [_padded(each.x[1:-1], self.widest - 1, np.inf) for each in columns if each]
+        return np.stack(walls), np.stack([_padded(each.top, self.widest, 0.0) for each in columns if each])
+
+    @cached_property
+    def _boxes(self) -> Boxes:
+        return self._repeated(self.widest)
+
+    def _repeated(self, count: int) -> Boxes:
+        """`count` boxes for each robot; the last one of a terrain stands for those that it lacks."""
+        rows = [np.minimum(np.arange(count), len(terrain.boxes) - 1) for terrain in self.terrains]
+        boxes = [terrain.arrays for terrain in self.terrains]
+
+        def stacked(name: str) -> Floats:
+            return np.stack([getattr(each, name)[row] for each, row in zip(boxes, rows, strict=True)])
+
+        is_level = all(each.turn is None for each in boxes)
+        return Boxes(
+            center=stacked("center"), half_size=stacked("half_size"), turn=None if is_level else stacked("angles")
+        )
 
 
-def _padded(values: NDArray[np.float64], length: int, fill: float) -> Floats:
+def _padded(values: Floats, length: int, fill: float) -> Floats:
     return np.concatenate([values, np.full(length - len(values), fill)])

@@ -1,16 +1,18 @@
-"""A terrain as columns across the course: exact heights for labels, boxes for physics and cameras."""
+"""A terrain: boxes in the world, with exact heights for labels, and where a trial on it starts and ends."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
-from numpy.typing import NDArray
 
-from saltus.config import TerrainKind
-
-Floats = NDArray[np.float64]
+from saltus.config import Value, from_table, read_toml
+from saltus.errors import ConfigError
+from saltus.terrain.boxes import Box, Boxes, Point
+from saltus.terrain.columns import Columns, Floats
 
 GROUND_START_X = -2.0  # ground behind the robot [m]: the rearmost heightmap point at the start is at -0.6
 FIRST_EDGE_X = 1.5  # beyond the camera's reach of 0.5 m from the start, and room for the first bounds
@@ -21,29 +23,51 @@ TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns; thick enough that nothing falls through
 TRENCH_DEPTH = 0.4  # original
+_DIGITS = 9  # edges that differ by less than a nanometre are one
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Terrain:
-    """Columns side by side along x, each of constant height, as wide as the course.
+@dataclass(frozen=True, kw_only=True)
+class Terrain(Value):
+    """Boxes in the world frame, in which z = 0 is the ground at the start, at x = `start_x`.
 
-    World frame: z = 0 is the ground on which the robot starts, at x = `start_x`.
+    Raises:
+        ConfigError: it has no box.
     """
 
-    kind: TerrainKind
-    params: Mapping[str, float]
-    """The sizes as used, by their names in `TerrainConfig`."""
-    column_x: Floats
-    """Boundaries of the columns, ascending [m], shape (n + 1,)."""
-    column_top: Floats
-    """Height of each column [m], shape (n,)."""
-    edges_x: Floats
-    """Every x at which the height changes, ascending [m]; a change of size zero counts, so that a terrain of
-    difficulty 0 has the same course. Shape (edges,)."""
+    kind: str
+    """A `TerrainKind`, or a name of one's own."""
+    boxes: tuple[Box, ...]
+    """They may overlap; the highest counts."""
     finish_x: float
     """The trunk's centre must pass this [m]."""
     start_x: float = 0.0
-    width: float = WIDTH
+    params: dict[str, int | float] = field(default_factory=dict, compare=False)
+    """The sizes as used, by their names in `TerrainConfig`."""
+
+    def __post_init__(self) -> None:
+        if not self.boxes:
+            raise ConfigError(f"terrain '{self.kind}' has no boxes: it must have at least one")
+        if not math.isfinite(self.start_x) or not math.isfinite(self.finish_x):
+            raise ConfigError(f"terrain '{self.kind}' starts at {self.start_x} and ends at {self.finish_x}: not finite")
+
+    @classmethod
+    def from_toml(cls, text: str) -> "Terrain":
+        """Reads what `to_toml` writes; a box may also be given by its `center` and full `size`."""
+        table = read_toml(text)
+        if isinstance(boxes := table.get("boxes"), list):
+            table["boxes"] = [_by_corners(box, f"boxes[{i}].") for i, box in enumerate(boxes)]
+        return from_table(cls, table)
+
+    @cached_property
+    def edges_x(self) -> Floats:
+        """Every x beyond the start at which a box begins or ends, but for the ends of the terrain; ascending [m].
+
+        A change of height by zero counts, so that a course of difficulty 0 has the same edges. Shape (edges,).
+        """
+        center, reach = self.box_center[:, 0], np.asarray(self.arrays.extent)[:, 0]
+        extent = np.round([center - reach, center + reach], _DIGITS)
+        ends = np.unique(extent) if self.columns is None else self.columns.x
+        return ends[1:-1][ends[1:-1] > self.start_x]
 
     @property
     def first_edge_x(self) -> float:
@@ -60,45 +84,68 @@ class Terrain:
         """Where the time of a trial starts to run: 0.5 m before the first edge; the start on flat ground [m]."""
         return self.first_edge_x - TIMING_BEFORE_FIRST_EDGE if self.edges_x.size else self.start_x
 
+    @cached_property
+    def arrays(self) -> Boxes:
+        """The boxes as numpy arrays."""
+        return Boxes.of(self.boxes)
+
     @property
     def box_center(self) -> Floats:
-        """Centre of the box of each column [m], world frame, shape (n, 3)."""
-        x = 0.5 * (self.column_x[1:] + self.column_x[:-1])
-        return np.stack([x, np.zeros_like(x), 0.5 * (self.column_top + BOTTOM)], axis=-1)
+        """Centre of each box [m], world frame, shape (n, 3)."""
+        return np.asarray(self.arrays.center)
 
     @property
     def box_size(self) -> Floats:
-        """Full edge lengths of the box of each column [m], shape (n, 3)."""
-        x = np.diff(self.column_x)
-        return np.stack([x, np.full_like(x, self.width), self.column_top - BOTTOM], axis=-1)
+        """Full edge lengths of each box [m], shape (n, 3)."""
+        return 2.0 * np.asarray(self.arrays.half_size)
 
-    def height_at(self, x: Any) -> Any:
-        """Height of the terrain [m] at `x` [m]: exact; at an edge, the higher side.
+    @cached_property
+    def columns(self) -> Columns | None:
+        """The boxes as columns, where that is what they are: level, side by side along x, of one width."""
+        return Columns.of(self.boxes)
 
-        Beyond both ends the outermost columns go on.
+    def height_at(self, x: Any, y: Any) -> Any:
+        """Height of the terrain [m] at a place [m]: exact; at an edge, the higher side.
+
+        Beyond its ends and sides the outermost boxes go on.
 
         Args:
             x: World x, an array of any shape (numpy, torch, or any other of the array API) or a number.
+            y: World y, an array like `x` or a number.
 
         Returns:
             An array like `x`.
         """
         if isinstance(x, float | int):
             x = np.asarray(float(x))
+        if self.columns is not None:
+            return self.columns.height_at(x)
         xp = array_namespace(x)
-        # The dtype of x decides: a boundary is compared in the precision in which x is known.
-        walls = xp.astype(xp.asarray(self.column_x[1:-1], device=x.device), x.dtype)
-        tops = xp.astype(xp.asarray(self.column_top, device=x.device), x.dtype)
-        behind = xp.sum(xp.astype(x[..., None] > walls, xp.int64), axis=-1)  # column, if a wall counts backward
-        ahead = xp.sum(xp.astype(x[..., None] >= walls, xp.int64), axis=-1)  # column, if a wall counts forward
-        shape = tuple(x.shape)
-        left = xp.take(tops, xp.reshape(behind, (-1,)), axis=0)
-        right = xp.take(tops, xp.reshape(ahead, (-1,)), axis=0)
-        return xp.reshape(xp.maximum(left, right), shape)
+        aside = xp.full_like(x, float(y)) if isinstance(y, float | int) else y
+        heights = self.arrays.like(x).height_at(xp.reshape(x, (-1,)), xp.reshape(aside, (-1,)))
+        return xp.reshape(heights, x.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CentredBox:
+    """The form of run logs."""
+
+    center: Point
+    size: Point
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+
+def _by_corners(box: Any, where: str) -> Any:
+    if not isinstance(box, dict) or "center" not in box:
+        return box
+    given = from_table(_CentredBox, box, where)
+    same = Box.at(given.center, given.size)
+    return {"low": list(same.low), "high": list(same.high), "pitch": given.pitch, "yaw": given.yaw}
 
 
 def build(
-    kind: TerrainKind,
+    kind: str,
     params: Mapping[str, float],
     *,
     widths: Sequence[float],
@@ -106,25 +153,33 @@ def build(
     last_top: float,
     finish_behind: float,
 ) -> Terrain:
-    """Puts columns after the first edge: start ground, the given columns, ground behind them.
+    """Puts level boxes after the first edge: start ground, the given ones, ground behind them.
 
     Args:
         kind: Name of the terrain.
         params: Sizes as used.
-        widths: Extent along x of each column [m]; columns of no width are left out.
+        widths: Extent along x of each box [m]; those of no width, or less than can be told at that place, are left out.
         tops: Height of each [m].
         last_top: Height of the ground behind them [m].
         finish_behind: Distance of the finish behind the last edge [m].
     """
     edges = FIRST_EDGE_X + np.concatenate([[0.0], np.cumsum(np.asarray(widths, dtype=np.float64))])
     finish = float(edges[-1]) + finish_behind
-    kept = [i for i, width in enumerate(widths) if width > 0.0]
-    starts = [GROUND_START_X, *(edges[i] for i in kept), edges[-1], finish + RUN_OUT]
-    return Terrain(
-        kind=kind,
-        params=dict(params),
-        column_x=np.asarray(starts, dtype=np.float64),
-        column_top=np.asarray([0.0, *(tops[i] for i in kept), last_top], dtype=np.float64),
-        edges_x=np.unique(edges),
-        finish_x=finish,
+    kept = [i for i in range(len(widths)) if edges[i + 1] > edges[i]]
+    ends = [GROUND_START_X, *(float(edges[i]) for i in kept), float(edges[-1]), finish + RUN_OUT]
+    heights = [0.0, *(float(tops[i]) for i in kept), float(last_top)]
+    return Terrain(kind=kind, params=dict(params), boxes=across(ends, heights), finish_x=finish)
+
+
+def across(ends: Sequence[float], tops: Sequence[float]) -> tuple[Box, ...]:
+    """Level boxes side by side along x and wide in y.
+
+    Args:
+        ends: Where the first begins and each ends [m], one more than boxes.
+        tops: Height of each [m].
+    """
+    half = 0.5 * WIDTH
+    return tuple(
+        Box(low=(low, -half, BOTTOM), high=(high, half, top))
+        for low, high, top in zip(ends[:-1], ends[1:], tops, strict=True)
     )

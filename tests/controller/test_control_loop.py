@@ -180,5 +180,5 @@ def test_truth_is_the_terrain_along_the_robots_yaw():
     truth = robot.truth(5, 2)
     x, _, z = truth.position_base_in_world
     ahead = x + np.cos(0.3) * np.linspace(-0.4, 0.8, 30)
-    np.testing.assert_allclose(truth.height, terrain.height_at(ahead) - z)
+    np.testing.assert_allclose(truth.height, terrain.height_at(ahead, 0.0) - z)
     assert truth.height.max() > truth.height.min() + 0.2

@@ -65,7 +65,7 @@ def glide(
     images = EmbreeRenderer(ground, camera, legs=False, threads=1).render_batch(
         position[::2], quaternion[::2], joints[::2]
     )
-    heights = ground.height_at(x[:, None] + HEIGHTMAP_X) - z[:, None]
+    heights = ground.height_at(x[:, None] + HEIGHTMAP_X, 0.0) - z[:, None]
     return Glide(
         terrain=terrain,
         states=[_state(k, quaternion[k], velocity[k], joints[k]) for k in range(steps)],

@@ -28,7 +28,7 @@ def poses(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
 def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=0.3))
     position, quaternion = poses(np.random.default_rng(1), PLACES)
-    position[:, 2] += np.maximum(terrain.height_at(position[:, 0]), 0.0)
+    position[:, 2] += np.maximum(terrain.height_at(position[:, 0], position[:, 1]), 0.0)
     ground = np.arange(-1.0, 6.0, BIN_M)
     met = seen_by_rays(terrain, ground, position, quaternion)
     joints = np.tile(go1.STAND_POSE, (PLACES, 1))
@@ -39,7 +39,7 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
     rays = ray_directions(MODEL_CAMERA)[:, 7:9].mean(1) @ np.swapaxes(np.asarray(rotation), -1, -2)
     hit = np.asarray(origin)[:, None] + depth[:, :, 7:9].mean(-1)[..., None] * rays
     for i in range(PLACES):
-        up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0])) < 1e-3  # on the ground, not on a wall
+        up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3  # on the ground, not on a wall
         up &= depth[i, :, 7:9].max(-1) < RANGE_M
         nearest = np.abs(hit[i, up, 0][:, None] - ground).argmin(-1)
         around = met[i, nearest] | met[i, np.maximum(nearest - 1, 0)] | met[i, nearest + 1]

@@ -114,8 +114,8 @@ def test_true_heights_are_the_terrain_where_they_say(shift_x: float, shift_z: fl
     step = Rollout([stairs], [trial], ScriptedPlanner(), stand_steps=1).step()
     position = step.truth.position_base_in_world[0]
     x = position[0] + (HEIGHTMAP_X + shift_x) * np.cos(0.1)
-    np.testing.assert_allclose(step.heights[0], stairs.height_at(x) - position[2] + shift_z, atol=1e-9)
+    np.testing.assert_allclose(step.heights[0], stairs.height_at(x, 0.0) - position[2] + shift_z, atol=1e-9)
     exact = Rollout([stairs], [trial], ScriptedPlanner(), stand_steps=1, heights=exact_heights).step()
     np.testing.assert_allclose(
-        exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1)) - position[2], atol=1e-9
+        exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1), 0.0) - position[2], atol=1e-9
     )

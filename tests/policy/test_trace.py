@@ -18,7 +18,7 @@ FELL = Outcome(success=False, cause="trunk_contact", time_s=1.0, distance_m=1.0,
 def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> Trace:
     """A robot whose feet stay on the ground at x."""
     flags = np.ones((STEPS, 4), dtype=np.bool_)
-    foot = np.broadcast_to([x, go1.FOOT_RADIUS], (STEPS, 4, 2)).copy()
+    foot = np.broadcast_to([x, 0.0, go1.FOOT_RADIUS], (STEPS, 4, 3)).copy()
     return Trace(
         pose=np.tile([x, 0.0, go1.STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0], (STEPS, 1)),
         joint_position=np.tile(go1.STAND_POSE, (STEPS, 1)),
@@ -37,7 +37,7 @@ def sliding() -> Trace:
 
 def into_the_trench() -> Trace:
     trace = standing(GAP.first_edge_x + 0.2, loaded=False)
-    trace.foot[-5:, :2, 1] = -0.2
+    trace.foot[-5:, :2, 2] = -0.2
     return trace
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from random_terrain import places, random_terrain
 
 from saltus import go1
 from saltus.config import TerrainConfig, TerrainKind
@@ -19,7 +20,7 @@ from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
 from saltus.wire.messages import Floats
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
@@ -36,7 +37,7 @@ def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floa
     """Robots in mid-jump; in five of six the legs reach inwards and ahead as far as they can, into the image."""
     rng = np.random.default_rng(seed)
     position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
-    position[:, 2] += terrain.height_at(position[:, 0])
+    position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
     joints = go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12))
     ahead = joints.reshape(count, 4, 3)[: count - count // 6]
@@ -100,25 +101,24 @@ def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
     expected = -origin[:, 2, None, None] / np.where(down, rays[..., 2], 1.0)
     hit = origin[:, None, None, :] + expected[..., None] * rays
     course = renderer.terrain
-    inside = down & (hit[..., 0] < course.column_x[-1] - 0.1) & (np.abs(hit[..., 1]) < 0.5 * course.width - 0.1)
+    inside = down & (hit[..., 0] < course.finish_x + RUN_OUT - 0.1) & (np.abs(hit[..., 1]) < 0.5 * WIDTH - 0.1)
     assert inside.mean() > 0.3
     np.testing.assert_allclose(depth[inside], expected[inside], rtol=1e-4)
     assert np.isinf(depth[~down]).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_straight_down_it_is_as_far_as_the_height_says(kind: TerrainKind) -> None:
-    terrain = terrain_of(kind)
-    rng = np.random.default_rng(4)
-    x = rng.uniform(terrain.column_x[0], terrain.column_x[-1], 300)
-    x = x[np.abs(x[:, None] - terrain.column_x).min(axis=1) > 1e-4]  # on an edge either side is right
-    position = np.stack([x, rng.uniform(-1.9, 1.9, len(x)), np.full(len(x), 9.0)], axis=-1)
+@pytest.mark.parametrize("terrain", [*map(terrain_of, KINDS), *map(random_terrain, range(4))])
+def test_straight_down_it_is_as_far_as_the_height_says(terrain: Terrain) -> None:
+    x, y = places(terrain, 300, seed=4)
+    position = np.stack([x, y, np.full(len(x), 9.0)], axis=-1)
     level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(go1.STAND_POSE, (len(x), 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
     for renderer in (EmbreeRenderer, WarpRenderer):
         depth = renderer(terrain, one_pixel, plumb, legs=False).render_batch(position, level, joints)
-        np.testing.assert_allclose(depth[:, 0, 0], 9.1 - terrain.height_at(x), atol=2e-6)
+        np.testing.assert_allclose(
+            depth[:, 0, 0], 9.1 - terrain.height_at(x, y), atol=2e-6 if terrain.columns else 2e-5
+        )
 
 
 @pytest.mark.parametrize("back_end", ["embree", "pyrender", "warp"])

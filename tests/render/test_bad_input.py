@@ -21,15 +21,8 @@ from saltus.render.renderer import Renderer
 from saltus.terrain.curriculum import make_terrain
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
-STAIRS = make_terrain(TerrainConfig(terrain="stairs"))
 POSE = np.array([0.0, 0.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
 BACK_ENDS = ("embree", "pyrender", "warp")
-
-
-def with_value(values: Any, place: int, value: float) -> Any:
-    changed = np.array(values)
-    changed[place] = value
-    return changed
 
 
 def one_line(error: pytest.ExceptionInfo[SaltusError]) -> str:
@@ -37,23 +30,6 @@ def one_line(error: pytest.ExceptionInfo[SaltusError]) -> str:
     assert message
     assert "\n" not in message
     return message
-
-
-@pytest.mark.parametrize("back_end", BACK_ENDS)
-@pytest.mark.parametrize(
-    ("terrain", "named"),
-    [
-        (replace(STAIRS, column_top=with_value(STAIRS.column_top, 3, np.nan)), "column_top is nan at place 3"),
-        (replace(STAIRS, column_x=with_value(STAIRS.column_x, 2, np.inf)), "column_x is inf at place 2"),
-        (replace(STAIRS, column_x=STAIRS.column_x[::-1]), "ascending"),
-        (replace(STAIRS, column_top=STAIRS.column_top[1:]), "one more than columns"),
-        (replace(STAIRS, width=float("nan")), "width is nan"),
-    ],
-)
-def test_terrain(back_end: str, terrain: Any, named: str) -> None:
-    with pytest.raises(SaltusError) as error:
-        make_renderer(back_end, terrain)
-    assert named in one_line(error)
 
 
 @pytest.mark.parametrize("back_end", BACK_ENDS)

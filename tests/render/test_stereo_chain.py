@@ -39,7 +39,7 @@ def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
     """Robots in mid-bound anywhere on the course, legs anywhere."""
     rng = np.random.default_rng(seed)
     position = np.stack([rng.uniform(0.0, 4.0, count), rng.uniform(-0.3, 0.3, count), np.zeros(count)], axis=-1)
-    position[:, 2] = ground.height_at(position[:, 0]) + rng.uniform(0.25, 0.45, count)
+    position[:, 2] = ground.height_at(position[:, 0], position[:, 1]) + rng.uniform(0.25, 0.45, count)
     yaw, pitch = rng.uniform(-0.4, 0.4, count) / 2, rng.uniform(-0.3, 0.2, count) / 2
     quaternion = np.stack(
         [

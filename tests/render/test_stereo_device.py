@@ -57,7 +57,7 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     rng = np.random.default_rng(2)
     terrain, camera = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06)), sampled_model_camera(rows, columns)
     position = rng.uniform([0.5, -0.1, 0.25], [4.0, 0.1, 0.5], (COUNT, 3))
-    position[:, 2] += terrain.height_at(position[:, 0])
+    position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
     pair = StereoEmbree(terrain, Optics.of(camera), camera)
     depth, hidden = pair.render_pair_batch(position, quaternion, go1.STAND_POSE + rng.normal(0.0, 0.4, (COUNT, 12)))

@@ -39,7 +39,7 @@ def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> Non
     ground = make_terrain(TerrainConfig(terrain=kind))
     rng = np.random.default_rng(7)
     position = rng.uniform([0.0, -2.1 if wild else -0.5, 0.25], [5.0, 2.1 if wild else 0.5, 0.7], (COUNT, 3))
-    position[:, 2] += ground.height_at(position[:, 0])
+    position[:, 2] += ground.height_at(position[:, 0], position[:, 1])
     limits = np.array([0.6, 1.0, np.pi] if wild else [0.2, 0.3, 0.6])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-limits, limits, (COUNT, 3)).T)
     pair = StereoEmbree(ground, OPTICS, CAMERA, legs=False)
@@ -47,7 +47,7 @@ def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> Non
     depth = np.minimum(depth, FARTHEST_M)
     origin, rotation = camera_pose(pair.mount, position, quaternion)
     right = origin + OPTICS.baseline_m * rotation[..., 0]
-    inside = ground.height_at(right[:, 0]) > right[:, 2]
+    inside = ground.height_at(right[:, 0], right[:, 1]) > right[:, 2]
     directions = np.einsum("nij,hwj->nhwi", rotation, ray_directions(CAMERA))
     points = (origin[:, None, None] + directions * depth[..., None]).reshape(-1, 3)
     starts = np.repeat(right, depth[0].size, axis=0)

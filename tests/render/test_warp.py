@@ -18,7 +18,9 @@ from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.warp import WarpCaster, WarpRenderer
 from saltus.terrain.batch import BOXES, DRAWS, draw_courses
+from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import BOTTOM, Terrain
 from saltus.wire.messages import Floats
 
@@ -29,7 +31,7 @@ def robots(count: int, terrain: Terrain = STAIRS, seed: int = 0) -> tuple[Floats
     """Anywhere on the course, legs anywhere."""
     rng = np.random.default_rng(seed)
     position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.6], (count, 3))
-    position[:, 2] += terrain.height_at(position[:, 0])
+    position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
     return position, quaternion, rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (count, 12))
 
@@ -79,12 +81,9 @@ def test_every_robot_has_a_mount_of_its_own(legs: bool) -> None:
 def test_every_robot_has_boxes_of_its_own() -> None:
     """One cast over many courses sees what each robot's own terrain shows."""
     terrains = [make_terrain(TerrainConfig(terrain="gap", gap_m=0.2 + 0.1 * i)) for i in range(4)]
-    center, half_size = (
-        np.stack([t.box_center for t in terrains]),
-        np.stack([0.5 * t.box_size for t in terrains]),
-    )
+    boxes = TerrainStack(terrains).boxes(3)
     where = robots(4, terrains[0])
-    together = WarpCaster(center, half_size, device="cpu").cast(*where).numpy()
+    together = WarpCaster(boxes, device="cpu").cast(*where).numpy()
     for i, terrain in enumerate(terrains):
         alone = WarpRenderer(terrain, device="cpu").render(*(array[i] for array in where))
         np.testing.assert_array_equal(together[i], alone)
@@ -96,15 +95,14 @@ def test_courses_of_training_can_be_seen() -> None:
     count = 200
     difficulty, draws = tensors((rng.uniform(size=count), rng.uniform(size=(count, DRAWS))))
     courses = draw_courses(torch.arange(count) % 5, difficulty, draws)
-    center, half_size = courses.boxes()
-    assert center.shape == (count, BOXES, 3)
+    assert courses.boxes().center.shape == (count, BOXES, 3)
     position = np.stack([rng.uniform(0.0, 5.0, count), np.zeros(count), np.full(count, 9.0)], axis=-1)
     level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
-    caster = WarpCaster(center, half_size, one_pixel, plumb, legs=False, device="cpu")
+    caster = WarpCaster(courses.boxes(), one_pixel, plumb, legs=False, device="cpu")
     depth = caster.cast(*tensors((position, level, np.tile(go1.STAND_POSE, (count, 1)))))
-    ground = courses.height_at(tensors([position[:, :1]])[0])[:, 0].numpy()
+    ground = courses.height_at(*tensors([position[:, :1], position[:, 1:2]]))[:, 0].numpy()
     np.testing.assert_allclose(depth.numpy()[:, 0, 0], 9.1 - ground, atol=1e-5)
 
 
@@ -130,8 +128,8 @@ def test_the_second_view_is_that_of_embree() -> None:
 
 def test_boxes_for_other_robots_are_refused() -> None:
     center = np.zeros((3, 1, 3))
-    caster = WarpCaster(center, center + 1.0, MODEL_CAMERA, device="cpu")
+    caster = WarpCaster(Boxes(center=center, half_size=center + 1.0), MODEL_CAMERA, device="cpu")
     with pytest.raises(SaltusError, match=r"3 robots, poses for 5"):
         caster.cast(*robots(5))
     with pytest.raises(SaltusError, match="boxes"):
-        caster.set_boxes(center, np.ones((3, 2, 3)))
+        caster.set_boxes(Boxes(center=center, half_size=np.ones((3, 2, 3))))

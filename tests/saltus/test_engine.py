@@ -5,19 +5,21 @@ import torch
 from saltus import go1
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.warp import WarpEngine
+from saltus.terrain.boxes import Boxes
 
 COUNT, BOXES = 3, 4
 
 
-def prepared(engine):
-    """Robots just above their own terrains: level, raised, and a step under the front feet."""
+def prepared(engine, pitch=0.0, yaw=0.0):
+    """Robots just above their own terrains: level, raised, and a step under the front feet; or all that turned."""
     center, half = torch.zeros(COUNT, BOXES, 3), torch.ones(COUNT, BOXES, 3)
     center[..., 2] = -1.0
     half[:, 0, 0], center[:, 1, 0], center[:, 2, 0] = 0.1, 1.1, -1.1
     center[:, 3, 2], half[:, 3, 0] = -1.2, 6.0
     center[1, :, 2] += 0.1
     center[2, 1, 2] += 0.05
-    engine.set_terrain(center, half)
+    turn = torch.tensor([pitch, yaw]).expand(COUNT, BOXES, 2)
+    engine.set_terrain(Boxes(center=center, half_size=half, turn=turn if pitch or yaw else None))
     shift = torch.tensor([[0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.0, -0.02, 0.0]])
     engine.set_bodies(torch.tensor([0.5, 0.8, 1.0]), torch.tensor([0.0, 0.75, 1.5]), shift)
     qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
@@ -53,6 +55,18 @@ def test_both_engines_simulate_the_same_robots(results):
     (exact, touch), (other, other_touch) = results
     assert np.abs(exact - other).max() < 2e-3
     assert (touch == other_touch).mean() > 0.99
+
+
+def test_both_engines_know_turned_boxes_and_forget_them():
+    engines = [BatchEngine(COUNT, BOXES, threads=1), WarpEngine(COUNT, BOXES, device="cpu")]
+    (level, _), (exact, touch), (other, other_touch), (again, _) = (
+        run(prepared(engine, *turn), 120)
+        for engine, turn in zip([engines[0], *engines, engines[0]], [(), (0.1, 0.4), (0.1, 0.4), ()], strict=True)
+    )
+    assert np.abs(exact - other).max() < 5e-3
+    assert (touch == other_touch).mean() > 0.99
+    assert np.abs(exact - level).max() > 0.05
+    np.testing.assert_array_equal(again, level)
 
 
 def test_robots_stand_on_their_own_terrain(results):

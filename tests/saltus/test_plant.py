@@ -59,7 +59,7 @@ def test_reset_puts_the_feet_just_above_the_ground(kind: str, x: float) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind))
     state = Plant(terrain).reset(position_x=x, yaw=0.05)
     feet = state.foot_position_in_world
-    above = feet[:, 2] - go1.FOOT_RADIUS - terrain.height_at(feet[:, 0])
+    above = feet[:, 2] - go1.FOOT_RADIUS - terrain.height_at(feet[:, 0], feet[:, 1])
     assert np.all(above > 0.0)
     assert not state.foot_force.any()
     if kind == "flat":

@@ -24,7 +24,7 @@ def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0,
     time_s = np.arange(0.0, count / 30.0 - 1e-6, 0.01)
     turn = quaternion_from_roll_pitch_yaw(np.zeros(()), np.zeros(()), np.asarray(yaw))
     pose = np.tile(np.concatenate([[x, 0.0, 0.285], turn]), (len(time_s), 1))
-    height = np.tile(terrain.height_at(x + HEIGHTMAP_X) - 0.285, (len(time_s), 1))
+    height = np.tile(terrain.height_at(x + HEIGHTMAP_X, 0.0) - 0.285, (len(time_s), 1))
     joints = np.tile(go1.STAND_POSE, (len(time_s), 1))
     shown = height if heightmap else np.full_like(height, np.nan)
     return np.stack(list(render_run(terrain, time_s, pose, joints, HEIGHTMAP_X, shown, size=SIZE)))

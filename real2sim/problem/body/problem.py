@@ -23,6 +23,7 @@ from saltus.real2sim.problem.log import boxes_of, segments_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free import Solver
+from saltus.terrain.boxes import Boxes
 
 LATE = BLOCKS * 2 // 3
 """Block from which on errors of the start should have faded."""
@@ -91,7 +92,7 @@ class BodyProblem(Problem):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
         self._claims = Claims.of(log.meta)
         self.candidates = candidates(self._claims, 0.5 * self._claims.friction)  # until it is known where feet slip
-        self._terrain, self._span_s = [(box["center"], box["size"]) for box in boxes_of(log.meta)], _span(log)
+        self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
         self._index()
         noise = read_noise(log)
         self._ground = self._likeliest(noise)
@@ -211,7 +212,7 @@ class BodyProblem(Problem):
         return self._errors(states) - self._errors(self._replay.states(self._rig()))
 
     def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
-        return Replay(windows or self._windows, self._terrain, self._span_s, solver, self._claims.payload_position)
+        return Replay(windows or self._windows, self._boxes, self._span_s, solver, self._claims.payload_position)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

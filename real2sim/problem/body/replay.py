@@ -15,7 +15,8 @@ from saltus.real2sim.problem.body.windows import (
     WINDOW_STEPS,
     Windows,
 )
-from saltus.sim.free import OWN_SOLVER, Box, FreeRobots, Solver
+from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
+from saltus.terrain.boxes import Boxes
 
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
@@ -68,7 +69,7 @@ class Replay:
     def __init__(
         self,
         windows: Windows,
-        boxes: Sequence[Box],
+        boxes: Boxes,
         span_s: tuple[float, float],
         solver: Solver = OWN_SOLVER,
         payload_position: Sequence[float] | None = None,

@@ -9,8 +9,10 @@ from saltus import go1
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
 from saltus.sim.warp import WarpEngine
+from saltus.terrain.boxes import Boxes
 
 COUNT, BOXES = 3, 1
+GROUND = Boxes(center=torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), half_size=torch.ones(COUNT, 1, 3))
 FRICTION, DAMPING, ARMATURE = 0.4, 0.3, 0.01
 
 
@@ -86,7 +88,7 @@ def test_a_solver_that_is_stopped_early_prints_nothing(
     _, engine = engines
     put_in_the_air(engine)
     qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
-    engine.set_terrain(torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), torch.ones(COUNT, 1, 3))
+    engine.set_terrain(GROUND)
     qpos[:, 2] = torch.tensor([0.05, 0.1, 0.15])  # legs in the ground
     qvel[:, 0] = 10.0
     for _ in range(5):
@@ -98,7 +100,7 @@ def test_robots_whose_contacts_find_no_room_are_known(monkeypatch: pytest.Monkey
     monkeypatch.setattr("saltus.sim.warp.CONTACTS", 8)
     engine = WarpEngine(COUNT, BOXES, device="cpu")
     put_in_the_air(engine)
-    engine.set_terrain(torch.tensor([0.0, 0.0, -1.0]).expand(COUNT, 1, 3), torch.ones(COUNT, 1, 3))
+    engine.set_terrain(GROUND)
     engine.step()
     assert not engine.crowded().any()
     torch.as_tensor(engine.qpos)[:, 2] = 0.05  # whole legs in the ground: more than 8 contacts each
