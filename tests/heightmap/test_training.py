@@ -10,8 +10,6 @@ import pytest
 import torch
 from synthetic_motion import GlidingRobots
 
-import saltus.heightmap.training.release
-import saltus.heightmap.training.train
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
@@ -21,6 +19,8 @@ from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, re
 from saltus.heightmap.model import HeightmapModel, ModelConfig
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.training import release as heightmap_release
+from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
 from saltus.heightmap.training.release import release
@@ -114,10 +114,10 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     def interrupted(*_: Any) -> float:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(saltus.heightmap.training.release, step, interrupted)
+    monkeypatch.setattr(heightmap_release, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
         release(tmp_path / "b.pt", data, folder / "m.onnx")
-    monkeypatch.setattr(saltus.heightmap.training.release, step, lambda *_: math.nan)
+    monkeypatch.setattr(heightmap_release, step, lambda *_: math.nan)
     if step == "parity":
         with pytest.raises(ModelError, match="differs"):
             release(tmp_path / "b.pt", data, folder / "m.onnx")
@@ -148,7 +148,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
     checkpoint, calls = tmp_path / "c.pt", []
     config = TrainConfig(**{**vars(CONFIG), "save_every_s": math.inf})
     interrupted_at = {"run_window": 5, "calibrate": 1}[where]
-    law = getattr(saltus.heightmap.training.train, where)
+    law = getattr(heightmap_train, where)
 
     def interrupted(*given: Any) -> Any:
         calls.append(where)
@@ -156,7 +156,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
             raise KeyboardInterrupt
         return law(*given)
 
-    monkeypatch.setattr(saltus.heightmap.training.train, where, interrupted)
+    monkeypatch.setattr(heightmap_train, where, interrupted)
     with pytest.raises(KeyboardInterrupt):
         train(data, checkpoint, config)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
@@ -256,7 +256,7 @@ def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, m
         return windows(*given, forgets=forgets)
 
     monkeypatch.setattr(EpisodeStore, "windows", watched)
-    monkeypatch.setattr(saltus.heightmap.training.train, "calibrate", lambda *_: None)
+    monkeypatch.setattr(heightmap_train, "calibrate", lambda *_: None)
     given = ["--data", str(data), "--updates", "1", "--batch", "2", "--device", "cpu"]
     main([*given, "--out", str(tmp_path / "g.pt"), "--forgets", "0.25"])
     main([*given, "--out", str(tmp_path / "h.pt")])

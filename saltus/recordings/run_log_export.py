@@ -1,0 +1,125 @@
+"""A recording of a run of Saltus as a run log, which other tools read without knowing our messages."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus import go1
+from saltus.arrays import Floats
+from saltus.errors import RecordingError
+from saltus.recordings.recording import Recording
+from saltus.recordings.run_log import SCHEMA, DepthTable, JointTable, RunLog, Table, write_run_log
+from saltus.terrain.curriculum import make_terrain
+from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
+
+NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "invalid", 0
+
+
+def export_run_log(recording: Recording, directory: Path) -> None:
+    """Writes a recording as a run log.
+
+    Raises:
+        RecordingError: the recording has no joint data, or the directory cannot be written.
+    """
+    write_run_log(_collect(recording), directory)
+
+
+def _collect(recording: Recording) -> RunLog:
+    logs = [m for _, _, m in recording.messages("controller/joints") if isinstance(m, JointLog)]
+    if not logs:
+        raise RecordingError(f"{recording.path} has no joint data (controller/joints)")
+    states = [m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)]
+    truths = [m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)]
+    frames = [(t, m) for t, _, m in recording.messages("camera/depth") if isinstance(m, DepthFrame)]
+    imu = [(*m.quaternion_base_in_world, *m.angular_velocity_base, *m.acceleration_base) for m in states]
+    base = [(*m.position_base_in_world, *m.quaternion_base_in_world, *m.velocity_base_in_world) for m in truths]
+    return RunLog(
+        meta=_meta(recording, logs, [frame for _, frame in frames]),
+        joints=_joints(logs),
+        imu=_table([m.time_ns for m in states], imu),
+        base=_table([m.time_ns for m in truths], base),
+        feet=_table([m.time_ns for m in truths], [m.foot_force for m in truths]),
+        depth=_depth(frames),
+    )
+
+
+def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) -> dict[str, Any]:
+    last = logs[-1].time_ns * 1e-9 + logs[-1].dt_s * len(logs[-1].position)
+    segment = {"name": "run", "t0": logs[0].time_ns * 1e-9, "t1": last, "condition": "run"}
+    meta: dict[str, Any] = {
+        "schema": SCHEMA,
+        "robot": "go1",
+        "base": "free",
+        "joints": list(go1.JOINTS),
+        "kp": np.median(np.concatenate([log.kp for log in logs]), axis=0).tolist(),
+        "kd": np.median(np.concatenate([log.kd for log in logs]), axis=0).tolist(),
+        "control_dt": logs[0].dt_s,
+        "excitation": {"text": "a run of the whole stack; gains change with the gait", "segments": [segment]},
+        "terrain": "flat",
+        "notes": f"exported from {recording.path.name}",
+    }
+    if recording.config is not None:
+        if recording.config.terrain.terrain != "flat":
+            meta["terrain"] = make_terrain(recording.config.terrain).arrays.to_tables()
+        meta["config"] = asdict(recording.config)
+    if frames:
+        meta["camera"] = _camera(frames[0])
+    return meta
+
+
+def _camera(frame: DepthFrame) -> dict[str, Any]:
+    height, width = frame.depth.shape
+    intrinsics = {name: float(getattr(frame, name)) for name in ("fx", "fy", "cx", "cy")}
+    return {
+        **intrinsics,
+        "width": width,
+        "height": height,
+        "position": go1.CAMERA_POSITION.tolist(),
+        "pitch": go1.CAMERA_PITCH,
+        "rate": 50.0,
+        "latency": 0.050,
+    }
+
+
+def _joints(logs: list[JointLog]) -> JointTable:
+    def rows(name: str) -> Floats:
+        return np.concatenate([np.asarray(getattr(log, name), dtype=np.float64) for log in logs])
+
+    times = [log.time_ns * 1e-9 + log.dt_s * np.arange(len(log.position)) for log in logs]
+    return JointTable(
+        time_s=np.concatenate(times),
+        q=rows("position"),
+        dq=rows("velocity"),
+        q_des=rows("position_desired"),
+        dq_des=rows("velocity_desired"),
+        tau_ff=rows("torque_feedforward"),
+        tau_est=rows("torque_estimated"),
+    )
+
+
+def _table(times_ns: list[int], rows: Sequence[Any]) -> Table | None:
+    if not times_ns:
+        return None
+    return Table(time_s=np.array(times_ns) * 1e-9, values=np.array(rows, dtype=np.float64))
+
+
+def _depth(frames: list[tuple[int, DepthFrame]]) -> DepthTable | None:
+    if not frames:
+        return None
+    millimetres = [_to_millimetres(frame) for _, frame in frames]
+    return DepthTable(
+        arrival_s=np.array([arrival for arrival, _ in frames]) * 1e-9,
+        capture_s=np.array([frame.time_ns for _, frame in frames]) * 1e-9,
+        frame_id=np.array([frame.frame_id for _, frame in frames], dtype=np.int64),
+        depth_mm=np.stack(millimetres),
+    )
+
+
+def _to_millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
+    millimetres = np.rint(1e3 * frame.depth_unit_m * frame.depth.astype(np.float64))
+    invalid = (frame.depth == NO_RETURN) | (millimetres > np.iinfo(np.uint16).max)
+    return np.where(invalid, 0, millimetres).astype(np.uint16)
