@@ -6,7 +6,9 @@ Problems of different sensors know nothing of each other: one that fails does no
 import json
 import logging
 import math
-from collections.abc import Callable, Collection, Sequence
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.log import SHARED_CLAIMS, in_sequence, load, shifts_s
+from saltus.real2sim.problem.log import in_sequence, load_rigs, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.rebased import Rebased
 from saltus.real2sim.resolve import resolved
@@ -50,23 +52,26 @@ def find(
     Args:
         runs: Directories of run logs of one robot. Those that claim the same rig are read as one log; what several
             rigs show of one kind of sensor is one problem where its unknowns mean the same.
-        out: Folder for the results; it exists.
+        out: Folder for the results; made where there is none.
         profile: Effects that the simulator has already, on top of what the logs claim.
         seed: Of bootstraps.
         report: Whether to write report.html, which takes a second.
         progress: Told what is being done.
 
     Raises:
-        RecordingError: a log that cannot be read or compared with anything.
+        RecordingError: a log that cannot be read or compared with anything, or a folder that cannot be written.
     """
-    logs = [load(group) for group in _groups(runs)]
-    examined = examine_together(logs, profile=profile, seed=seed, progress=progress)
-    judgement = judge(examined, tuple(evidence_of(run) for run in runs))
-    _write(judgement, out)
-    if report:
-        from saltus.real2sim.reporting.report import write_report
+    logs = load_rigs(runs)
+    with _results_folder(out):
+        examined = examine_together(logs, profile=profile, seed=seed, progress=progress)
+        judgement = judge(examined, tuple(evidence_of(run) for run in runs))
+        texts: dict[str, str | None] = dict(_texts(judgement))
+        texts["report.html"] = None  # that of an earlier look would not belong to this verdict
+        if report:
+            from saltus.real2sim.reporting.report import report_page
 
-        write_report(judgement, out / "report.html", profile=profile, seed=seed)
+            texts["report.html"] = report_page(judgement, profile=profile, seed=seed)
+        _write(texts, out)
     return judgement
 
 
@@ -120,8 +125,11 @@ def examine_together(
 
 
 def _screened(log: RunLog) -> Examined:
+    examined = Examined(log=log, faults=tuple(screen(log)), untestable={})
+    if examined.is_bad:  # nothing else can be read off it
+        return examined
     untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
-    return Examined(log=log, faults=tuple(screen(log)), untestable=untestable)
+    return replace(examined, untestable=untestable)
 
 
 def _problems(
@@ -163,7 +171,7 @@ def _added(
 
 
 def _failed(examined: Examined, sensor: Sensor, error: Exception) -> Examined:
-    logging.getLogger(__name__).error("the %s could not be compared", sensor.name, exc_info=error)
+    logging.getLogger(__name__).info("the %s could not be compared", sensor.name, exc_info=error)
     text = f"the {sensor.name} could not be compared: {type(error).__name__}: {error}"
     untestable = examined.untestable | dict.fromkeys(sensor.effects, text)
     return replace(examined, failures=(*examined.failures, text), untestable=untestable)
@@ -231,31 +239,51 @@ def _range(examined: tuple[Examined, ...]) -> Applicability:
     return Applicability(**{name: max(values) for name, values in farthest.items() if values})
 
 
-def _groups(runs: Sequence[Path]) -> list[list[Path]]:
-    """Runs that claim the same rig, together."""
-    if not runs:
-        raise RecordingError("name at least one run log")
-    groups: dict[str, list[Path]] = {}
-    for run in runs:
-        try:
-            meta = json.loads((run / "meta.json").read_text())
-            claims = json.dumps([meta.get(key) for key in SHARED_CLAIMS], sort_keys=True)
-        except (OSError, ValueError, AttributeError) as error:
-            raise RecordingError(f"{run} is not a run log: meta.json: {error}") from error
-        groups.setdefault(claims, []).append(run)
-    return list(groups.values())
+@contextmanager
+def _results_folder(out: Path) -> Iterator[None]:
+    """Makes the folder for results before the long work, and takes it away again where nothing came of that."""
+    is_new = not out.exists()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"cannot make the folder {out} ({error.strerror}): name another with --out") from error
+    if not os.access(out, os.W_OK):
+        raise RecordingError(f"cannot write into the folder {out}: name another with --out")
+    try:
+        yield
+    except BaseException:
+        if is_new:
+            with suppress(OSError):  # it holds something
+                out.rmdir()
+        raise
 
 
-def _write(judgement: Judgement, out: Path) -> None:
-    """Writes the results; baselines are what simpler ways would have said, for the benchmark."""
+def _texts(judgement: Judgement) -> dict[str, str]:
+    """The results by file; baselines are what simpler ways would have said, for the benchmark."""
     findings = [compared.findings for each in judgement.examined for compared in each.compared]
     baselines = {
         way: sorted({name for each in findings for name in getattr(each.baselines, way)})
         for way in ("threshold", "lowest_training_error")
     }
+    return {
+        "verdict.json": judgement.verdict.to_json(),
+        "patch.toml": judgement.patch.to_toml(),
+        "baselines.json": json.dumps(baselines),
+    }
+
+
+def _write(texts: Mapping[str, str | None], out: Path) -> None:
+    """Writes all files or none; a file without a text is taken away."""
+    parts = {name: out / f"{name}.part" for name in texts}
     try:
-        (out / "verdict.json").write_text(judgement.verdict.to_json())
-        (out / "patch.toml").write_text(judgement.patch.to_toml())
-        (out / "baselines.json").write_text(json.dumps(baselines))
+        for name, text in texts.items():
+            parts[name].write_text(text or "")
+        for name, text in texts.items():
+            parts[name].replace(out / name)
+            if text is None:
+                (out / name).unlink()
     except OSError as error:
+        for part in parts.values():
+            with suppress(OSError):
+                part.unlink()
         raise RecordingError(f"cannot write {out}: {error.strerror}") from error

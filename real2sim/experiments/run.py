@@ -17,7 +17,8 @@ from saltus.real2sim.experiments.footage import Camera, film
 from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
-from saltus.recordings.run_log import SCHEMA, DepthTable, RunLog
+from saltus.recordings.run_claims import SCHEMA
+from saltus.recordings.run_log import DepthTable, RunLog
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain

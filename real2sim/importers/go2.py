@@ -17,7 +17,8 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
-from saltus.recordings.run_log import SCHEMA, JointTable, RunLog, write_run_log
+from saltus.recordings.run_claims import SCHEMA
+from saltus.recordings.run_log import JointTable, RunLog, write_run_log
 
 LEGS = ("FL", "FR", "RL", "RR")
 """In the order of the columns. The recording says "FR, FL, RR, RL"; but then gravity would pull all hips outwards by

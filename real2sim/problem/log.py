@@ -1,6 +1,7 @@
 """Run logs as the search wants them: several runs read as one, and cut into segments."""
 
 import itertools
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,8 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.problem import Segment
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log, segments
+from saltus.recordings.run_claims import segments
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log
 
 PAUSE_S = 1.0  # between runs that are read as one: longer than any memory of a joint or a camera
 BLOCK_S = 5.0  # of a log that names no segments and never rests: some periods of any motion that excites
@@ -23,22 +25,40 @@ SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain",
 
 
 def load(paths: Sequence[Path]) -> RunLog:
-    """Reads one or several runs as one log: later runs follow the first with a pause between.
+    """Reads one or several runs of one rig as one log: later runs follow the first with a pause between.
 
     Raises:
         RecordingError: no run given, one that cannot be read, or runs that claim different rigs.
     """
+    logs = load_rigs(paths)
+    if len(logs) > 1:
+        first, other = (log.meta for log in logs[:2])
+        differs = next(key for key in SHARED_CLAIMS if first.get(key) != other.get(key))
+        raise RecordingError(f"the runs cannot be read as one: meta.json '{differs}' differs")
+    return logs[0]
+
+
+def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
+    """Reads runs; those that claim the same rig are read as one log, in which they follow each other.
+
+    Raises:
+        RecordingError: no run given, one that is given twice, or one that cannot be read.
+    """
     if not paths:
         raise RecordingError("name at least one run log")
-    logs = [read_run_log(path) for path in paths]
-    if len(logs) == 1:
-        return _with_model(logs[0], paths[0])
-    for path, log in zip(paths[1:], logs[1:], strict=True):
-        differs = [key for key in SHARED_CLAIMS if log.meta.get(key) != logs[0].meta.get(key)]
-        if differs:
-            raise RecordingError(f"{path} and {paths[0]} cannot be read as one: meta.json '{differs[0]}' differs")
-    logs = [_with_model(log, path) for log, path in zip(logs, paths, strict=True)]
-    return in_sequence(logs, [path.name for path in paths])
+    rigs: dict[str, list[tuple[Path, RunLog]]] = {}
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise RecordingError(f"{path} is given twice: a run is no repeat of itself")
+        seen.add(path.resolve())
+        log = read_run_log(path)
+        claims = json.dumps([log.meta.get(key) for key in SHARED_CLAIMS], sort_keys=True)
+        rigs.setdefault(claims, []).append((path, _with_model(log, path)))
+    return [
+        in_sequence([log for _, log in runs], [path.name for path, _ in runs]) if len(runs) > 1 else runs[0][1]
+        for runs in rigs.values()
+    ]
 
 
 def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:

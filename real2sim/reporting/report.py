@@ -4,13 +4,10 @@ It opens without a network. All residuals are in units of noise (sigma) and on s
 where the page says otherwise.
 """
 
-from pathlib import Path
-
 import numpy as np
 from plotly.offline import get_plotlyjs
 
 from saltus.effects.profile import IDEAL, Profile
-from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.reporting import figures, text
@@ -29,17 +26,13 @@ SAID_BEFORE, SAID_AFTER = 6, 3
 """Statements on where the gap lies, and on what is left."""
 
 
-def write_report(judgement: Judgement, path: Path, *, profile: Profile = IDEAL, seed: int = 0) -> None:
-    """Writes the report.
+def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0) -> str:
+    """The text of `report.html`.
 
     Args:
         judgement: All that was found.
-        path: Of the HTML file.
         profile: Effects that the simulator had from the start.
         seed: Of the bootstraps.
-
-    Raises:
-        RecordingError: the file cannot be written.
     """
     verdict = judgement.verdict
     findings = [compared.findings for each in judgement.examined for compared in each.compared]
@@ -52,14 +45,10 @@ def write_report(judgement: Judgement, path: Path, *, profile: Profile = IDEAL, 
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
-    page = (
+    return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>What the simulator lacks</title>'
         f"<style>{STYLE}{MORE_STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
     )
-    try:
-        path.write_text(page)
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _examined(examined: Examined, *, is_alone: bool) -> str:

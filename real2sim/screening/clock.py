@@ -10,6 +10,8 @@ from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
 
+LARGEST_VALUE = 1e6  # in SI units: no joint, IMU, base or foot of a robot reads as much
+LARGEST_TIME_S = 1e11  # clocks count from their start or from 1970
 MIN_ROWS = 20  # fewer have no median to speak of
 LOST_ROW = 1.6  # times the usual step: jitter stays below, one lost row makes it 2
 MAX_LOST = 0.01  # of the rows: one in a hundred is a hole in every short window
@@ -44,19 +46,29 @@ def _clocks(log: RunLog) -> Iterator[tuple[str, Floats]]:
 
 
 def _numbers(log: RunLog) -> Iterator[Fault]:
-    for name, time_s in _clocks(log):
-        if not np.isfinite(time_s).all():
-            yield Fault(name="not_a_number", text=f"{name}: 't' holds {_share(~np.isfinite(time_s))} that is no number")
+    stamps = dict(_clocks(log))
+    if log.depth is not None and log.depth.capture_s is not None:
+        stamps["depth captures"] = log.depth.capture_s
+    for name, time_s in stamps.items():
+        yield from _impossible(f"{name}: 't' has", time_s, LARGEST_TIME_S)
     signals = {s: values for s in JOINT_SIGNALS if (values := getattr(log.joints, s)) is not None}
     tables = {n: t.values for n, t in (("imu", log.imu), ("base", log.base), ("feet", log.feet)) if t is not None}
     for name, values in {**signals, **tables}.items():
-        wrong = ~np.isfinite(values)
-        if wrong.any():
-            yield Fault(name="not_a_number", text=f"{name}: {_share(wrong)} of the values are no numbers; fill them")
+        yield from _impossible(f"{name}:", values, LARGEST_VALUE)
     if len(log.joints.time_s) < MIN_ROWS:
         yield Fault(
             name="too_short", text=f"joints: {len(log.joints.time_s)} rows are too few to compare with anything"
         )
+
+
+def _impossible(where: str, values: Floats, largest: float) -> Iterator[Fault]:
+    """Values that are no numbers, or are larger than any reading."""
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        yield Fault(name="not_a_number", text=f"{where} {_share(wrong)} values that are no numbers; fill them")
+    beyond = np.abs(np.where(wrong, 0.0, values)) > largest
+    if beyond.any():
+        yield Fault(name="too_large", text=f"{where} {_share(beyond)} values beyond {largest:g}: a broken reading?")
 
 
 def _share(wrong: NDArray[np.bool_]) -> str:

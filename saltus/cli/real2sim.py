@@ -10,7 +10,7 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from saltus.cli.output import print_json, run_directory
+from saltus.cli.output import print_json, run_directory, run_path
 from saltus.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,23 +37,25 @@ class Find:
     """Print the verdict as one JSON object on the last line."""
 
     def run(self) -> int:
-        """Prints what was found; 0, whatever it is."""
+        """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
         from saltus.effects.profile import load_profile
         from saltus.real2sim.pipeline import find
         from saltus.real2sim.reporting.words import sentence
 
         profile = load_profile(self.profile)
-        directory = run_directory("real2sim", self.out)
+        directory = run_path("real2sim", self.out)
         with Bar() as bar:
             judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
         print(sentence(verdict))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
+        for remark in verdict.log_faults if verdict.verdict != "bad_log" else ():
+            print(f"note: {remark}")
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         if self.json:
             print_json(verdict.to_dict())
-        return 0
+        return 1 if verdict.verdict == "bad_log" else 0
 
 
 class Bar:

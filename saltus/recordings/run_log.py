@@ -9,6 +9,7 @@ Reading checks the form only: columns and types. Whether the contents make sense
 """
 
 import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +24,9 @@ from numpy.typing import NDArray
 from saltus import go1
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
+from saltus.recordings.run_claims import check_claims
 
-SCHEMA = "saltus-run/1"
+FARTHEST_MM = 65535  # what uint16 holds
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 IMU_COLUMNS = (*QUATERNION, *(f"gyro_{a}" for a in AXES), *(f"acc_{a}" for a in AXES))
@@ -32,7 +34,13 @@ BASE_COLUMNS = (*AXES, *QUATERNION, *(f"v{a}" for a in AXES))
 FEET_COLUMNS = tuple(f"f_{leg}" for leg in go1.LEGS)
 JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est")
 REQUIRED_SIGNALS = ("q", "q_des")
-SEGMENT_KEYS = ("name", "t0", "t1", "condition")
+DEPTH_ARRAYS = {
+    "t_arrival": (1, "fiu", "seconds"),
+    "t_capture": (1, "fiu", "seconds"),
+    "frame_id": (1, "iu", "whole numbers"),
+    "depth": (3, "iu", "images of whole millimetres, (frames, rows, columns)"),
+}
+"""Arrays of depth.npz: number of dimensions, kinds of numbers, and what they are."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,52 +94,46 @@ def write_run_log(log: RunLog, directory: Path) -> None:
     """Writes a run log, tables as CSV with every bit of their numbers.
 
     Raises:
-        RecordingError: the directory cannot be written.
+        RecordingError: the directory cannot be written, or holds a run log already.
     """
+    if (directory / "meta.json").exists():
+        raise RecordingError(f"{directory} holds a run log already: name another folder")
     signals = [name for name in JOINT_SIGNALS if getattr(log.joints, name) is not None]
     columns = [f"{name}_{joint}" for name in signals for joint in log.meta["joints"]]
     values = np.concatenate([getattr(log.joints, name) for name in signals], axis=1)
+    tables = {
+        "joints": (columns, Table(time_s=log.joints.time_s, values=values)),
+        "imu": (IMU_COLUMNS, log.imu),
+        "base": (BASE_COLUMNS, log.base),
+        "feet": (FEET_COLUMNS, log.feet),
+    }
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
-        _write(directory / "joints.csv", columns, Table(time_s=log.joints.time_s, values=values))
-        for name, names, table in (
-            ("imu", IMU_COLUMNS, log.imu),
-            ("base", BASE_COLUMNS, log.base),
-            ("feet", FEET_COLUMNS, log.feet),
-        ):
+        for name, (names, table) in tables.items():
             if table is not None:
                 _write(directory / f"{name}.csv", names, table)
         if log.depth is not None:
             _write_depth(directory / "depth.npz", log.depth)
+        # last: without it a folder is no run log, so that one that could not be finished is not taken for one
+        (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
     except OSError as error:
-        raise RecordingError(f"cannot write {directory}: {error.strerror}") from error
+        raise RecordingError(f"cannot write {directory}: {error.strerror or error}") from error
 
 
 def read_run_log(directory: Path) -> RunLog:
     """Reads a run log.
 
     Raises:
-        RecordingError: no run log, another schema, or a table that does not have the columns it must have.
+        RecordingError: no run log, a claim that cannot be, or a table that does not have the columns it must have.
     """
+    meta = _read_meta(directory)
     try:
-        meta = json.loads((directory / "meta.json").read_text())
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{directory} is not a run log: meta.json: {error}") from error
-    if not isinstance(meta, dict):
-        raise RecordingError(f"{directory} is not a run log: meta.json holds no object")
-    if meta.get("schema") != SCHEMA:
-        raise RecordingError(f"{directory}: schema {meta.get('schema')!r}, this version reads '{SCHEMA}'")
-    joints = meta.get("joints")
-    if not isinstance(joints, list) or not joints:
-        raise RecordingError(f"{directory}: meta.json names no joints")
-    missing = [key for key in ("kp", "kd", "control_dt") if key not in meta]
-    if missing:
-        raise RecordingError(f"{directory}: meta.json lacks '{missing[0]}'")
-    segments(meta)
+        check_claims(meta)
+    except RecordingError as error:
+        raise RecordingError(f"{directory}: {error}") from error
     return RunLog(
         meta=meta,
-        joints=_read_joints(directory, joints),
+        joints=_read_joints(directory, meta["joints"]),
         imu=_read_optional(directory, "imu", IMU_COLUMNS),
         base=_read_optional(directory, "base", BASE_COLUMNS),
         feet=_read_optional(directory, "feet", FEET_COLUMNS),
@@ -139,23 +141,24 @@ def read_run_log(directory: Path) -> RunLog:
     )
 
 
-def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
-    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none.
-
-    Raises:
-        RecordingError: a segment without name, t0, t1 or condition, or that ends before it begins.
-    """
-    excitation = meta.get("excitation")
-    named = meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None) or []
-    if not isinstance(named, list):
-        raise RecordingError("meta.json: 'segments' must be a list")
-    for segment in named:
-        missing = [key for key in SEGMENT_KEYS if not isinstance(segment, dict) or key not in segment]
-        if missing:
-            raise RecordingError(f"meta.json: a segment lacks '{missing[0]}': {segment!r}")
-        if not all(isinstance(segment[key], int | float) for key in ("t0", "t1")) or segment["t1"] <= segment["t0"]:
-            raise RecordingError(f"meta.json: segment {segment['name']!r} must have numbers t0 < t1")
-    return named
+def _read_meta(directory: Path) -> dict[str, Any]:
+    """Contents of meta.json; where there is none, the error says what the directory is instead."""
+    path = directory / "meta.json"
+    if not directory.exists():
+        raise RecordingError(f"{directory} is not a run log: there is no such folder")
+    if not directory.is_dir():
+        raise RecordingError(f"{directory} is a file; a run log is a folder with meta.json and joints.csv")
+    if not path.exists():
+        recordings = sorted(other.name for other in directory.glob("*.mcap"))
+        instead = f"; it holds a recording, {recordings[0]}, which is another format" if recordings else ""
+        raise RecordingError(f"{directory} is not a run log: it has no meta.json{instead}")
+    try:
+        meta = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordingError(f"{directory}: cannot read meta.json: {error}") from error
+    if not isinstance(meta, dict):
+        raise RecordingError(f"{directory}: meta.json holds no object with named values")
+    return meta
 
 
 def _write(path: Path, columns: Sequence[str], table: Table) -> None:
@@ -233,17 +236,37 @@ def _read_joints(directory: Path, joints: list[str]) -> JointTable:
 def _read_depth(path: Path) -> DepthTable | None:
     if not path.exists():
         return None
+    if not zipfile.is_zipfile(path):
+        raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            depth = DepthTable(
-                arrival_s=arrays["t_arrival"],
-                capture_s=arrays.get("t_capture"),
-                frame_id=arrays["frame_id"],
-                depth_mm=arrays["depth"],
-            )
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in DEPTH_ARRAYS if name in archive}
     except Exception as error:  # a damaged archive fails in many ways
-        raise RecordingError(f"cannot read {path}: {error}") from error
-    frames = len(depth.arrival_s)
-    if depth.depth_mm.ndim != 3 or len(depth.depth_mm) != frames or len(depth.frame_id) != frames:
-        raise RecordingError(f"{path}: {frames} arrivals, but depth {depth.depth_mm.shape}, ids {depth.frame_id.shape}")
-    return depth
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    missing = [name for name in DEPTH_ARRAYS if name not in arrays and name != "t_capture"]
+    if missing:
+        raise RecordingError(f"{path}: array '{missing[0]}' is missing")
+    frames = arrays["t_arrival"].shape[:1]
+    for name, (dimensions, kinds, meaning) in DEPTH_ARRAYS.items():
+        array = arrays.get(name)
+        if array is None:
+            continue
+        if (
+            array.ndim != dimensions
+            or array.shape[:1] != frames
+            or array.dtype.kind not in kinds
+            or 0 in array.shape[1:]
+        ):
+            found = f"{array.dtype} of shape {array.shape}"
+            raise RecordingError(f"{path}: '{name}' is {found}; it must be {meaning}, one for each arrival")
+    depth = arrays["depth"]
+    if depth.size and not 0 <= int(depth.min()) <= int(depth.max()) <= FARTHEST_MM:
+        raise RecordingError(
+            f"{path}: 'depth' reaches from {depth.min()} to {depth.max()} mm; uint16 holds 0 to {FARTHEST_MM}"
+        )
+    return DepthTable(
+        arrival_s=arrays["t_arrival"].astype(np.float64),
+        capture_s=arrays["t_capture"].astype(np.float64) if "t_capture" in arrays else None,
+        frame_id=arrays["frame_id"].astype(np.int64),
+        depth_mm=depth.astype(np.uint16),
+    )

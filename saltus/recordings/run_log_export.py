@@ -12,7 +12,8 @@ from saltus import go1
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.run_log import SCHEMA, DepthTable, JointTable, RunLog, Table, write_run_log
+from saltus.recordings.run_claims import SCHEMA
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 

@@ -18,7 +18,7 @@ from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting import figures
 from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import channels_of
-from saltus.real2sim.reporting.report import write_report
+from saltus.real2sim.reporting.report import report_page
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.results import Compared, Examined, Judgement
 from saltus.real2sim.screening.fault import Fault
@@ -71,8 +71,7 @@ def judgement(verdict: Verdict, examined: Examined) -> Judgement:
 
 
 def page(of: Judgement, folder: Path) -> str:
-    write_report(of, folder / "report.html", seed=7)
-    return (folder / "report.html").read_text()
+    return report_page(of, seed=7)
 
 
 @pytest.mark.parametrize("case", ["named", "set", "unexplained", "no_gap", "bad_log"])

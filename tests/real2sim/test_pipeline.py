@@ -18,6 +18,7 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.patch import load_patch
 from saltus.real2sim.pipeline import examine, find, judge
+from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.rebased import Rebased
 from saltus.real2sim.reporting.words import sentence
@@ -148,5 +149,6 @@ def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
 def test_runs_of_different_rigs_are_compared_apart(held: RunLog, seeing: RunLog, tmp_path: Path) -> None:
     for name, log in (("a", held), ("b", seeing), ("c", held)):
         write_run_log(log, tmp_path / name)
-    groups = pipeline._groups([tmp_path / name for name in "abc"])
-    assert [[run.name for run in group] for group in groups] == [["a", "c"], ["b"]]
+    both, other = load_rigs([tmp_path / name for name in "abc"])
+    assert {segment.name.split("/")[0] for segment in segments_of(both)} == {"a", "c"}
+    assert len(other.joints.q) == len(seeing.joints.q)

@@ -62,6 +62,7 @@ def run_messages(step: int) -> Iterator[tuple[str, Message]]:
             "torque_feedforward", "torque_estimated", "kp", "kd",
         )
     }  # fmt: skip
+    rows |= {gain: np.abs(rows[gain]) for gain in ("kp", "kd")}
     yield (
         "plant/truth",
         messages.GroundTruth(

@@ -12,7 +12,8 @@ from test_recording import STEPS, run_samples, write
 
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.run_log import read_run_log, segments, write_run_log
+from saltus.recordings.run_claims import segments
+from saltus.recordings.run_log import read_run_log, write_run_log
 from saltus.recordings.run_log_export import export_run_log
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 

@@ -1,0 +1,159 @@
+"""What `meta.json` of a run log claims of the rig: which keys there must be, and what values they may have.
+
+The simulator that a log is compared with is built from these claims, so each of them is checked before anything else.
+"""
+
+from typing import Any
+
+from saltus.errors import RecordingError
+
+SCHEMA = "saltus-run/1"
+SEGMENT_KEYS = ("name", "t0", "t1", "condition")
+BASES = ("fixed", "free")
+SECONDS = (-1e9, 1e9)
+
+Range = tuple[float, float, str]
+"""Smallest and largest value that is allowed, and the unit."""
+
+GAINS: dict[str, Range] = {"kp": (0.0, 1e5, "Nm/rad"), "kd": (0.0, 1e4, "Nm s/rad")}
+CONTROL_DT: Range = (1e-5, 1.0, "s")
+OPTIONAL: dict[str, Range] = {"payload_kg": (0.0, 1e3, "kg"), "battery_v": (0.0, 1e3, "V")}
+GROUND: dict[str, Range] = {"friction": (1e-3, 10.0, ""), "contact_time_constant": (1e-4, 1.0, "s")}
+FOCAL: Range = (1e-2, 1e5, "px")
+CENTRE: Range = (-1e5, 1e5, "px")
+PIXELS: Range = (1, 1e4, "px")
+CAMERA: dict[str, Range] = {
+    "fx": FOCAL,
+    "fy": FOCAL,
+    "cx": CENTRE,
+    "cy": CENTRE,
+    "width": PIXELS,
+    "height": PIXELS,
+    "pitch": (-3.2, 3.2, "rad"),
+}
+CAMERA_OPTIONAL: dict[str, Range] = {
+    "rate": (0.0, 1e4, "Hz"),
+    "latency": (0.0, 10.0, "s"),
+    "range_max": (1e-2, 1e3, "m"),
+}
+PLACE: Range = (-1e4, 1e4, "m")
+SIZE: Range = (1e-6, 1e5, "m")
+
+
+def check_claims(meta: dict[str, Any]) -> None:
+    """Checks all claims of a run log.
+
+    Raises:
+        RecordingError: a claim that is missing or cannot be; names the key, the value and what is allowed.
+    """
+    if meta.get("schema") != SCHEMA:
+        raise RecordingError(f"schema {_shown(meta.get('schema'))}: this version reads '{SCHEMA}'")
+    joints = meta.get("joints")
+    if not isinstance(joints, list) or not joints or not all(isinstance(name, str) for name in joints):
+        raise _refused("joints", joints, "a list of names, in the order of the columns")
+    if twice := [name for name in joints if joints.count(name) > 1]:
+        raise _refused("joints", twice[0], "each name once")
+    if not isinstance(meta.get("robot"), str):
+        raise _refused("robot", meta.get("robot"), "'go1', or the name of an MJCF file beside meta.json")
+    if meta.get("base") not in BASES:
+        raise _refused("base", meta.get("base"), "'fixed' (held) or 'free'")
+    for key, allowed in GAINS.items():
+        values = meta.get(key)
+        each = values if isinstance(values, list) else [values]
+        if len(each) not in (1, len(joints)) or not all(_is_within(value, allowed) for value in each):
+            raise _refused(key, values, f"{_range(allowed)}, one number or one for each of {len(joints)} joints")
+    _check(meta, "", {"control_dt": CONTROL_DT})
+    _check_optional(meta, "", OPTIONAL)
+    if meta.get("payload_position") is not None:
+        _check_vector(meta, "payload_position", PLACE)
+    _check_optional(_table(meta, "ground"), "ground.", GROUND)
+    _check_camera(_table(meta, "camera"))
+    _check_terrain(meta.get("terrain"))
+    segments(meta)
+
+
+def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
+    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none.
+
+    Raises:
+        RecordingError: a segment without name, t0, t1 or condition, or that ends before it begins.
+    """
+    excitation = meta.get("excitation")
+    named = meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None) or []
+    if not isinstance(named, list):
+        raise _refused("segments", named, "a list")
+    for segment in named:
+        missing = [key for key in SEGMENT_KEYS if not isinstance(segment, dict) or key not in segment]
+        if missing:
+            raise RecordingError(f"meta.json: a segment lacks '{missing[0]}': {_shown(segment)}")
+        ends = [segment["t0"], segment["t1"]]
+        if not all(_is_within(end, (*SECONDS, "s")) for end in ends) or ends[1] <= ends[0]:
+            raise RecordingError(f"meta.json: segment {_shown(segment['name'])} must have numbers t0 < t1 [s]")
+    return named
+
+
+def _check_camera(camera: dict[str, Any]) -> None:
+    if not camera:
+        return
+    _check(camera, "camera.", CAMERA)
+    _check_optional(camera, "camera.", CAMERA_OPTIONAL)
+    _check_vector(camera, "position", PLACE, "camera.")
+
+
+def _check_terrain(terrain: Any) -> None:
+    if terrain is None or terrain == "flat":
+        return
+    if not isinstance(terrain, list) or not all(isinstance(box, dict) for box in terrain):
+        raise _refused("terrain", terrain, "'flat' or a list of boxes")
+    for number, box in enumerate(terrain):
+        where = f"terrain[{number}]."
+        _check_vector(box, "center", PLACE, where)
+        _check_vector(box, "size", SIZE, where)
+        for turn in ("pitch", "yaw"):
+            if box.get(turn, 0) != 0:
+                raise _refused(where + turn, box[turn], "0: this version compares with level boxes only")
+
+
+def _check(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
+    for key, allowed in ranges.items():
+        if not _is_within(table.get(key), allowed):
+            raise _refused(where + key, table.get(key), _range(allowed))
+
+
+def _check_optional(table: dict[str, Any], where: str, ranges: dict[str, Range]) -> None:
+    _check(table, where, {key: allowed for key, allowed in ranges.items() if table.get(key) is not None})
+
+
+def _check_vector(table: dict[str, Any], key: str, allowed: Range, where: str = "") -> None:
+    values = table.get(key)
+    if not isinstance(values, list) or len(values) != 3 or not all(_is_within(value, allowed) for value in values):
+        raise _refused(where + key, values, f"three numbers, {_range(allowed)}")
+
+
+def _table(meta: dict[str, Any], key: str) -> dict[str, Any]:
+    table = meta.get(key)
+    if table is not None and not isinstance(table, dict):
+        raise _refused(key, table, "an object with named values")
+    return table or {}
+
+
+def _is_within(value: Any, allowed: Range) -> bool:
+    """False for what is not a finite number, too."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and allowed[0] <= value <= allowed[1]
+
+
+def _range(allowed: Range) -> str:
+    low, high, unit = allowed
+    return f"{low:g} to {high:g} {unit}".rstrip()
+
+
+def _refused(key: str, value: Any, allowed: str) -> RecordingError:
+    said = "is missing" if value is None else f"is {_shown(value)}"
+    return RecordingError(f"meta.json: '{key}' {said}; allowed is {allowed}")
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, however long it is."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
