@@ -1,13 +1,9 @@
 """The command `saltus`: its table of subcommands, and how errors look."""
 
-import contextlib
-import io
-import re
 import sys
 from collections.abc import Sequence
 from typing import Annotated
 
-import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.bench import Bench
@@ -15,6 +11,7 @@ from saltus.cli.controller import Controller
 from saltus.cli.demo import Demo
 from saltus.cli.doctor import Doctor
 from saltus.cli.heightmap import Heightmap
+from saltus.cli.parsing import BAD_INPUT, parse
 from saltus.cli.policy import Policy
 from saltus.cli.real2sim import Real2sim
 from saltus.cli.record import Record
@@ -39,7 +36,6 @@ Command = (
     | Annotated[Bench, subcommand("bench")]
 )
 
-BAD_INPUT = 2
 INTERRUPTED = 130
 
 
@@ -62,8 +58,9 @@ def _run(arguments: Sequence[str]) -> int:
         if list(arguments) == ["--version"]:
             print(f"saltus {package_version('saltus')} ({commit()})")
             return 0
-        command = _parse(arguments)
-        _check_seeds(command)
+        command: Command = parse(
+            Command, arguments, prog="saltus", description="A legged robot that sees where it steps."
+        )
         return command.run()
     except Ended:
         raise
@@ -80,38 +77,6 @@ def _run(arguments: Sequence[str]) -> int:
             raise  # nothing that a user has named
         print(f"saltus: cannot use '{error.filename}': {error.strerror}", file=sys.stderr)
         return BAD_INPUT
-
-
-def _parse(arguments: Sequence[str]) -> Command:
-    """Parses the command line; what tyro would print as a box becomes one line."""
-    box = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(box):
-            return tyro.cli(
-                Command,
-                prog="saltus",
-                description="A legged robot that sees where it steps.",
-                args=arguments,
-            )
-    except SystemExit as error:
-        if error.code == BAD_INPUT:
-            raise SaltusError(_one_line(box.getvalue())) from None
-        raise
-
-
-def _check_seeds(command: object) -> None:
-    """Of the command, and of those that it holds: numpy's generators take no negative ones."""
-    for name, value in vars(command).items():
-        if name in ("seed", "first_seed") and value is not None and value < 0:
-            raise SaltusError(f"{name} = {value}: seeds are not negative")
-        if name == "command":
-            _check_seeds(value)
-
-
-def _one_line(box: str) -> str:
-    """The message of tyro's error box without its frame, title and rules."""
-    lines = [re.sub(r"[│╭╮╰╯─]+|-{5,}", " ", line).strip() for line in box.splitlines()[1:]]
-    return re.sub(r"\s+", " ", " ".join(line for line in lines if line))
 
 
 if __name__ == "__main__":

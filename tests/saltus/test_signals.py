@@ -26,7 +26,7 @@ class Holding:
             (folder / "saved").touch()
             raise
 
-module._parse = lambda arguments: Holding()
+module.parse = lambda *arguments, **names: Holding()
 sys.exit(module.main([]))
 """
 
