@@ -9,7 +9,6 @@ from benchmarks.hidden_effects.scene import Setting
 from benchmarks.hidden_effects.stage import Stage
 from benchmarks.hidden_effects.tables import BASE, FEET, IMU, RunFiles, claim, joint_columns
 
-PLACE = ("trunk",)
 EVERY = 2
 """Rows of the control loop per row of motion capture: 250 Hz."""
 
@@ -17,20 +16,12 @@ EVERY = 2
 class BodyStage(Stage):
     """See `Stage`."""
 
+    place = ("trunk",)
+
     def __init__(self, run: Run, tuning: bool) -> None:
         self._body = BodyScene(run.seed, tuning=tuning, imu=run.kind == "imu")
         self.scene = self._body
         self.sizing = self._body
-
-    def where(self, effect: str, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
-        del effect, rng
-        return PLACE
-
-    def anywhere(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
-        del rng
-        return PLACE
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
         """See `Stage`."""
@@ -56,13 +47,16 @@ class BodyStage(Stage):
         feet = np.rint(rng.uniform(30, 120, 4) + rng.uniform(1.2, 2.2, 4) * load + rng.normal(0, 3, load.shape))
         gains = np.ones(12)
         meta = claim(
-            base="free", kp=scene.kp * gains, kd=scene.kd * gains, control_dt=CONTROL_DT, segments=scene.segments
+            base="free",
+            kp=scene.kp * gains,
+            kd=scene.kd * gains,
+            control_dt=CONTROL_DT,
+            segments=scene.segments,
+            start_s=start,
         )
         if scene.known_payload_kg:
             meta["payload_kg"] = scene.known_payload_kg
         meta["ground"], meta["payload_position"] = dict(GROUND), list(PAYLOAD_POSITION)
-        for segment in meta["excitation"]["segments"]:
-            segment["t0"], segment["t1"] = round(segment["t0"] + start, 6), round(segment["t1"] + start, 6)
         return RunFiles(
             meta=meta,
             tables={

@@ -15,11 +15,12 @@ IN_TIME = {"camera_latency", "frame_drop", "temporal_smear", "rolling_shutter", 
 """Effects that need motion."""
 AT_EDGES = {"edge_holes", "hole_fill", "range_clip", "lens_distortion", "depth_ripple"}
 """Effects that need something to look at besides a floor."""
-PLACE = ("camera",)
 
 
 class CameraStage(Stage):
     """See `Stage`."""
+
+    place = ("camera",)
 
     def __init__(self, run: Run, tuning: bool) -> None:
         rng = np.random.default_rng(run.seed + 1)
@@ -29,16 +30,6 @@ class CameraStage(Stage):
         self.scene = self._camera
         self.sizing = self._camera
         self._tells_capture = rng.uniform() < 0.5
-
-    def where(self, effect: str, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
-        del effect, rng
-        return PLACE
-
-    def anywhere(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
-        del rng
-        return PLACE
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
         """See `Stage`."""
@@ -58,9 +49,8 @@ class CameraStage(Stage):
             joints[f"q_{joint}"] = STAND[number] + rng.normal(0, 3e-4, len(t))
         for number, joint in enumerate(JOINTS):
             joints[f"q_des_{joint}"] = np.full(len(t), STAND[number])
-        meta = claim(base="free", kp=np.full(12, 100.0), kd=np.full(12, 2.0), control_dt=0.01, segments=path.segments)
-        for segment in meta["excitation"]["segments"]:
-            segment["t0"], segment["t1"] = round(segment["t0"] + start, 6), round(segment["t1"] + start, 6)
+        kp, kd = np.full(12, 100.0), np.full(12, 2.0)
+        meta = claim(base="free", kp=kp, kd=kd, control_dt=0.01, segments=path.segments, start_s=start)
         if scene.boxes:
             meta["terrain"] = [{"center": list(box.center), "size": list(box.size)} for box in scene.boxes]
         optics = scene.optics

@@ -16,8 +16,8 @@ class JointStage(Stage):
 
     def __init__(self, run: Run, tuning: bool) -> None:
         self._rng = np.random.default_rng(run.seed + 1)
-        self._where = draw_where(self._rng)
-        leg = next(number for number, name in enumerate(LEGS) if any(j.startswith(name) for j in self._where))
+        self.place = draw_where(self._rng)
+        leg = next(number for number, name in enumerate(LEGS) if any(j.startswith(name) for j in self.place))
         self._joints = JointScene(run.seed, tuning=tuning, quiet=run.quiet, legs=(leg,))
         self.scene: Scene = self._joints
         self.sizing: Scene = self._joints
@@ -28,12 +28,7 @@ class JointStage(Stage):
     def where(self, effect: str, rng: np.random.Generator) -> tuple[str, ...]:
         """See `Stage`."""
         del effect
-        return self._where if rng.uniform() < 0.5 else self._other(rng)
-
-    def anywhere(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
-        del rng
-        return self._where
+        return self.place if rng.uniform() < 0.5 else self._other(rng)
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
         """See `Stage`."""
@@ -48,9 +43,9 @@ class JointStage(Stage):
         rig = self._joints.rig
         start = rng.uniform(0, 1000)
         t = start + np.arange(len(rig.command)) * rig.control_dt
-        meta = claim(base="fixed", kp=rig.kp, kd=rig.kd, control_dt=rig.control_dt, segments=self._joints.segments)
-        for segment in meta["excitation"]["segments"]:
-            segment["t0"], segment["t1"] = round(segment["t0"] + start, 6), round(segment["t1"] + start, 6)
+        meta = claim(
+            base="fixed", kp=rig.kp, kd=rig.kd, control_dt=rig.control_dt, segments=self._joints.segments, start_s=start
+        )
         measured: Floats = self._joints.measure(settings, rng)
         return RunFiles(meta=meta, tables={"joints": joint_columns(t, measured, rig.command)})
 

@@ -38,8 +38,14 @@ def joint_columns(t: Floats, measured: Floats, command: Floats) -> dict[str, Flo
     return columns
 
 
-def claim(*, base: str, kp: Floats, kd: Floats, control_dt: float, segments: tuple[Segment, ...]) -> dict[str, Any]:
-    """What every meta.json says."""
+def claim(
+    *, base: str, kp: Floats, kd: Floats, control_dt: float, segments: tuple[Segment, ...], start_s: float
+) -> dict[str, Any]:
+    """What every meta.json says of a log whose clock begins at `start_s`."""
+
+    def shown(time_s: float) -> float:
+        return round(round(time_s, 6) + start_s, 6)
+
     return {
         "schema": "saltus-run/1",
         "robot": "go1",
@@ -51,7 +57,7 @@ def claim(*, base: str, kp: Floats, kd: Floats, control_dt: float, segments: tup
         "excitation": {
             "text": "a series of motions",
             "segments": [
-                {"name": s.name, "t0": round(s.start_s, 6), "t1": round(s.end_s, 6), "condition": s.condition}
+                {"name": s.name, "t0": shown(s.start_s), "t1": shown(s.end_s), "condition": s.condition}
                 for s in segments
             ],
         },
