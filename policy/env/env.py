@@ -28,8 +28,8 @@ from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import blank_memory, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.states import LiveStates
 from saltus.policy.env.views import Views
-from saltus.policy.evaluation.states import LiveStates
 from saltus.policy.reference import reference
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses

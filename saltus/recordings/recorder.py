@@ -16,11 +16,11 @@ from types import TracebackType
 from mcap.writer import CompressionType, Writer
 
 from saltus import config
+from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
 from saltus.provenance import commit, package_version
 from saltus.recordings import viewer
-from saltus.runtime.ticker import RunClock
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, topic_of, unpack
 from saltus.wire.codec import Envelope

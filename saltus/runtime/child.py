@@ -9,8 +9,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from saltus.clock import RunClock
 from saltus.runtime import cue
-from saltus.runtime.ticker import RunClock
 
 LOG_TAIL_LINES = 15
 LOAD_TIMEOUT_S = 30.0

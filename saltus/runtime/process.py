@@ -47,10 +47,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from saltus import config
+from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.runtime import cue
-from saltus.runtime.ticker import RunClock
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus

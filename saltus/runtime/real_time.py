@@ -3,7 +3,7 @@
 import statistics
 from dataclasses import dataclass
 
-from saltus.runtime.ticker import RunClock
+from saltus.clock import RunClock
 from saltus.wire.messages import ProcessStatus
 from saltus.wire.topics import TOPICS
 

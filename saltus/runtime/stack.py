@@ -20,6 +20,7 @@ from typing import Any
 import zenoh
 
 from saltus import config
+from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.recordings.recorder import Recorder
@@ -27,7 +28,6 @@ from saltus.resources import resource
 from saltus.runtime.child import Child, Program, name_exit
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
-from saltus.runtime.ticker import RunClock
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus

@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 import pytest
 
+from saltus.clock import RunClock
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
 from saltus.heightmap.service.model_inbox import FILE, give
@@ -21,7 +22,7 @@ from saltus.model_file import ModelFile, put_model
 from saltus.resources import resource
 from saltus.runtime.process import RUN_FILE
 from saltus.runtime.stack import open_router
-from saltus.runtime.ticker import RunClock, Ticker
+from saltus.runtime.ticker import Ticker
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.zenoh_bus import ZenohBus
 

@@ -14,11 +14,11 @@ import pytest
 import zenoh
 from samples import message_of
 
+from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig, to_toml
 from saltus.resources import resource
 from saltus.runtime.process import RUN_FILE
 from saltus.runtime.stack import open_router
-from saltus.runtime.ticker import RunClock
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from saltus.clock import RunClock
 from saltus.runtime.child import Child, Program
-from saltus.runtime.ticker import RunClock
 
 BEGUN, REFUSED = 7, 8
 WAITS = f"""

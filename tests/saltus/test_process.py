@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from saltus import clock as clock_module
 from saltus.config import RunConfig, to_toml
 from saltus.errors import ModelError
-from saltus.runtime import ticker
 from saltus.runtime.process import EXIT_ERROR, RUN_FILE, ProcessContext, run_process
 from saltus.runtime.stack import open_router
 from saltus.wire.bus import Latest
@@ -30,7 +30,7 @@ class FakeTime:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     fake = FakeTime()
-    monkeypatch.setattr(ticker, "time", fake)
+    monkeypatch.setattr(clock_module, "time", fake)
     return fake
 
 

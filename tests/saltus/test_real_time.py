@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from saltus.clock import RunClock
 from saltus.runtime.real_time import SPEEDS, RealTimeFactor, RealTimeMonitor
-from saltus.runtime.ticker import RunClock
 from saltus.wire.messages import ProcessStatus
 from saltus.wire.topics import TOPICS
 

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from saltus import clock as clock_module
+from saltus.clock import RunClock
 from saltus.errors import ConfigError
 from saltus.runtime import ticker as module
-from saltus.runtime.ticker import Freshness, RunClock, Ticker, freshness
+from saltus.runtime.ticker import Freshness, Ticker, freshness
 from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
@@ -28,10 +30,15 @@ class FakeTime:
         self.now_ns += max(1, round(1e9 * seconds))
 
 
+def stop_time(patch: pytest.MonkeyPatch, fake: FakeTime) -> None:
+    for user in (module, clock_module):
+        patch.setattr(user, "time", fake)
+
+
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     fake = FakeTime()
-    monkeypatch.setattr(module, "time", fake)
+    stop_time(monkeypatch, fake)
     return fake
 
 
@@ -59,7 +66,7 @@ def test_depth_is_degraded_50_ms_and_lost_100_ms_beyond_its_nominal_age() -> Non
 def test_ticks_stay_on_the_grid_and_never_burst(busy_ms: list[int]) -> None:
     fake = FakeTime()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "time", fake)
+        stop_time(patch, fake)
         ticker = Ticker(100.0)
         ticker.wait()
         start = fake.now_ns
@@ -96,7 +103,7 @@ def _waits_at_once(ticker: Ticker, fake: FakeTime) -> bool:
 def test_a_stall_is_made_up_for_up_to_the_limit_and_counted_beyond_it(stall_periods: int, catch_up: int) -> None:
     fake = FakeTime()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "time", fake)
+        stop_time(patch, fake)
         ticker = Ticker(500.0, catch_up=catch_up)
         ticker.wait()
         start = fake.now_ns
@@ -154,7 +161,7 @@ def test_a_slowed_clock_passes_at_its_speed_and_turns_waits_into_the_machines(
 def test_a_slowed_loop_ticks_on_the_grid_of_its_own_clock(speed: float, busy_ms: list[int]) -> None:
     fake = FakeTime()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "time", fake)
+        stop_time(patch, fake)
         ticker = Ticker(100.0, clock=RunClock(fake.now_ns, speed=speed))
         ticker.wait()
         start = fake.now_ns
