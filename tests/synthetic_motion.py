@@ -32,7 +32,7 @@ class GlidingRobots:
         time_s = TICK_S * np.arange(self.ticks)
         x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
         bob = rng.uniform(0.01, 0.05) * np.sin(2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6)))
-        z = np.maximum(terrain.height_at(x), 0.0) + go1.STAND_HEIGHT + bob
+        z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + go1.STAND_HEIGHT + bob
         position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
         pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
         zero = np.zeros_like(x)
