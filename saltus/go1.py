@@ -6,6 +6,9 @@ controller settings of the authors of "Agile Continuous Jumping in Discontinuous
 
 import numpy as np
 
+from saltus.constants import PHYSICS_DT as PHYSICS_DT
+from saltus.constants import POLICY_STEPS as POLICY_STEPS
+
 LEGS = ("FR", "FL", "RR", "RL")
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "calf"))
 
@@ -52,6 +55,3 @@ it. The original ends at -0.1, and names 0.1 for high steps: with it a foot can 
 # The camera's mount in the base frame (original): a printed mount in front of the trunk, 30 degrees nose down
 CAMERA_POSITION = np.array([0.272, 0.0075, 0.092])
 CAMERA_PITCH = 0.52
-
-PHYSICS_DT = 0.002  # 500 Hz: physics and leg controller
-POLICY_STEPS = 5  # physics steps per policy step: 100 Hz

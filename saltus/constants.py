@@ -1,0 +1,8 @@
+"""What holds for every robot: the rates at which time goes on, and gravity."""
+
+PHYSICS_DT = 0.002
+"""Period of physics and leg controller [s]: 500 Hz."""
+POLICY_STEPS = 5
+"""Physics steps in a step of the motion policy: 100 Hz."""
+GRAVITY = 9.81
+"""[m/s^2]; the engine's default."""

@@ -1,0 +1,102 @@
+"""Rotations, for numpy and torch and any leading batch dimensions, in part for one robot's floats.
+
+Vectors are rows: `points_base @ rotation.mT` turns (..., n, 3) points by a base-to-world rotation (..., 3, 3).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saltus.arrays import Array, Constant, namespace
+
+_LEVI_CIVITA = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
+SKEW = np.transpose(_LEVI_CIVITA, (2, 0, 1)).reshape(3, 9) * -1.0
+"""`(v @ SKEW).reshape(3, 3) @ u` is v x u. Shape (3, 9)."""
+_SKEW = Constant(SKEW)
+
+# Row-major rotation matrix as a linear map of the 16 products of quaternion components (w, x, y, z).
+_QUATERNION_PRODUCTS = np.zeros((4, 4, 9))
+for _entry, _terms in enumerate(
+    (
+        ((0, 0, 1), (1, 1, 1), (2, 2, -1), (3, 3, -1)),
+        ((1, 2, 2), (0, 3, -2)),
+        ((1, 3, 2), (0, 2, 2)),
+        ((1, 2, 2), (0, 3, 2)),
+        ((0, 0, 1), (1, 1, -1), (2, 2, 1), (3, 3, -1)),
+        ((2, 3, 2), (0, 1, -2)),
+        ((1, 3, 2), (0, 2, -2)),
+        ((2, 3, 2), (0, 1, 2)),
+        ((0, 0, 1), (1, 1, -1), (2, 2, -1), (3, 3, 1)),
+    )
+):
+    for _a, _b, _factor in _terms:
+        _QUATERNION_PRODUCTS[_a, _b, _entry] = _factor
+_QUATERNION_TO_MATRIX = Constant(_QUATERNION_PRODUCTS.reshape(16, 9))
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation matrix of a unit quaternion (w, x, y, z). Shape (..., 4) -> (..., 3, 3)."""
+    products = quaternion[..., :, None] * quaternion[..., None, :]
+    flat = products.reshape((*quaternion.shape[:-1], 16)) @ _QUATERNION_TO_MATRIX.like(quaternion)
+    return flat.reshape((*quaternion.shape[:-1], 3, 3))
+
+
+def rotation_of_one(quaternion: Sequence[float]) -> tuple[tuple[float, float, float], ...]:
+    """`rotation_matrix` of one quaternion in floats, row by row, without the cost of small arrays."""
+    w, x, y, z = quaternion
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    return (
+        (ww + xx - yy - zz, 2.0 * (x * y) - 2.0 * (w * z), 2.0 * (x * z) + 2.0 * (w * y)),
+        (2.0 * (x * y) + 2.0 * (w * z), ww - xx + yy - zz, 2.0 * (y * z) - 2.0 * (w * x)),
+        (2.0 * (x * z) - 2.0 * (w * y), 2.0 * (y * z) + 2.0 * (w * x), ww - xx - yy + zz),
+    )
+
+
+def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
+    """Angles [rad] of R = Rz(yaw) Ry(pitch) Rx(roll); each of shape (...)."""
+    up = (rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2])
+    return angles_of_axes((rotation[..., 0, 0], rotation[..., 1, 0]), up)
+
+
+def angles_of_axes(forward: tuple[Array, Array], up: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """The same from those components of R that they depend on, which may be arrays or floats.
+
+    Args:
+        forward: x and y in the world of the base's x axis.
+        up: x, y, z in the base of the world's z axis.
+    """
+    xp = namespace(up[0])
+    pitch = xp.asin(xp.clip(-up[0], -1.0, 1.0))
+    return xp.atan2(up[1], up[2]), pitch, xp.atan2(forward[1], forward[0])
+
+
+def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll). Shapes (...) -> (..., 4)."""
+    xp = namespace(roll)
+    cr, sr = xp.cos(0.5 * roll), xp.sin(0.5 * roll)
+    cp, sp = xp.cos(0.5 * pitch), xp.sin(0.5 * pitch)
+    cy, sy = xp.cos(0.5 * yaw), xp.sin(0.5 * yaw)
+    return xp.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        -1,
+    )
+
+
+def yaw_rotation(yaw: Array) -> Array:
+    """Rotation from the yaw frame to the world. Shape (...) -> (..., 3, 3)."""
+    xp = namespace(yaw)
+    c, s = xp.cos(yaw), xp.sin(yaw)
+    zero, one = xp.zeros_like(c), xp.ones_like(c)
+    return xp.stack([c, -s, zero, s, c, zero, zero, zero, one], -1).reshape((*yaw.shape, 3, 3))
+
+
+def skew(vector: Array) -> Array:
+    """Matrix of the cross product, `skew(v) @ u` = v x u. Shape (..., 3) -> (..., 3, 3)."""
+    return (vector @ _SKEW.like(vector)).reshape((*vector.shape[:-1], 3, 3))
