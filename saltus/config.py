@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
+import numpy as np
 import tomli_w
 
 from saltus.errors import ConfigError, nearest_hint
@@ -115,7 +116,7 @@ def check_at_least(config: Any, **smallest: float) -> None:
 
 def to_toml(config: Any) -> str:
     """Writes a config dataclass as TOML; fields that are None are left out."""
-    return tomli_w.dumps(_plain(config))
+    return tomli_w.dumps(_plain(config), multiline_strings=True)
 
 
 def from_toml(kind: type[Config], text: str) -> Config:
@@ -171,6 +172,8 @@ def _plain(value: Any) -> Any:
         return {name: _plain(item) for name, item in pairs if item is not None}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     if isinstance(value, dict):
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, Path):
@@ -204,6 +207,11 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
         if len(item_hints) != len(value):
             raise ConfigError(f"'{path}' must have {len(item_hints)} entries, not {len(value)}")
         return tuple(_checked(h, v, f"{path}[{i}]") for i, (h, v) in enumerate(zip(item_hints, value, strict=True)))
+    if origin is np.ndarray:
+        try:
+            return np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ConfigError(f"'{path}' must hold numbers, not {value!r}") from None
     if origin is dict:
         if not isinstance(value, dict):
             raise ConfigError(f"'{path}' must be a table, not {value!r}")

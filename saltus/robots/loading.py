@@ -1,0 +1,65 @@
+"""Robots by name or by path."""
+
+from functools import cache
+from pathlib import Path
+
+from saltus.errors import ConfigError, nearest_hint
+from saltus.robots.mjcf import Derivation, derive
+from saltus.robots.robot import Robot
+from saltus.robots.supplement import load_supplement
+
+SUPPLEMENT_FILE = "robot.toml"
+_SHIPPED = Path(__file__).resolve().parent
+
+
+def shipped_robots() -> list[str]:
+    """Names of the robots that Saltus ships: the folders beside this module."""
+    return sorted(file.parent.name for file in _SHIPPED.glob(f"*/{SUPPLEMENT_FILE}"))
+
+
+def load_robot(name_or_path: str) -> Robot:
+    """A robot by name, or from a folder with a robot.toml, from such a file, or from an MJCF alone.
+
+    Raises:
+        ConfigError: there is no such robot, or its TOML cannot be read.
+        ModelError: its model cannot be read, or its legs are not of our kind.
+    """
+    return _shipped(name_or_path) if name_or_path in shipped_robots() else derive_robot(name_or_path).robot
+
+
+def derive_robot(name_or_path: str, supplement: Path | None = None) -> Derivation:
+    """The same, with where each field comes from.
+
+    Args:
+        name_or_path: As for `load_robot`.
+        supplement: TOML beside an MJCF; of a folder, its robot.toml where none is given.
+    """
+    path = _SHIPPED / name_or_path if name_or_path in shipped_robots() else Path(name_or_path)
+    if path.is_dir():
+        path = path / SUPPLEMENT_FILE
+    if path.suffix == ".toml":
+        supplement, path = supplement or path, _model_of(path)
+    if not path.is_file():
+        known = shipped_robots()
+        raise ConfigError(
+            f"no robot '{name_or_path}': {nearest_hint(name_or_path, known)}; or give an MJCF or a folder"
+        )
+    return derive(path, supplement)
+
+
+@cache
+def _shipped(name: str) -> Robot:
+    return derive_robot(name).robot
+
+
+def _model_of(supplement: Path) -> Path:
+    """The MJCF that a TOML names, or the only one beside it."""
+    named = load_supplement(supplement).mjcf
+    if named is not None:
+        return supplement.parent / named
+    beside = sorted(supplement.parent.glob("*.xml"))
+    if len(beside) != 1:
+        raise ConfigError(
+            f'{supplement}: it names no mjcf, and {len(beside)} .xml files lie beside it: add mjcf = "..."'
+        )
+    return beside[0]
