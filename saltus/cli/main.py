@@ -17,6 +17,7 @@ from saltus.cli.real2sim import Real2sim
 from saltus.cli.record import Record
 from saltus.cli.render import Render
 from saltus.cli.replay import Replay
+from saltus.cli.robot import RobotCommand
 from saltus.cli.signals import Ended, ending_by_signals, raise_again
 from saltus.cli.up import Up
 from saltus.errors import SaltusError
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Policy, subcommand("policy")]
     | Annotated[Controller, subcommand("controller")]
     | Annotated[Real2sim, subcommand("real2sim")]
+    | Annotated[RobotCommand, subcommand("robot")]
     | Annotated[Bench, subcommand("bench")]
 )
 

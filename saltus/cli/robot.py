@@ -1,0 +1,118 @@
+"""`saltus robot`: what Saltus makes of a robot's model."""
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tyro
+from tyro.conf import subcommand
+
+from saltus.cli.output import print_json
+
+if TYPE_CHECKING:
+    from saltus.robots.mjcf import Derivation
+    from saltus.robots.robot import Robot
+
+WORDS = {
+    "model": "read from the model",
+    "toml": "given by the TOML",
+    "derived": "derived",
+    "guessed": "guessed: nobody says it",
+    "missing": "missing",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Show:
+    """Says what was derived of a robot, from where, and what is missing.
+
+    Example: `saltus robot show path/to/robot.xml robot.toml`.
+    """
+
+    robot: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped robot, an MJCF, or a folder with a robot.toml."""
+    toml: Annotated[Path | None, tyro.conf.Positional] = None
+    """What the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a shipped robot has all)."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print the robot as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Prints the robot; 0."""
+        from saltus.robots.loading import derive_robot
+
+        derivation = derive_robot(self.robot, self.toml)
+        if self.json:
+            print_json(_table(derivation))
+        else:
+            print("\n".join(_lines(derivation)))
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class List:
+    """Names the robots that Saltus ships."""
+
+    def run(self) -> int:
+        """Prints a name a line; 0."""
+        from saltus.robots.loading import shipped_robots
+
+        print("\n".join(shipped_robots()))
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCommand:
+    """What a robot is to Saltus: show, list."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[
+        tyro.conf.OmitArgPrefixes[Annotated[Show, subcommand("show")] | Annotated[List, subcommand("list")]]
+    ]
+
+    def run(self) -> int:
+        """Runs the chosen command."""
+        return self.command.run()
+
+
+def _lines(derivation: "Derivation") -> list[str]:
+    robot = derivation.robot
+    lines = [
+        f"{robot.name}: {robot.mass:.2f} kg, legs of {robot.thigh_length:.3f} + {robot.calf_length:.3f} m, "
+        f"fingerprint {robot.fingerprint}"
+    ]
+    for kind, words in WORDS.items():
+        origins = [origin for origin in derivation.origins if origin.kind == kind]
+        lines += ["", words] if origins else []
+        for origin in origins:
+            detail = f"  ({origin.detail})" if origin.detail else ""
+            lines.append(f"  {origin.field:17} {_text(robot, origin.field)}{detail}")
+    return lines
+
+
+def _table(derivation: "Derivation") -> dict[str, Any]:
+    robot = derivation.robot
+    values = {f.name: getattr(robot, f.name) for f in fields(robot)}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    return {
+        "robot": {**plain, "gains": asdict(robot.gains)},
+        "fingerprint": robot.fingerprint,
+        "mass": robot.mass,
+        "origins": [asdict(origin) for origin in derivation.origins],
+    }
+
+
+def _text(robot: "Robot", name: str) -> str:
+    """A value in a few words; of joints those of one leg where all legs are alike."""
+    value = getattr(robot, name)
+    if name == "mjcf":
+        return ""
+    if name == "gains":
+        return "  ".join(f"{key} {gain:.4g}" for key, gain in asdict(value).items())
+    array = np.asarray(value)
+    if array.shape == (12,) and (array.reshape(4, 3) == array[:3]).all():
+        return f"{_numbers(array[:3])} each leg"
+    return _numbers(array.ravel()) if array.dtype.kind == "f" else str(value)
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.4g}" for value in values)
