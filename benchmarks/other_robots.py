@@ -18,8 +18,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.errors import SaltusError
-from saltus.messages import Floats
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mjcf import derive
 from saltus.robots.robot import LEGS, Robot

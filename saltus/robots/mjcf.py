@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.arrays import Floats
 from saltus.constants import GRAVITY
-from saltus.messages import Floats
 from saltus.robots.legs import LegKinematics
 from saltus.robots.plain_mjcf import kept_rod, trunk_box, write_mjcf
 from saltus.robots.robot import JOINTS, LINKS, Gains, Robot

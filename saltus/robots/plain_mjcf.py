@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from saltus.messages import Floats
+from saltus.arrays import Floats
 from saltus.robots.robot import JOINTS, LEGS, LINKS
 from saltus.robots.structure import AXES, Leg, Structure
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from saltus import config
+from saltus.arrays import Floats
 from saltus.errors import ConfigError
-from saltus.messages import Floats
 
 LEGS = ("FR", "FL", "RR", "RL")
 LINKS = ("hip", "thigh", "calf")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.messages import Floats
+from saltus.arrays import Floats
 from saltus.robots.robot import Gains
 
 LEG_LENGTH, MASS = 0.426, 12.743448  # of the reference [m], [kg]

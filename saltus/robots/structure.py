@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.errors import ModelError
-from saltus.messages import Floats
 from saltus.robots.robot import LEGS
 
 AXES = ((0, "x"), (1, "y"), (1, "y"))  # of the base, about which hip, thigh and calf turn
