@@ -221,8 +221,9 @@ class _Deriver:
         data.qpos[7:] = robot.stand_pose
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, matrix)
+        factors = ", ".join(f"{factor:g}" for factor in INERTIA_FACTOR)
         inertia = INERTIA_FACTOR * np.diag(matrix)[3:6]
-        return self._take("inertia", inertia, "derived", f"{INERTIA_FACTOR:g} times that of the standing robot")
+        return self._take("inertia", inertia, "derived", f"{factors} times that of the standing robot")
 
     def _limit(self, name: str, found: Floats) -> Any:
         missing = _named(~np.isfinite(found))

@@ -1,13 +1,16 @@
 """The shipped robot says what the house was built on, to the bit."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 import torch
 
+import saltus.robots
 from saltus import go1, kinematics
 from saltus.robots.legs import LegKinematics
-from saltus.robots.loading import load_robot
+from saltus.robots.loading import derive_robot, load_robot
 from saltus.robots.robot import JOINTS, LEGS
 from saltus.robots.similarity import Similarity
 from saltus.sim import scene
@@ -16,6 +19,7 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 
 ROBOT = load_robot("go1")
+FOLDER = Path(saltus.robots.__file__).parent / "go1"
 RNG = np.random.default_rng(0)
 NUMBERS = {
     "hip_anchor": go1.HIP_ANCHOR,
@@ -65,6 +69,7 @@ def test_feet_are_where_they_were():
 
 def test_guesses_for_a_robot_of_its_size_are_its_own_numbers():
     size = Similarity.of(ROBOT.leg_length, ROBOT.mass)
+    np.testing.assert_allclose(_derived_inertia(), ROBOT.inertia, rtol=0.01)
     for name in ("swing_foot_z", "landing_reach", "foot_force"):
         np.testing.assert_allclose(getattr(size, name), getattr(ROBOT, name), rtol=1e-6)
     assert vars(size.gains) == pytest.approx(vars(ROBOT.gains), rel=1e-6)
@@ -83,6 +88,10 @@ def test_the_simulated_plant_is_the_old_one_to_the_bit(terrain, loaded):
             new, old = getattr(where(ours), name), getattr(where(theirs), name)
             if isinstance(new, np.ndarray | int | float | bytes):
                 np.testing.assert_array_equal(new, old, err_msg=name)
+
+
+def _derived_inertia() -> np.ndarray:
+    return derive_robot(str(FOLDER / "go1.xml")).robot.inertia
 
 
 def _spec(
