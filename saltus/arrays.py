@@ -17,9 +17,6 @@ Indices: TypeAlias = NDArray[np.int64]
 Array: TypeAlias = Any
 """A numpy array or a torch tensor: the array API standard has no static type yet. Where a law says so, also a float."""
 
-Floats: TypeAlias = NDArray[np.floating]
-"""An array of numpy's floating-point numbers."""
-
 FLOATS = SimpleNamespace(
     sin=math.sin,
     cos=math.cos,
