@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
 from saltus.controller.feedback import FeedbackConfig
 from saltus.controller.gait import standing
@@ -77,17 +78,17 @@ def run(kd: float, frequency_hz: float) -> Trace:
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []
-    for tick in range(round((STAND_S + RUN_S) / go1.PHYSICS_DT)):
+    for tick in range(round((STAND_S + RUN_S) / PHYSICS_DT)):
         state = plant.state
         estimate = estimator.step(state, gait.trusted, estimate)
-        mode = ControllerMode.STAND if tick * go1.PHYSICS_DT < STAND_S else ControllerMode.RUN
+        mode = ControllerMode.STAND if tick * PHYSICS_DT < STAND_S else ControllerMode.RUN
         plan = make_plan(float(law_state.gait.phase), frequency_hz)
         command, law_state, diagnostics = law.step(plan, states_of(state, estimate, gait), law_state, mode)
         gait = diagnostics.gait
         touching = bool((gait.contact & (state.foot_force > 1.0)).any())
         body = diagnostics.body
         reference = diagnostics.angular_velocity_reference[1]
-        rows.append((tick * go1.PHYSICS_DT, reference, body.angular_velocity[1], touching))
+        rows.append((tick * PHYSICS_DT, reference, body.angular_velocity[1], touching))
         plant.step(command)
     time_s, reference, measured, touching_rows = np.array(rows).T
     return Trace(time_s=time_s, reference=reference, measured=measured, touching=touching_rows > 0.0)

@@ -14,21 +14,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import rotation_matrix
 from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
+from saltus.rotations import rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, Floats, Heightmap, HeightmapStatus, MotionPlan
 
-TICK_NS = round(1e9 * go1.PHYSICS_DT)
+TICK_NS = round(1e9 * PHYSICS_DT)
 CYCLE_S = 0.3  # of the gait, about: 3 to 3.5 bounds a second
 AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 
@@ -54,19 +54,19 @@ def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silen
     loop, process = ControlLoop(), PlannerProcess(planner)
     plan: MotionPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
-    fault_tick = round(fault_s / go1.PHYSICS_DT)
-    for tick in range(fault_tick + round(AFTER_S / go1.PHYSICS_DT)):
-        now_ns, step = tick * TICK_NS, tick // go1.POLICY_STEPS
+    fault_tick = round(fault_s / PHYSICS_DT)
+    for tick in range(fault_tick + round(AFTER_S / PHYSICS_DT)):
+        now_ns, step = tick * TICK_NS, tick // POLICY_STEPS
         loop.sense(robot.read())
         if tick == fault_tick:
             start_x = float(robot.state.position_base_in_world[0])
             robot.take_trunk_contact()
-        if tick % go1.POLICY_STEPS == 0 and not (silent and tick >= fault_tick):
+        if tick % POLICY_STEPS == 0 and not (silent and tick >= fault_tick):
             seen = _heightmap(robot, trial, now_ns, step) if tick < fault_tick else None
             plan = process.step(loop.state(now_ns, step), seen, now_ns)
         robot.write(loop.act(plan, 1e-9 * (now_ns - plan.time_ns) if plan else float("inf")))
         if loop.mode == ControllerMode.STOPPED and stopped_s == float("inf"):
-            stopped_s = (tick - fault_tick) * go1.PHYSICS_DT
+            stopped_s = (tick - fault_tick) * PHYSICS_DT
     state = robot.state
     x = float(state.position_base_in_world[0])
     return Landing(

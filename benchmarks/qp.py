@@ -22,7 +22,7 @@ from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
 from saltus.controller.signals import Plan, observe, plan_from_values
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 
 PROBLEMS = 1000
 TICKS = 5000

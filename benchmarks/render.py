@@ -28,9 +28,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # before this fold
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.backends import make_renderer, present
 from saltus.render.stereo.model_view import COLUMNS, ROWS
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import DepthFrame, Floats
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from saltus import go1
 from saltus.depth import D435I, MILLIMETRE, depth_in_millimetres
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.fit import fit
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
 from saltus.wire.messages import DepthFrame
 

@@ -18,13 +18,13 @@ from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.signals import DepthImage
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.fit import fit, load_frames
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import stereo_image
 from saltus.render.stereo.model_view import pooled, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import Floats
 

@@ -32,6 +32,7 @@ from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
 from saltus.recordings.run_log import RunLog, write_run_log
+from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
@@ -112,7 +113,7 @@ def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
 def _modifier(name: str) -> Callable[[mujoco.MjSpec, Parameter], None]:
     def modify(spec: mujoco.MjSpec, parameter: Parameter) -> None:
         for leg, joint in enumerate(np.flatnonzero(CALVES)):
-            hinge = spec.joint(f"{go1.LEGS[leg]}_calf")
+            hinge = spec.joint(f"{LEGS[leg]}_calf")
             added = float(parameter.value[0])
             if name == "armature":
                 hinge.armature = float(go1.ARMATURE[joint]) + added

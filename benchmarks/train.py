@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from saltus import go1
+from saltus.constants import POLICY_STEPS
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.learner import Learner
@@ -53,8 +53,8 @@ def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _R
 
     with torch.no_grad():
         times = {
-            "physics": ms(engine.step) * go1.POLICY_STEPS,
-            "controller": (ms(control) + ms(sense)) * go1.POLICY_STEPS,
+            "physics": ms(engine.step) * POLICY_STEPS,
+            "controller": (ms(control) + ms(sense)) * POLICY_STEPS,
             "observation": ms(plan) + ms(finish),
             "policy": ms(learner.act),
             "learning": 1e3 * learning / horizon,

@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from saltus import go1
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.course import Course, CourseState
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
@@ -21,8 +21,8 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
 
-TICK_NS = round(1e9 * go1.PHYSICS_DT)
-STEP_NS = TICK_NS * go1.POLICY_STEPS
+TICK_NS = round(1e9 * PHYSICS_DT)
+STEP_NS = TICK_NS * POLICY_STEPS
 PRIORITY = -15
 """Before everything of ordinary priority, behind what the system keeps for itself."""
 AUTOGROUP = Path("/proc/self/autogroup")
@@ -76,12 +76,12 @@ class Run:
         while not self._finished():
             start_ns = self._step * STEP_NS
             self._context.clock.set(start_ns)
-            self._context.beat(ticks=self._step * go1.POLICY_STEPS)
+            self._context.beat(ticks=self._step * POLICY_STEPS)
             self._loop.sense(self._robot.read())
             truth = self._robot.truth(start_ns, self._step)
             if not exchange.answered(truth, self._loop.state):
                 break
-            for tick in range(go1.POLICY_STEPS):
+            for tick in range(POLICY_STEPS):
                 now_ns = start_ns + tick * TICK_NS
                 self._context.clock.set(now_ns)
                 if tick:
@@ -93,7 +93,7 @@ class Run:
     def realtime(self) -> None:
         """Runs at 500 Hz of the run's clock; the others answer when they can."""
         _come_first()
-        ticker = Ticker(1.0 / go1.PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
+        ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
         gc.collect()
         gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
         self._context.ready()
@@ -105,7 +105,7 @@ class Run:
     def _free_step(self, ticker: Ticker | None) -> None:
         """A policy step that waits for nobody: by the run's clock, or, without a ticker, as fast as it goes."""
         start_ns = 0
-        for tick in range(go1.POLICY_STEPS):
+        for tick in range(POLICY_STEPS):
             if ticker is not None:
                 ticker.wait()
                 now_ns = self._context.clock.now_ns()
@@ -148,7 +148,7 @@ class Run:
         state = self._robot.state
         before = self._progress
         self._progress = self._course.step(
-            self._step * go1.POLICY_STEPS * go1.PHYSICS_DT,
+            self._step * POLICY_STEPS * PHYSICS_DT,
             state.position_base_in_world,
             state.quaternion_base_in_world,
             self._robot.take_trunk_contact(),

@@ -8,8 +8,8 @@ the ground is taken to be the plane through the places where its feet last stood
 
 from dataclasses import dataclass, replace
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig
 from saltus.controller.law import Diagnostics
 from saltus.controller.signals import Plan, plan_from_values
@@ -91,7 +91,7 @@ class Braking:
         """Remembers where feet stand; to be called once a tick, in every mode."""
         xp = namespace(state.foothold)
         body = diagnostics.body
-        moved = state.foothold - body.velocity[..., None, :] * go1.PHYSICS_DT
+        moved = state.foothold - body.velocity[..., None, :] * PHYSICS_DT
         return BrakingState(foothold=xp.where(diagnostics.gait.trusted[..., None], body.foot_yaw, moved))
 
     def is_slow(self, diagnostics: Diagnostics) -> Array:

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
-from saltus.kinematics import foot_kinematics, rotation_matrix, skew
+from saltus.constants import GRAVITY, PHYSICS_DT
+from saltus.kinematics import foot_kinematics
+from saltus.rotations import rotation_matrix, skew
 from saltus.states import Measurement
 
 _TINY = 1e-12
-_GRAVITY = Constant([0.0, 0.0, -9.81])
+_GRAVITY = Constant([0.0, 0.0, -GRAVITY])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +80,7 @@ class Estimator:
         xp = namespace(state.mean)
         rotation = rotation_matrix(measured.quaternion_base_in_world)
         acceleration = (rotation @ measured.acceleration_base[..., None])[..., 0] + _GRAVITY.like(state.mean)
-        change = xp.concat([acceleration, state.mean[..., 2:3]], axis=-1) * go1.PHYSICS_DT
+        change = xp.concat([acceleration, state.mean[..., 2:3]], axis=-1) * PHYSICS_DT
         mean, variance = state.mean + change, state.variance + self._process.like(state.mean)
 
         measurement, weight = self._legs(measured, rotation, trusted, mean[..., :3])

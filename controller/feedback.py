@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.controller.signals import Body
-from saltus.kinematics import skew
+from saltus.rotations import skew
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import PHYSICS_DT
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from saltus.controller.signals import Body, Plan, observe
@@ -185,9 +186,9 @@ class LegController:
     def _run(
         self, plan: Plan, sensed: Proprioception, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        gait = self._gait.advance(state.gait, plan.stepping_frequency, go1.PHYSICS_DT)
+        gait = self._gait.advance(state.gait, plan.stepping_frequency, PHYSICS_DT)
         signal = self._gait.read(gait, plan.stepping_frequency)
-        state = replace(state, gait=gait, landed=state.landed & False, mode_time_s=state.mode_time_s + go1.PHYSICS_DT)
+        state = replace(state, gait=gait, landed=state.landed & False, mode_time_s=state.mode_time_s + PHYSICS_DT)
         return self._track(plan, sensed, body, state, signal)
 
     def _land(
@@ -203,7 +204,7 @@ class LegController:
         xp = namespace(body.roll)
         config = self.config
         frequency = xp.maximum(plan.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz)
-        gait = self._gait.advance(state.gait, frequency, go1.PHYSICS_DT)
+        gait = self._gait.advance(state.gait, frequency, PHYSICS_DT)
         signal = self._gait.read(gait, frequency)
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
@@ -272,7 +273,7 @@ class LegController:
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
-        share = min(1.0, (state.mode_time_s + go1.PHYSICS_DT) / self.config.stand_blend_s)
+        share = min(1.0, (state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
         share = share * share * (3.0 - 2.0 * share)
         zero = xp.zeros_like(measured)
         return JointCommand(
@@ -314,4 +315,4 @@ class LegController:
             velocity_reference=still,
             angular_velocity_reference=still,
         )
-        return replace(state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + go1.PHYSICS_DT), diagnostics
+        return replace(state, liftoff=body.foot_yaw, mode_time_s=state.mode_time_s + PHYSICS_DT), diagnostics

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import GaitSignal, standing
@@ -13,7 +14,8 @@ from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Plan, plan_from_message
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
-from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import RobotStates, state_message, states_of
 from saltus.wire.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
 
@@ -90,9 +92,9 @@ class ControlLoop:
                 pitch=self._attitude[1],
                 finite=_all_finite(reading) and bool(np.isfinite(self._estimate.mean).all()),
                 settled=self._settled,
-                may_start=self._ticks * go1.PHYSICS_DT >= FIRST_STAND_S,
+                may_start=self._ticks * PHYSICS_DT >= FIRST_STAND_S,
             ),
-            go1.PHYSICS_DT,
+            PHYSICS_DT,
             self._watchdog,
         )
         command = self._step_law(self._reference(plan))
@@ -119,7 +121,7 @@ class ControlLoop:
         return JointLog(
             time_ns=time_ns,
             step=step,
-            dt_s=go1.PHYSICS_DT,
+            dt_s=PHYSICS_DT,
             position=np.array([m.joint_position for m in measured]),
             velocity=np.array([m.joint_velocity for m in measured]),
             position_desired=np.array([c.position for c in commands]),

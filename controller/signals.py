@@ -6,7 +6,8 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
-from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_kinematics
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
 from saltus.wire.messages import MotionPlan
 

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
 from saltus.errors import SaltusError
-from saltus.kinematics import SKEW
-
-_GRAVITY = 9.81
+from saltus.rotations import SKEW
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +85,7 @@ class StanceLegs:
         self._roll_gain = Constant([[0.0, 0.0, 0.0], [config.roll_kp, 0.0, 0.0]])
         self._low = Constant([config.linear_low, [-limit for limit in config.angular_limit]])
         self._high = Constant([config.linear_high, config.angular_limit])
-        self._up = Constant([[_GRAVITY], [0.0]])
+        self._up = Constant([[GRAVITY], [0.0]])
         self._torque_limit = Constant(go1.TORQUE_LIMIT)
 
     def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:

@@ -11,8 +11,10 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
-from saltus.kinematics import inverse_kinematics, skew
+from saltus.kinematics import inverse_kinematics
+from saltus.rotations import skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +85,7 @@ class SwingLegs:
         xp = namespace(body.roll)
         hip = self._hip.like(body.roll) @ body.base_in_yaw.mT
         limit = self._landing_limit.like(body.roll)
-        step = xp.clip(body.velocity * float(np.sqrt(height / 9.81)), -limit, limit)
+        step = xp.clip(body.velocity * float(np.sqrt(height / GRAVITY)), -limit, limit)
         ground = height * self._down.like(body.roll)
         return hip * self._horizontal.like(body.roll) + (step + ground)[..., None, :]
 

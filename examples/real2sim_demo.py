@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus import go1
 from saltus.effects.profile import IDEAL, Profile, profile_to_toml
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -18,6 +17,7 @@ from saltus.real2sim.experiments.motions import Floats
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.reporting.words import sentence
 from saltus.recordings.run_log import RunLog, read_run_log
+from saltus.robots.robot import JOINTS
 
 
 def main() -> None:
@@ -53,7 +53,7 @@ def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
     left.plot(t, log.joints.q[rows, joint], ".", color="0.6", markersize=3, label="measured")
     left.plot(t, without[rows, joint], color="#d1495b", label="simulated as claimed")
     left.plot(t, patched[rows, joint], color="#1f5fa8", label="simulated with the patch")
-    left.set(xlabel="time [s]", ylabel=f"{go1.JOINTS[joint]} [rad]", title=_title(shown))
+    left.set(xlabel="time [s]", ylabel=f"{JOINTS[joint]} [rad]", title=_title(shown))
     left.legend(frameon=False)
     gap = shown.found.verdict.gap
     if gap is not None:

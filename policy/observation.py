@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
-from saltus.kinematics import foot_position, roll_pitch_yaw, rotation_matrix, yaw_rotation
+from saltus.kinematics import foot_position
+from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.states import Proprioception
 
 

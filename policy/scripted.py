@@ -12,6 +12,7 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import GRAVITY
 from saltus.policy.action import Action
 from saltus.policy.observation import Observation
 from saltus.policy.profile import height_at, highest_between, slope
@@ -20,7 +21,6 @@ STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
 LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
 FRONT, REAR = 0, 2  # a leg of each pair
 HIP_X = tuple(float(x) for x in go1.HIP_ANCHOR[:, 0])
-GRAVITY = 9.81
 # The controller's model of the body: its gain from velocity errors to accelerations, its inertia, its force limit.
 VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
 

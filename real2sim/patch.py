@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from saltus import go1
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
@@ -40,6 +39,7 @@ from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus.recordings.run_log import RunLog
+from saltus.robots.robot import JOINTS
 
 SCHEMA = "saltus-patch/1"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
@@ -187,7 +187,7 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
     before = next((effect for effect in effects if effect.name == found.name), kind())
     after: Effect[Any]
     if isinstance(before, TorqueSaturation) and found.curve:
-        after = with_curve(before, range(len(go1.JOINTS)) if found.where == "all" else _joints(found), found.curve)
+        after = with_curve(before, range(len(JOINTS)) if found.where == "all" else _joints(found), found.curve)
     else:
         before = as_knee(before) if isinstance(before, TorqueSaturation) else before
         after = replace(before, **_values(before, found))
@@ -210,7 +210,7 @@ def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:
             values[name] = interval.value
             continue
         joints = _joints(found)
-        per_joint = np.broadcast_to(np.asarray(getattr(effect, name), dtype=np.float64), len(go1.JOINTS)).copy()
+        per_joint = np.broadcast_to(np.asarray(getattr(effect, name), dtype=np.float64), len(JOINTS)).copy()
         per_joint[joints] = interval.value
         values[name] = tuple(per_joint.tolist())
     return values
@@ -220,6 +220,6 @@ def _joints(found: FoundEffect) -> list[int]:
     """Indices of the joints that a finding names."""
     names: Sequence[str] = (found.where,) if isinstance(found.where, str) else found.where
     for name in names:
-        if name not in go1.JOINTS:
-            raise ConfigError(f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, go1.JOINTS)}")
-    return [go1.JOINTS.index(name) for name in names]
+        if name not in JOINTS:
+            raise ConfigError(f"'{found.name}' at an unknown joint '{name}': {nearest_hint(name, JOINTS)}")
+    return [JOINTS.index(name) for name in names]

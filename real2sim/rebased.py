@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
@@ -14,6 +13,7 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown, WrappedProblem
+from saltus.robots.robot import JOINTS
 
 FITS = 0.02
 """Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
@@ -66,11 +66,11 @@ def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProb
         ConfigError: a robot without the joints of a Go1, to which a profile's curve refers.
     """
     names = [[block[place] for place in problem.places[0]] for block in problem.places]
-    unknown = sorted({name for block in names for name in block} - set(go1.JOINTS))
+    unknown = sorted({name for block in names for name in block} - set(JOINTS))
     if unknown:
         raise ConfigError(f"a saturation that is given as a curve is one of a Go1; this robot has joints {unknown}")
     starts, falls = saturation.corners
-    columns = np.array([[go1.JOINTS.index(name) for name in block] for block in names])
+    columns = np.array([[JOINTS.index(name) for name in block] for block in names])
     corners: Floats = np.asarray(starts[:, columns[0]].T, dtype=np.float64)
     slopes: Floats = np.asarray(falls[:, columns].transpose(1, 2, 0), dtype=np.float64)
     return problem.with_saturation(corners, slopes)
@@ -132,7 +132,7 @@ def _values(effect: Effect[Any], place: str, problem: Problem, candidate: Candid
     for name in names:
         value = np.asarray(getattr(effect, name, np.nan), dtype=np.float64)
         if value.ndim:
-            value = value[go1.JOINTS.index(place)] if place in go1.JOINTS else value[0]
+            value = value[JOINTS.index(place)] if place in JOINTS else value[0]
         values[name] = float(value)
     return values if np.isfinite(list(values.values())).all() else None
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
-from saltus.go1 import JOINTS
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
 from saltus.real2sim.problem.problem import Problem
 from saltus.recordings.run_log import RunLog
+from saltus.robots.robot import JOINTS
 
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 """Registered, but properties of how a robot is run."""

@@ -16,7 +16,7 @@ from saltus.effects.camera import ViewChain
 from saltus.effects.signals import CameraView
 from saltus.errors import SaltusError
 from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
-from saltus.kinematics import rotation_matrix
+from saltus.rotations import rotation_matrix
 from saltus.wire.messages import Floats
 
 

@@ -37,7 +37,7 @@ _OFFSET = Constant(SIDE * ABDUCTION_LENGTH)
 
 
 def leg_capsules(joint_position: Array) -> Capsules:
-    """Four thighs, four calves and four feet in the base frame, each in the order of `saltus.go1.LEGS`.
+    """Four thighs, four calves and four feet in the base frame, each in the order of `saltus.robots.robot.LEGS`.
 
     Args:
         joint_position: [rad], numpy or torch, shape (..., 12).

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from saltus import go1
 from saltus.depth import D435I, MILLIMETRE, MODEL_CAMERA, RANGE_M, Intrinsics, depth_in_millimetres, model_image
 from saltus.errors import SaltusError
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.camera import camera_pose, ray_directions
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import DepthFrame, Floats
 

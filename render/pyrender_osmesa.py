@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.go1 import CALF_LENGTH, STAND_POSE, THIGH_LENGTH
-from saltus.kinematics import rotation_matrix
 from saltus.render._gl import gl_platform, load_pyrender
 from saltus.render.camera import Mount, camera_pose
 from saltus.render.capsules import capsules_in_camera, windows
 from saltus.render.legs import RADIUS, Capsules, leg_capsules
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
+from saltus.rotations import rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 

@@ -10,10 +10,10 @@ from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.frame_drop import FrameDrop
 from saltus.errors import ConfigError
-from saltus.kinematics import rotation_matrix
 from saltus.render.camera import Mount
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.sensor_freeze import SensorFreeze
+from saltus.rotations import rotation_matrix
 from saltus.wire.messages import Floats
 
 

@@ -4,5 +4,7 @@ PHYSICS_DT = 0.002
 """Period of physics and leg controller [s]: 500 Hz."""
 POLICY_STEPS = 5
 """Physics steps in a step of the motion policy: 100 Hz."""
+POLICY_DT = PHYSICS_DT * POLICY_STEPS
+"""Period of the motion policy [s]."""
 GRAVITY = 9.81
-"""[m/s^2]; the engine's default."""
+"""[m/s^2]; the engine's default, and the original's."""

@@ -6,12 +6,6 @@ controller settings of the authors of "Agile Continuous Jumping in Discontinuous
 
 import numpy as np
 
-from saltus.constants import PHYSICS_DT as PHYSICS_DT
-from saltus.constants import POLICY_STEPS as POLICY_STEPS
-
-LEGS = ("FR", "FL", "RR", "RL")
-JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "calf"))
-
 # Geometry (unitree_ros)
 HIP_ANCHOR = np.array(
     [[0.1881, -0.04675, 0.0], [0.1881, 0.04675, 0.0], [-0.1881, -0.04675, 0.0], [-0.1881, 0.04675, 0.0]]

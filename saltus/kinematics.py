@@ -11,14 +11,6 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
-from saltus.rotations import SKEW as SKEW
-from saltus.rotations import angles_of_axes as angles_of_axes
-from saltus.rotations import quaternion_from_roll_pitch_yaw as quaternion_from_roll_pitch_yaw
-from saltus.rotations import roll_pitch_yaw as roll_pitch_yaw
-from saltus.rotations import rotation_matrix as rotation_matrix
-from saltus.rotations import rotation_of_one as rotation_of_one
-from saltus.rotations import skew as skew
-from saltus.rotations import yaw_rotation as yaw_rotation
 
 _ANCHOR = Constant(go1.HIP_ANCHOR)
 _ABDUCTION = Constant(go1.SIDE * go1.ABDUCTION_LENGTH)

@@ -14,6 +14,7 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array
+from saltus.constants import GRAVITY, POLICY_DT
 from saltus.wire.messages import ControllerMode, Floats, RobotState
 
 
@@ -120,7 +121,7 @@ class RobotStates(Sensed):
     @property
     def time_s(self) -> float:
         """Since the start of the run."""
-        return self.step * (go1.PHYSICS_DT * go1.POLICY_STEPS)
+        return self.step * POLICY_DT
 
 
 def states_of(measurement: Measurement, estimate: Estimate, schedule: Schedule, step: int = 0) -> RobotStates:
@@ -189,7 +190,7 @@ def standing_state(base_height: float = go1.STAND_HEIGHT) -> RobotState:
         step=0,
         quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
         angular_velocity_base=np.zeros(3),
-        acceleration_base=np.array([0.0, 0.0, 9.81]),
+        acceleration_base=np.array([0.0, 0.0, GRAVITY]),
         joint_position=go1.STAND_POSE,
         joint_velocity=np.zeros(12),
         joint_torque=np.zeros(12),

@@ -11,7 +11,7 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.profile import Profile
 from saltus.effects.torque_gain import TorqueGain
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 from saltus.wire.topics import CAMERA_LATENCY_S

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1, kinematics
+from saltus import go1, rotations
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.heightmap.data.rollouts import Trajectory
 from saltus.heightmap.service.features import proprioception
@@ -36,7 +36,7 @@ class GlidingRobots:
         position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
         pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
         zero = np.zeros_like(x)
-        quaternion = kinematics.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
         joints = np.tile(go1.STAND_POSE, (self.ticks, 1))
         features = proprioception(
             quaternion_base_in_world=quaternion,

@@ -22,7 +22,6 @@ from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
@@ -32,6 +31,7 @@ from saltus.policy.features import LAYOUT, read
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
 MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
 # Stairs and stones twice, as in `saltus.heightmap.data.closed_loop`; one level: who falls gets no easier course.

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.effects.camera import ViewChain
@@ -86,7 +86,7 @@ def episodes(
 
 def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floats:
     """The profile relative to the base along its yaw. Shapes (..., 3), (..., 4) -> (..., 30)."""
-    _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
+    _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     return terrain.height_at(*LINE.points_in_world(position, yaw)) - position[..., 2:]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
@@ -253,7 +253,7 @@ def _poses(run: Run) -> _Poses:
         time_ns = np.array([pose.time_ns for pose in path], np.int64)
         position = np.array([pose.position for pose in path])
         quaternion = np.array([pose.quaternion for pose in path])
-    yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))[2]
+    yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))[2]
     return _Poses(time_ns=time_ns, position=position, quaternion=quaternion, yaw=np.unwrap(yaw))
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
 from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, Intrinsics
 from saltus.grid import HEIGHTMAP_X
@@ -125,8 +125,8 @@ class GeometricHeightmap:
 
     def _touch(self, state: RobotState, height: Floats) -> float:
         """Moves the map towards the feet that stand; returns by how much [m]."""
-        rotation = kinematics.rotation_matrix(self._odometry.pose.quaternion)
-        yaw_from_world = kinematics.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
+        rotation = rotations.rotation_matrix(self._odometry.pose.quaternion)
+        yaw_from_world = rotations.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
         feet = kinematics.foot_position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
         gap = feet[:, 2] - go1.FOOT_RADIUS - np.interp(feet[:, 0], HEIGHTMAP_X, height)
         drift = gap[np.asarray(state.leg_trusted) & (np.abs(gap) < FOOT_GATE_M)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.arrays import Floats
 from saltus.wire.messages import RobotState
 
@@ -25,7 +25,7 @@ class Pose:
     @property
     def yaw(self) -> float:
         """Heading [rad]."""
-        return float(kinematics.roll_pitch_yaw(kinematics.rotation_matrix(self.quaternion))[2])
+        return float(rotations.roll_pitch_yaw(rotations.rotation_matrix(self.quaternion))[2])
 
 
 class Odometry:

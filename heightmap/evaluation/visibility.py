@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.arrays import Floats
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TICK_S
@@ -37,7 +37,7 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     ground = np.arange(position[:, 0].min() - _MARGIN_M, position[:, 0].max() + _MARGIN_M, BIN_M)
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
     met = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
-    _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
+    _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     points, _ = LINE.points_in_world(position, yaw)
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
     last_s = np.full(len(ground), -np.inf)
@@ -62,7 +62,7 @@ def seen_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion:
     Returns:
         Shape (n, m).
     """
-    _, _, yaw = kinematics.roll_pitch_yaw(kinematics.rotation_matrix(quaternion))
+    _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     aside = position[:, 1:2] + np.tan(yaw)[:, None] * (ground - position[:, :1])
     height = terrain.height_at(np.broadcast_to(ground, aside.shape), aside)
     place = np.stack(np.broadcast_arrays(ground, aside, height), axis=-1)

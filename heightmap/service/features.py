@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus import kinematics
+from saltus import kinematics, rotations
 from saltus.arrays import Array, Singles, namespace
 from saltus.states import Proprioception
 from saltus.wire.messages import RobotState
@@ -45,7 +45,7 @@ def proprioception(
     Returns:
         float32, shape (..., len(PROPRIOCEPTION)).
     """
-    rotation = kinematics.rotation_matrix(quaternion_base_in_world)
+    rotation = rotations.rotation_matrix(quaternion_base_in_world)
     feet = kinematics.foot_position(joint_position)
     trusted = namespace(feet).astype(leg_trusted, feet.dtype)
     entries = _entries(
@@ -74,7 +74,7 @@ def proprioception_of_states(states: Proprioception) -> Array:
 def proprioception_of(state: RobotState) -> Singles:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
     entries = _entries(
-        kinematics.rotation_of_one(state.quaternion_base_in_world.tolist()),
+        rotations.rotation_of_one(state.quaternion_base_in_world.tolist()),
         kinematics.foot_positions_of_one(state.joint_position.tolist()),
         state.leg_trusted.tolist(),
         state.velocity_base_in_world.tolist(),
@@ -92,7 +92,7 @@ def _entries(
 ) -> list[Array]:
     """The law, in components that are arrays of many robots or floats of one: all entries but the last."""
     forward, left, up = rotation
-    roll, pitch, yaw = kinematics.angles_of_axes((forward[0], left[0]), (up[0], up[1], up[2]))
+    roll, pitch, yaw = rotations.angles_of_axes((forward[0], left[0]), (up[0], up[1], up[2]))
     xp = namespace(yaw)
     cosine, sine = xp.cos(yaw), xp.sin(yaw)
     # Rows of the rotation from base to yaw frame; the third is `up`

@@ -7,7 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
+from saltus.constants import GRAVITY
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S
@@ -33,7 +34,7 @@ class AssumeLevel:
         """One state for every frame, at the time at which a robot would have used it."""
         pitch = np.deg2rad(self.camera_pitch_deg) - go1.CAMERA_PITCH
         zero = np.asarray(0.0)
-        quaternion = kinematics.quaternion_from_roll_pitch_yaw(zero, np.asarray(pitch), zero)
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, np.asarray(pitch), zero)
         joints = self._joints(quaternion)
         latency_ns = round(1e9 * CAMERA_LATENCY_S)
         return [
@@ -43,7 +44,7 @@ class AssumeLevel:
 
     def _joints(self, quaternion: np.ndarray) -> np.ndarray:
         """Legs straight below the hips, feet on the ground."""
-        rotation = kinematics.rotation_matrix(quaternion)
+        rotation = rotations.rotation_matrix(quaternion)
         hips = (go1.HIP_ANCHOR + np.outer(go1.SIDE, [0.0, go1.ABDUCTION_LENGTH, 0.0])) @ rotation.T
         hips[:, 2] = go1.FOOT_RADIUS - self.base_height_m
         return np.clip(kinematics.inverse_kinematics(hips @ rotation), go1.JOINT_LOWER, go1.JOINT_UPPER)
@@ -94,7 +95,7 @@ def _standing(step: int, time_ns: int, quaternion: np.ndarray, joints: np.ndarra
         step=step,
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.zeros(3),
-        acceleration_base=np.array([0.0, 0.0, 9.81]),
+        acceleration_base=np.array([0.0, 0.0, GRAVITY]),
         joint_position=joints,
         joint_velocity=np.zeros(12),
         joint_torque=np.zeros(12),

@@ -13,6 +13,7 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import JOINT_ORDER, TORQUE_ORDER, proportional_derivative
 from saltus.effects.effect import Effect
 from saltus.effects.order import ordered
@@ -40,7 +41,7 @@ class Drives:
     """
 
     def __init__(self, longest_delay_s: float, profile: Profile = GO1) -> None:
-        self.length = math.ceil(longest_delay_s / go1.PHYSICS_DT - 1e-6) + 2
+        self.length = math.ceil(longest_delay_s / PHYSICS_DT - 1e-6) + 2
         """Number of feed-forward torques to remember."""
         kept = [effect for effect in profile.actuator if effect.name not in DRAWN and effect.name not in LEFT_OUT]
         torque, joint = (tuple(e for e in kept if e.site == site) for site in ("torque", "joint"))
@@ -49,7 +50,7 @@ class Drives:
         gains = [effect.gain for effect in profile.actuator if isinstance(effect, TorqueGain)] or [1.0]
         self._gain = Constant(np.broadcast_to(np.asarray(gains[0], dtype=np.float64), go1.ARMATURE.shape).copy())
         self._ages = Constant(range(self.length))
-        self._reach = Constant(go1.ARMATURE / go1.PHYSICS_DT)
+        self._reach = Constant(go1.ARMATURE / PHYSICS_DT)
         left_out = [effect.name for effect in profile.actuator if effect.name in LEFT_OUT]
         if left_out:
             logging.getLogger(__name__).warning("robots in training are without %s", ", ".join(left_out))
@@ -69,7 +70,7 @@ class Drives:
         """
         xp = namespace(line)
         line = xp.concat([command.torque[:, None, :], line[:, :-1]], axis=1)
-        distance = xp.abs(self._ages.like(line) - (delay_s * (1.0 / go1.PHYSICS_DT))[:, None])
+        distance = xp.abs(self._ages.like(line) - (delay_s * (1.0 / PHYSICS_DT))[:, None])
         weight = xp.clip(1.0 - distance, 0.0, None)
         late = xp.sum(weight[..., None] * line, axis=1)
         delayed = JointCommand(

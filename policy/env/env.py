@@ -13,13 +13,14 @@ from torch import Tensor
 
 from saltus import go1
 from saltus.arrays import Constant, namespace
+from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
 from saltus.controller.law import LawState, LegController
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.profile import load_profile
-from saltus.kinematics import foot_kinematics, roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_kinematics
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
@@ -31,11 +32,11 @@ from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import LiveStates
 from saltus.policy.env.views import Views
 from saltus.policy.reference import reference
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode, JointCommand
 
-_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _STAND_POSE = Constant(go1.STAND_POSE)
 
 
@@ -85,7 +86,7 @@ class JumpEnv:
         self._estimator = Estimator()
         self._drives = Drives(config.randomisation.feedforward_delay_s[1], load_profile(config.profile))
         kinds = kinds_of_robots(config.curriculum, self.count)
-        plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / _POLICY_DT)
+        plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
         self.states = LiveStates(engine, self.memory)
@@ -107,7 +108,7 @@ class JumpEnv:
         plan, control, sense, finish = self.stages
         self._output.copy_(output)
         plan()
-        for _ in range(go1.POLICY_STEPS):
+        for _ in range(POLICY_STEPS):
             control()
             self._engine.step()
             sense()
@@ -197,7 +198,7 @@ class JumpEnv:
     def _obeyed(self) -> Tensor:
         """The newest plan that has arrived by now, shape (n, 10)."""
         memory = self.memory
-        late = torch.ceil((memory.plan_delay_s / go1.PHYSICS_DT - memory.tick) / go1.POLICY_STEPS)
+        late = torch.ceil((memory.plan_delay_s / PHYSICS_DT - memory.tick) / POLICY_STEPS)
         ago = late.clamp(0.0, len(self._plans_ago) - 1.0)
         return torch.where((self._plans_ago == ago[:, None])[..., None], memory.plans, 0.0).sum(1)
 

@@ -4,20 +4,21 @@ import torch
 from torch import Tensor
 
 from saltus import go1
+from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
+from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
 from saltus.terrain.batch import DRAWS, KINDS, draw_courses
 from saltus.trial import UPRIGHT_LIMIT
 
-_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
 
 TALLY = ("episodes", "finished", "tilted", "touched", "sunk", "astray", "way_m", "time_s")
@@ -79,7 +80,7 @@ class Episodes:
         sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < -limits.sunk_m)
         astray = (position[:, 1].abs() > limits.astray_m) | ((yaw - memory.heading).abs() > limits.astray_rad)
         failed = tilted | touched | sunk | astray | ~finite
-        memory.time_s.add_(_POLICY_DT)
+        memory.time_s.add_(POLICY_DT)
         finished = (position[:, 0] > memory.finish_x) & ~failed
         late = memory.time_s > limits.time_limit_s
         self.timed_out.copy_((finished | late) & ~failed)
@@ -137,12 +138,12 @@ class Episodes:
         """Redraws the torque on the trunk, and pushes; both at random times with the configured mean period."""
         memory, ranges = self._memory, self._config.randomisation
         events, extra = self._split()[3], self._split()[1]
-        redrawn = events[:, 2] < _POLICY_DT / ranges.torque_period_s
+        redrawn = events[:, 2] < POLICY_DT / ranges.torque_period_s
         torque = ranges.pitch_torque_nm * (2.0 * events[:, 3] - 1.0)
         store(memory, redrawn, pitch_torque=torque)
         across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
         self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
-        pushed = events[:, 4] < _POLICY_DT / ranges.push_period_s
+        pushed = events[:, 4] < POLICY_DT / ranges.push_period_s
         kick = ranges.push_mps * (2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0) * pushed[:, None]
         self._qvel[:, :2] += kick.to(self._qvel.dtype)
 

@@ -3,11 +3,10 @@
 import torch
 from torch import Tensor
 
-from saltus.kinematics import rotation_matrix
+from saltus.constants import GRAVITY
 from saltus.policy.env.memory import Memory
+from saltus.rotations import rotation_matrix
 from saltus.sim.engine import Engine
-
-_GRAVITY = 9.81
 
 
 class LiveStates:
@@ -36,7 +35,7 @@ class LiveStates:
     @property
     def acceleration_base(self) -> Tensor:
         """Specific force [m/s^2], shape (n, 3)."""
-        force = self._qacc[:, :3].float() + self._qpos.new_tensor([0.0, 0.0, _GRAVITY]).float()
+        force = self._qacc[:, :3].float() + self._qpos.new_tensor([0.0, 0.0, GRAVITY]).float()
         specific: Tensor = rotation_matrix(self.quaternion_base_in_world).mT @ force[..., None]
         return specific[..., 0]
 

@@ -5,11 +5,11 @@ from torch import Tensor
 
 from saltus import go1
 from saltus.grid import LINE, HeightGrid
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import SIZE, features
 from saltus.policy.observation import observe
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
 from saltus.terrain.batch import Courses
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.grid import LINE
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack

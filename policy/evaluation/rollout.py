@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
+from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
@@ -36,7 +36,6 @@ from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
 from saltus.wire.messages import ControllerMode, Floats
 
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
-_POLICY_DT = go1.PHYSICS_DT * go1.POLICY_STEPS
 
 
 HeightsFactory = Callable[[TerrainStack, Sequence[Trial]], HeightSource]
@@ -90,9 +89,9 @@ class Rollout:
         self.count = len(self.trials)
         self.planner = planner
         self._stand_steps = stand_steps
-        delay = round(plan_delay_s / go1.PHYSICS_DT)
+        delay = round(plan_delay_s / PHYSICS_DT)
         # How many plans ago the one was made that is obeyed at each physics step of a policy step.
-        self._plans_ago = [max(0, math.ceil((delay - tick) / go1.POLICY_STEPS)) for tick in range(go1.POLICY_STEPS)]
+        self._plans_ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
         self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
         self._plant = BatchPlant(
             terrains,
@@ -165,7 +164,7 @@ class Rollout:
         """Feeds the monitors; returns which robots are at their end."""
         now = self._plant.state
         position, quaternion = now.position_base_in_world, now.quaternion_base_in_world
-        time_s = self._index * _POLICY_DT
+        time_s = self._index * POLICY_DT
         for i, monitor in enumerate(self._monitors):
             if monitor.outcome is None:
                 monitor.step(time_s, position[i], quaternion[i], bool(touched[i]))

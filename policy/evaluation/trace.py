@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.policy.evaluation.rollout import RolloutStep
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome
 from saltus.wire.messages import Floats
 
 Failure = Literal["", "timeout", "trench", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
 
-STEP_S = go1.PHYSICS_DT * go1.POLICY_STEPS
+STEP_S = PHYSICS_DT * POLICY_STEPS
 LOADED_N = 5.0  # above the noise of a foot that grazes the ground
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
 SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold

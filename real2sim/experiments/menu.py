@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.errors import ConfigError, nearest_hint
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.motions import Section, repeated
@@ -49,7 +50,7 @@ class Experiment:
     @property
     def duration_s(self) -> float:
         """Time in motion."""
-        return float(sum(len(s.commands.q_des) for s in self.sections()) * go1.PHYSICS_DT)
+        return float(sum(len(s.commands.q_des) for s in self.sections()) * PHYSICS_DT)
 
 
 def _both(*parts: tuple[Section, ...]) -> tuple[Section, ...]:

@@ -10,14 +10,9 @@ import numpy as np
 
 from saltus import go1
 from saltus.arrays import Floats
-from saltus.kinematics import (
-    foot_kinematics,
-    foot_position,
-    inverse_kinematics,
-    quaternion_from_roll_pitch_yaw,
-    rotation_matrix,
-)
-from saltus.sim.plant import GRAVITY
+from saltus.constants import GRAVITY, PHYSICS_DT
+from saltus.kinematics import foot_kinematics, foot_position, inverse_kinematics
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 CENTRE = go1.STAND_POSE
 """About what joints of a held robot move [rad]: a stand, near the middle of the range of the calf."""
@@ -157,7 +152,7 @@ def stance(height_m: Floats, pitch_rad: Floats) -> Commands:
     _, jacobian = foot_kinematics(q_des)
     down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * go1.MASS * GRAVITY])  # what a foot exerts, (n, 3)
     tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
-    return Commands(q_des=q_des, dq_des=np.gradient(q_des, go1.PHYSICS_DT, axis=0), tau_ff=tau_ff)
+    return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff)
 
 
 def repeated(name: str, count: int, make: Callable[[], Commands]) -> tuple[Section, ...]:
@@ -167,7 +162,7 @@ def repeated(name: str, count: int, make: Callable[[], Commands]) -> tuple[Secti
 
 
 def _times(duration_s: float) -> Floats:
-    return go1.PHYSICS_DT * np.arange(round(duration_s / go1.PHYSICS_DT), dtype=np.float64)
+    return PHYSICS_DT * np.arange(round(duration_s / PHYSICS_DT), dtype=np.float64)
 
 
 def _envelope(t: Floats, duration_s: float) -> Floats:
@@ -178,4 +173,4 @@ def _envelope(t: Floats, duration_s: float) -> Floats:
 
 def _about_centre(offset: Floats) -> Commands:
     q_des = CENTRE + offset
-    return Commands(q_des=q_des, dq_des=np.gradient(q_des, go1.PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))
+    return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Floats, Indices
+from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.footage import Camera, film
@@ -19,6 +19,7 @@ from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
 from saltus.recordings.run_claims import SCHEMA
 from saltus.recordings.run_log import DepthTable, RunLog
+from saltus.robots.robot import JOINTS
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -116,7 +117,7 @@ def _move(
     """Plays all sections; those that put the robot elsewhere begin with a rest, unless it is let fall."""
     tape = _Tape()
     now = 0.0
-    rest = round(SETTLE_S / go1.PHYSICS_DT)
+    rest = round(SETTLE_S / PHYSICS_DT)
     for index, section in enumerate(sections):
         length = len(section.commands.q_des)
         ticks = np.arange(length)
@@ -125,7 +126,7 @@ def _move(
             _put(plant, section, terrain)
             if section.drop_m == 0.0:
                 ticks = np.concatenate([np.zeros(rest, dtype=np.int64), ticks])
-        begin = now + (len(ticks) - length) * go1.PHYSICS_DT
+        begin = now + (len(ticks) - length) * PHYSICS_DT
         now = _play(plant, experiment, section, index, ticks, now, tape)
         tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
         if progress is not None:
@@ -159,7 +160,7 @@ def _play(
         )
         believed = plant.step(command).joint_torque
         tape.rows.append(_Row(time_s=now, state=state, imu=imu, believed=believed, section=index, tick=int(tick)))
-        now = round(now + go1.PHYSICS_DT, TIME_DIGITS)
+        now = round(now + PHYSICS_DT, TIME_DIGITS)
     return now
 
 
@@ -192,10 +193,10 @@ def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, An
         "schema": SCHEMA,
         "robot": "go1",
         "base": experiment.base,
-        "joints": list(go1.JOINTS),
+        "joints": list(JOINTS),
         "kp": experiment.kp,
         "kd": experiment.kd,
-        "control_dt": go1.PHYSICS_DT,
+        "control_dt": PHYSICS_DT,
         "excitation": {"text": f"{experiment.name}: {experiment.how}", "segments": tape.segments},
         "terrain": "flat",
         "payload_kg": experiment.payload_kg,
@@ -207,7 +208,7 @@ def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, An
 
 def _depth(tape: _Tape, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator) -> DepthTable:
     """Images from the true poses at the camera's rate."""
-    every = round(1.0 / (camera.rate_hz * go1.PHYSICS_DT))
+    every = round(1.0 / (camera.rate_hz * PHYSICS_DT))
     rows = tape.rows[::every]
     return film(
         camera,

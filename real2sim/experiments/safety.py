@@ -7,8 +7,9 @@ import numpy as np
 from saltus import go1
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
 from saltus.real2sim.experiments.motions import Commands
+from saltus.robots.robot import JOINTS
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
 RUNAWAY = 1.5
 """Share of a joint's published speed limit at which a robot is stopped: a drive that works cannot exceed its limit by
@@ -77,14 +78,14 @@ class Limits:
         joint = int(outside.argmax())
         if outside[joint] > 0.0:
             raise UnsafeMotionError(
-                f"stopped at {time_s:.2f} s: {go1.JOINTS[joint]} is at {position[joint]:.2f} rad, its range is "
+                f"stopped at {time_s:.2f} s: {JOINTS[joint]} is at {position[joint]:.2f} rad, its range is "
                 f"{go1.JOINT_LOWER[joint]:.2f} to {go1.JOINT_UPPER[joint]:.2f}"
             )
         fast = np.abs(velocity) / go1.SPEED_LIMIT
         if fast.max() > RUNAWAY:
             joint = int(fast.argmax())
             raise UnsafeMotionError(
-                f"stopped at {time_s:.2f} s: {go1.JOINTS[joint]} moves at {velocity[joint]:.1f} rad/s, "
+                f"stopped at {time_s:.2f} s: {JOINTS[joint]} moves at {velocity[joint]:.1f} rad/s, "
                 f"more than {RUNAWAY:g} times its limit"
             )
         roll, pitch, _ = roll_pitch_yaw(rotation_matrix(quaternion))
@@ -99,4 +100,4 @@ class Limits:
             return
         joint = int(excess.argmax())
         worst = values[np.abs(values[:, joint]).argmax(), joint]
-        raise UnsafeMotionError(f"{go1.JOINTS[joint]} {what} of {worst:.2f}; allowed is {allowed}")
+        raise UnsafeMotionError(f"{JOINTS[joint]} {what} of {worst:.2f}; allowed is {allowed}")

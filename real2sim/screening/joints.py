@@ -14,6 +14,7 @@ from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
 from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import JointTable, RunLog
+from saltus.robots.robot import JOINTS
 
 SLOW_S = 0.3  # moving average that leaves what a position-controlled leg follows: below 1.5 Hz
 RATE_S = 0.1  # moving average over which dq must be the rate of q: longer than any delay or filter
@@ -125,9 +126,9 @@ def _units(log: RunLog) -> Iterator[Fault]:
 def _limits(log: RunLog) -> Iterator[Fault]:
     """Joints of a Go1 that stand where that joint cannot be: names, signs or offsets are wrong."""
     names = log.meta["joints"]
-    if log.meta.get("robot") != "go1" or not set(names) <= set(go1.JOINTS):
+    if log.meta.get("robot") != "go1" or not set(names) <= set(JOINTS):
         return
-    index = [go1.JOINTS.index(name) for name in names]
+    index = [JOINTS.index(name) for name in names]
     low, high = go1.JOINT_LOWER[index] - BEYOND_LIMIT, go1.JOINT_UPPER[index] + BEYOND_LIMIT
     middle = np.median(log.joints.q, axis=0)
     # A log of the camera may carry joints that nobody measured

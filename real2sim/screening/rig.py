@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from saltus.arrays import Floats
+from saltus.constants import GRAVITY
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import RunLog, Table
 
 UNIT_NORM = 0.01  # of a quaternion: four decimals in a text file make 1e-4
-GRAVITY = 9.81
 FREE_FALL = 0.3  # of it as the mean of an accelerometer: a robot that hops is on the ground for half of the time
 G_UNIT = 0.3
 TILT = 0.5  # |cos| between mean acceleration and up, below which axes are wrong: 60 degrees, biases are 2
@@ -53,7 +53,7 @@ def _gravity(imu: Table) -> Iterator[Fault]:
     mean = _rotation(imu.values[:, :4]).apply(acceleration).mean(axis=0)
     size = float(np.linalg.norm(mean))
     if size < FREE_FALL * GRAVITY:
-        text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it 9.81: taken out, or in g?"
+        text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it {GRAVITY:g}: taken out, or in g?"
         # In units of g it is 1; where gravity was taken out the other columns are still of use
         is_g = abs(float(np.linalg.norm(acceleration, axis=1).mean()) - 1) < G_UNIT
         yield Fault(name="acceleration_unit", text=text, is_fatal=is_g)

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saltus.arrays import Constant
+from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Site, Values, parameter, period
 from saltus.effects.signals import Drive
-from saltus.go1 import PHYSICS_DT
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from saltus.arrays import Array, Constant, namespace
+from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Site, Values, like, parameter, period
 from saltus.effects.signals import Drive
-from saltus.go1 import ARMATURE, PHYSICS_DT
+from saltus.go1 import ARMATURE
 
 Play = tuple[Array, Array, Array, Array, Array] | tuple[()]
 """How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming

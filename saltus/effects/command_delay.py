@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from saltus.constants import PHYSICS_DT
 from saltus.effects.delay_line import History, delayed
 from saltus.effects.effect import Effect, Site, Values, parameter, period
-from saltus.go1 import PHYSICS_DT
 from saltus.wire.messages import JointCommand
 
 

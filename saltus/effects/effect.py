@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.go1 import JOINTS
+from saltus.robots.robot import JOINTS
 from saltus.wire.messages import Floats
 
 Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "view"]
@@ -17,7 +17,7 @@ Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "hei
 Signal = TypeVar("Signal")
 
 Values: TypeAlias = float | tuple[float, ...] | Floats
-"""A parameter of the joints: one value for all, 12 values in the order of `saltus.go1.JOINTS`, or, for a batch of
+"""A parameter of the joints: one value for all, 12 values in the order of `JOINTS`, or, for a batch of
 robots that differ, an array of shape (robots, 1) or (robots, 12), which has no TOML form."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import namespace
 from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
 from saltus.effects.imu import ImuReading
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saltus.arrays import namespace
+from saltus.constants import PHYSICS_DT
 from saltus.effects.delay_line import History, delayed
 from saltus.effects.effect import Effect, PerRobot, Site, parameter, period
 from saltus.effects.imu import ImuReading
-from saltus.go1 import PHYSICS_DT
 
 
 @dataclass(frozen=True, kw_only=True)

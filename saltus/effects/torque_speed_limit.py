@@ -11,7 +11,8 @@ from saltus.arrays import Constant, namespace
 from saltus.effects.effect import Effect, Site, Values, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
-from saltus.go1 import JOINTS, TORQUE_LIMIT
+from saltus.go1 import TORQUE_LIMIT
+from saltus.robots.robot import JOINTS
 
 # Torque [Nm] and speed [rad/s] that no joint reaches, for joints without limit: infinity times a share of zero is not
 # a number. float32 holds it.

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus import go1
 from saltus.config import RunConfig, to_toml
 from saltus.provenance import commit
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import RunSummary, shown
+from saltus.robots.robot import LEGS
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import (
@@ -214,15 +214,15 @@ def _contact_figure(data: RunData) -> go.Figure:
     scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
     loaded = np.array([truth.foot_force for truth in data.truths]).reshape(-1, 4) > 5.0
     figure = go.Figure()
-    for index, leg in enumerate(go1.LEGS):
-        level = float(len(go1.LEGS) - index)
+    for index, leg in enumerate(LEGS):
+        level = float(len(LEGS) - index)
         for mask, colour, shift, name in ((scheduled, BLUE, 0.12, "scheduled"), (loaded, ORANGE, -0.12, "measured")):
             line = np.where(mask[:, index], level + shift, np.nan)
             figure.add_scatter(
                 x=data.time_s, y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
                 line={"color": colour, "width": 7}, hoverinfo="skip", text=leg,
             )  # fmt: skip
-    figure.update_yaxes(tickvals=[4, 3, 2, 1], ticktext=list(go1.LEGS), range=[0.5, 4.5])
+    figure.update_yaxes(tickvals=[4, 3, 2, 1], ticktext=list(LEGS), range=[0.5, 4.5])
     figure.update_xaxes(title="time [s]")
     figure.update_layout(height=260, legend={"orientation": "h", "y": 1.2})
     return figure

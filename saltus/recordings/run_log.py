@@ -21,17 +21,17 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from saltus import go1
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.recordings.run_claims import check_claims
+from saltus.robots.robot import LEGS
 
 FARTHEST_MM = 65535  # what uint16 holds
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 IMU_COLUMNS = (*QUATERNION, *(f"gyro_{a}" for a in AXES), *(f"acc_{a}" for a in AXES))
 BASE_COLUMNS = (*AXES, *QUATERNION, *(f"v{a}" for a in AXES))
-FEET_COLUMNS = tuple(f"f_{leg}" for leg in go1.LEGS)
+FEET_COLUMNS = tuple(f"f_{leg}" for leg in LEGS)
 JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est")
 REQUIRED_SIGNALS = ("q", "q_des")
 DEPTH_ARRAYS = {

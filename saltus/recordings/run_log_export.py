@@ -14,6 +14,7 @@ from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
 from saltus.recordings.run_claims import SCHEMA
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
+from saltus.robots.robot import JOINTS
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
@@ -55,7 +56,7 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
         "schema": SCHEMA,
         "robot": "go1",
         "base": "free",
-        "joints": list(go1.JOINTS),
+        "joints": list(JOINTS),
         "kp": np.median(np.concatenate([log.kp for log in logs]), axis=0).tolist(),
         "kd": np.median(np.concatenate([log.kd for log in logs]), axis=0).tolist(),
         "control_dt": logs[0].dt_s,

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from saltus import go1
+from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.sim.scene import VISUAL_GROUP
 from saltus.terrain.columns import Columns
@@ -130,7 +131,7 @@ def _add_trunk(trunk: mujoco.MjsBody) -> None:
 
 
 def _add_leg(spec: mujoco.MjSpec, leg: int) -> None:
-    name, side, fore = go1.LEGS[leg], float(go1.SIDE[leg]), float(np.sign(go1.HIP_ANCHOR[leg, 0]))
+    name, side, fore = LEGS[leg], float(go1.SIDE[leg]), float(np.sign(go1.HIP_ANCHOR[leg, 0]))
     hip, thigh, calf = (spec.body(f"{name}_{part}") for part in ("hip", "thigh", "calf"))
     _add(hip, CYLINDER, JOINT, pos=(-0.01 * fore, 0.0, 0.0), size=(0.04, 0.035, 0.0), quat=ALONG)
     _add(hip, CYLINDER, SHELL, pos=(0.0, 0.5 * side * go1.ABDUCTION_LENGTH, 0.0), size=(0.043, 0.028, 0.0), quat=ACROSS)

@@ -10,11 +10,13 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import JointState, Resistance
-from saltus.kinematics import foot_position, rotation_matrix
+from saltus.kinematics import foot_position
+from saltus.rotations import rotation_matrix
 from saltus.sim import scene
 from saltus.sim.bounds import terrain_nodes, tree_bounds
 from saltus.sim.plant import CLEARANCE, specific_force, standing_pose
@@ -165,7 +167,7 @@ class BatchPlant:
         if torque.resistance is not None:
             self._resist(torque.resistance)
         self._batch.step()
-        self._time += go1.PHYSICS_DT
+        self._time += PHYSICS_DT
         self._believed = np.array(torque.believed, dtype=np.float64)
         self._state = self._observe()
         self._measure()

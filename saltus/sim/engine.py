@@ -11,15 +11,15 @@ from abc import ABC, abstractmethod
 import mujoco
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Array
+from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 
 MEDIUM_PAYLOAD_KG = 0.75  # middle of what trials draw
 
-TOUCHING = tuple(f"{leg}_{link}" for link in ("foot", "thigh", "calf", "hip") for leg in go1.LEGS)
+TOUCHING = tuple(f"{leg}_{link}" for link in ("foot", "thigh", "calf", "hip") for leg in LEGS)
 """The shapes whose contacts an engine reports, in their order."""
 
 

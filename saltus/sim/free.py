@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
+from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.sim.state import Floats
 from saltus.terrain import flat
@@ -119,13 +120,13 @@ def _compiled(boxes: Boxes, solver: Solver) -> mujoco.MjModel:
     for sensor in list(spec.sensors):
         if not sensor.name.endswith("_force"):
             spec.delete(sensor)
-    solid = (scene.TRUNK, *(f"{leg}_{link}" for leg in go1.LEGS for link in ("calf", "foot")))
+    solid = (scene.TRUNK, *(f"{leg}_{link}" for leg in LEGS for link in ("calf", "foot")))
     for geom in spec.geoms:
         if geom.group == scene.ROBOT_GROUP and geom.name not in solid:
             geom.contype = geom.conaffinity = 0
         geom.solimp[:2] = solver.impedance if geom.group == scene.ROBOT_GROUP else geom.solimp[:2]
     spec.option.impratio = solver.impratio
-    spec.option.timestep = go1.PHYSICS_DT / solver.substeps
+    spec.option.timestep = PHYSICS_DT / solver.substeps
     if solver.is_pyramidal:
         spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     return spec.compile()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.kinematics import rotation_matrix
+from saltus.rotations import rotation_matrix
 
 HIP_RADIUS, HIP_LENGTH = 0.046, 0.04  # unitree_ros, collision cylinder along y
 

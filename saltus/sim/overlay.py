@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from saltus import go1
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix, yaw_rotation
+from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 

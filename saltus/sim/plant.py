@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.constants import GRAVITY
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import Resistance
 from saltus.errors import SaltusError
-from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position
+from saltus.robots.robot import LEGS
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState, sensed
 from saltus.states import Sensed
@@ -21,7 +24,6 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import JointCommand
 
-GRAVITY = 9.81  # the engine's default, original
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
 HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
@@ -114,9 +116,9 @@ class Plant:
         self._imu = imu or ImuChain()
         self._chain = chain or ActuatorChain()
         self._seed = seed
-        self._thighs = [self.model.body(f"{leg}_thigh").id for leg in go1.LEGS]
-        self._calves = [self.model.body(f"{leg}_calf").id for leg in go1.LEGS]
-        self._feet = [self.model.geom(f"{leg}_foot").id for leg in go1.LEGS]
+        self._thighs = [self.model.body(f"{leg}_thigh").id for leg in LEGS]
+        self._calves = [self.model.body(f"{leg}_calf").id for leg in LEGS]
+        self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
         self._actuators: Any = None
         self._imu_state: tuple[Any, ...] = ()
         self._reading: ImuReading

@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
+from saltus.robots.robot import JOINTS, LEGS
 from saltus.sim import links
 from saltus.sim.links import Inertia
 from saltus.terrain.boxes import Boxes
@@ -78,7 +80,7 @@ def build_spec(
     for geom in spec.geoms:
         if geom.group == ROBOT_GROUP:
             geom.friction[0] = friction
-    for name in go1.JOINTS:
+    for name in JOINTS:
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
     _add_contact_sensors(spec)
@@ -121,7 +123,7 @@ def set_body(model: mujoco.MjModel, body: BodyModel) -> None:
 
 
 def _options(spec: mujoco.MjSpec) -> None:
-    spec.option.timestep = go1.PHYSICS_DT
+    spec.option.timestep = PHYSICS_DT
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = CONTACT_IMPRATIO
     # A simulation that has diverged must show it, not jump back to the start.
@@ -151,7 +153,7 @@ def _add_trunk(spec: mujoco.MjSpec, com_shift: np.ndarray, payload_kg: float) ->
 
 
 def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
-    name, side = go1.LEGS[leg], float(go1.SIDE[leg])
+    name, side = LEGS[leg], float(go1.SIDE[leg])
     hip = base.add_body(name=f"{name}_hip", pos=go1.HIP_ANCHOR[leg])
     _add_hinge(hip, 3 * leg, axis=(1.0, 0.0, 0.0))
     _set_inertia(hip, links.hip(leg))
@@ -178,7 +180,7 @@ def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
 
 def _add_hinge(body: mujoco.MjsBody, joint: int, axis: Sequence[float]) -> None:
     body.add_joint(
-        name=go1.JOINTS[joint],
+        name=JOINTS[joint],
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=axis,
         limited=True,
@@ -214,11 +216,11 @@ def _add_robot_geom(body: mujoco.MjsBody, name: str, shape: mujoco.mjtGeom, **ho
 def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
     net_force, found = 3, 1  # the engine's codes: sum of all contacts as one, in the world frame; and their number
     data = mujoco.mjtConDataField
-    for leg in go1.LEGS:
+    for leg in LEGS:
         sensor = spec.add_sensor(name=f"{leg}_force", type=mujoco.mjtSensor.mjSENS_CONTACT)
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{leg}_foot"
         sensor.intprm[:3] = (1 << int(data.mjCONDATA_FORCE), net_force, 1)
-    for body in (TRUNK, PAYLOAD, *(f"{leg}_hip" for leg in go1.LEGS)):
+    for body in (TRUNK, PAYLOAD, *(f"{leg}_hip" for leg in LEGS)):
         sensor = spec.add_sensor(name=f"{body}_contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, body
         sensor.intprm[:3] = (1 << int(data.mjCONDATA_FOUND), 0, found)

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
+from saltus.robots.robot import LEGS
 from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
@@ -74,7 +74,7 @@ def render_run(
     option, camera = _option(), _camera()
     aim = _aim(time_s, base_pose[:, :3])
     drawn = (round(SUPERSAMPLING * size[0]), round(SUPERSAMPLING * size[1]))
-    feet = [model.geom(f"{leg}_foot").id for leg in go1.LEGS]
+    feet = [model.geom(f"{leg}_foot").id for leg in LEGS]
     frame_times = np.arange(time_s[0], time_s[-1] + 1e-9, 1.0 / fps)
     with drawing_context(model, *drawn) as context:
         for i in np.searchsorted(time_s, frame_times + 1e-9, side="right") - 1:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
@@ -45,13 +45,13 @@ def message(action, status):
 def run_until(robot, loop, end_s):
     """Plans every 10 ms on true heights; returns the last plan."""
     plan = None
-    for tick in range(round(end_s / go1.PHYSICS_DT)):
+    for tick in range(round(end_s / PHYSICS_DT)):
         loop.sense(robot.read())
-        late = tick % go1.POLICY_STEPS
+        late = tick % POLICY_STEPS
         if late == 0:
             heights = robot.truth(0, 0).height
             plan = message(PLANNER.step(observe(loop.state(0, 0)), heights), PlanStatus.GO)
-        robot.write(loop.act(plan, late * go1.PHYSICS_DT))
+        robot.write(loop.act(plan, late * PHYSICS_DT))
     return plan
 
 
@@ -59,10 +59,10 @@ def stop(robot, loop, plan, seconds):
     """The last plan grows old, or says STOP; returns what the controller did, with the time at which it began."""
     silent = plan.status == PlanStatus.GO
     modes = {}
-    for tick in range(round(seconds / go1.PHYSICS_DT)):
+    for tick in range(round(seconds / PHYSICS_DT)):
         loop.sense(robot.read())
-        robot.write(loop.act(plan, tick * go1.PHYSICS_DT if silent else 0.0))
-        modes.setdefault(loop.mode, tick * go1.PHYSICS_DT)
+        robot.write(loop.act(plan, tick * PHYSICS_DT if silent else 0.0))
+        modes.setdefault(loop.mode, tick * PHYSICS_DT)
     return modes
 
 
@@ -80,7 +80,7 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent
 
     order = [ControllerMode.LANDING, ControllerMode.STOPPED]
     assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)
-    assert modes[ControllerMode.STOPPED] - modes[ControllerMode.LANDING] < 1.1 + 2 * go1.PHYSICS_DT
+    assert modes[ControllerMode.STOPPED] - modes[ControllerMode.LANDING] < 1.1 + 2 * PHYSICS_DT
     state = robot.state
     assert state.position_base_in_world[2] > 0.24
     assert np.linalg.norm(state.velocity_base_in_world) < 0.1
@@ -143,5 +143,5 @@ def test_a_standing_foot_is_where_it_is_and_a_swinging_one_stays_behind(draw):
     assert trusted.any()
     assert not trusted.all()
     np.testing.assert_array_equal(after[trusted], diagnostics.body.foot_yaw[trusted])
-    moved = before.foothold - diagnostics.body.velocity[:, None] * go1.PHYSICS_DT
+    moved = before.foothold - diagnostics.body.velocity[:, None] * PHYSICS_DT
     np.testing.assert_allclose(after[~trusted], moved[~trusted])

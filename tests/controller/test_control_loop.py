@@ -7,12 +7,13 @@ import pytest
 
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.backend import Reading
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
@@ -62,7 +63,7 @@ def drive(robot, loop, seconds, planner=None, silent_after_s=np.inf):
 
 
 def ticks(seconds):
-    return np.arange(0, round(seconds / go1.PHYSICS_DT)) * go1.PHYSICS_DT
+    return np.arange(0, round(seconds / PHYSICS_DT)) * PHYSICS_DT
 
 
 def test_stands_for_three_seconds_without_plans():
@@ -119,7 +120,7 @@ def test_bounds_forward_with_a_useful_estimate():
 def test_the_first_go_waits_for_the_first_stand():
     robot, loop = make_robot(), ControlLoop()
     assert drive(robot, loop, FIRST_STAND_S, bounding) == [ControllerMode.STAND]
-    assert drive(robot, loop, go1.PHYSICS_DT, bounding) == [ControllerMode.RUN]
+    assert drive(robot, loop, PHYSICS_DT, bounding) == [ControllerMode.RUN]
 
 
 def test_a_reading_that_is_not_finite_damps_the_joints():
@@ -161,7 +162,7 @@ def test_joint_log_pairs_each_measurement_with_its_command():
         positions.append(reading.measurement.joint_position)
         robot.write(commands[-1])
     log = loop.take_joint_log(7, 3)
-    assert (log.time_ns, log.step, log.dt_s) == (7, 3, go1.PHYSICS_DT)
+    assert (log.time_ns, log.step, log.dt_s) == (7, 3, PHYSICS_DT)
     np.testing.assert_array_equal(log.position, positions)
     np.testing.assert_array_equal(log.position_desired, [c.position for c in commands])
     np.testing.assert_array_equal(log.kp, [c.kp for c in commands])

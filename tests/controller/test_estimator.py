@@ -3,11 +3,13 @@ import pytest
 import torch
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator, EstimatorState
-from saltus.kinematics import foot_kinematics, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_kinematics
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import Sensed
 
-DT = go1.PHYSICS_DT
+DT = PHYSICS_DT
 VELOCITY = np.array([0.4, -0.1, 0.0])
 HEIGHT = 0.25
 

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.controller.law import LegController
 from saltus.controller.signals import plan_from_message
 from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
@@ -95,7 +96,7 @@ def test_landing_legs_that_are_down_stay_down(draw):
     state = LAW.init((64,), sensed.joint_position)
     state = replace(LAW.step(plan, sensed, state)[1], gait=replace(state.gait, phase=rng.uniform(1.0, 2.0, 64)))
     down = np.zeros((64, 4), dtype=bool)
-    for _ in range(int(0.35 / go1.PHYSICS_DT)):  # swing and flight at 2 Hz last 0.3 s
+    for _ in range(int(0.35 / PHYSICS_DT)):  # swing and flight at 2 Hz last 0.3 s
         plan, sensed = draw(rng, (64,))
         _, state, diagnostics = LAW.step(plan, sensed, state, ControllerMode.LANDING)
         assert (diagnostics.gait.contact | ~down).all()

@@ -8,7 +8,7 @@ from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver, invert
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 
 CONFIG = StanceConfig()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus import go1, kinematics
+from saltus import go1, rotations
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.grid import HEIGHTMAP_X
@@ -60,7 +60,7 @@ def glide(
     zero = np.zeros(steps)
     position = np.stack([x, zero, z], axis=-1)
     velocity = np.gradient(position, 0.01, axis=0)
-    quaternion = kinematics.quaternion_from_roll_pitch_yaw(zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero)
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero)
     joints = np.tile(go1.STAND_POSE, (steps, 1))
     images = EmbreeRenderer(ground, camera, legs=False, threads=1).render_batch(
         position[::2], quaternion[::2], joints[::2]

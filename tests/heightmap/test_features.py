@@ -7,15 +7,16 @@ from heightmap_inputs import states
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
 from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception, proprioception_of
+from saltus.robots.robot import LEGS
 
 INDEX = {name: i for i, name in enumerate(PROPRIOCEPTION)}
 ANGLE = st.floats(-1.2, 1.2)
 
 
 def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.ndarray:
-    quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in (roll, pitch, yaw)))
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in (roll, pitch, yaw)))
     values: dict[str, np.ndarray] = {
         "quaternion_base_in_world": quaternion,
         "angular_velocity_base": np.zeros(3),
@@ -38,7 +39,7 @@ def test_roll_and_pitch_come_back_and_yaw_has_no_effect(roll: float, pitch: floa
 
 def test_standing_feet_are_below_the_hips() -> None:
     vector = build(0.0, 0.0, 0.7)
-    for leg, (x, _, z) in zip(go1.LEGS, kinematics.foot_position(go1.STAND_POSE), strict=True):
+    for leg, (x, _, z) in zip(LEGS, kinematics.foot_position(go1.STAND_POSE), strict=True):
         assert vector[INDEX[f"{leg}_foot_x"]] == pytest.approx(x, abs=1e-6)
         assert vector[INDEX[f"{leg}_foot_z"]] == pytest.approx(z, abs=1e-6)
 
@@ -50,8 +51,8 @@ def test_a_leg_that_is_not_trusted_says_nothing(leg: int) -> None:
     moved[3 * leg : 3 * leg + 3] = [0.3, 1.2, -2.0]
     vector, other = (build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q) for q in (go1.STAND_POSE, moved))
     np.testing.assert_array_equal(vector, other)
-    assert vector[INDEX[f"{go1.LEGS[leg]}_foot_z"]] == 0.0
-    assert vector[INDEX[f"{go1.LEGS[leg]}_trusted"]] == 0.0
+    assert vector[INDEX[f"{LEGS[leg]}_foot_z"]] == 0.0
+    assert vector[INDEX[f"{LEGS[leg]}_trusted"]] == 0.0
 
 
 def test_velocities_are_in_the_yaw_frame() -> None:
@@ -89,7 +90,7 @@ def test_a_batch_equals_one_by_one() -> None:
 def test_tensors_give_the_same_vector() -> None:
     rng = np.random.default_rng(1)
     values = {
-        "quaternion_base_in_world": kinematics.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.0, 1.0, (3, 50))),
+        "quaternion_base_in_world": rotations.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.0, 1.0, (3, 50))),
         "angular_velocity_base": rng.normal(size=(50, 3)),
         "joint_position": rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (50, 12)),
         "velocity_base_in_world": rng.normal(size=(50, 3)),
@@ -107,7 +108,7 @@ def test_tensors_give_the_same_vector() -> None:
 def test_a_message_gives_the_same_vector() -> None:
     """Floats of one robot and arrays of many: the law is the same, and so are the numbers."""
     rng = np.random.default_rng(2)
-    quaternion = kinematics.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.2, 1.2, (3, 50)))
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.2, 1.2, (3, 50)))
     quaternion[::2] *= rng.uniform(0.996, 1.004, (25, 1))  # as far from one as a message may be
     for row in quaternion:
         values = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from recorded_run import LATENCY_NS, MS, Glide, glide
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
 from saltus.grid import HEIGHTMAP_X
@@ -54,7 +54,7 @@ def test_with_exact_odometry_heights_are_those_of_the_terrain(terrain: TerrainCo
 
 def test_heights_do_not_depend_on_the_heading(step_run: Glide) -> None:
     angle = 0.7
-    turn = kinematics.yaw_rotation(np.asarray(angle))
+    turn = rotations.yaw_rotation(np.asarray(angle))
     half = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
     turned = [
         replace(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
 from saltus.heightmap.service.replay import AssumeLevel, replay_frames
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import HeightmapStatus
@@ -29,7 +29,7 @@ def test_a_stand_in_warms_up_frame_by_frame(model_path: Path) -> None:
 @pytest.mark.parametrize(("height_m", "pitch_deg"), [(0.268, 29.8), (0.3, 29.8), (0.25, 20.0), (0.27, 40.0)])
 def test_a_stand_in_stands_on_the_ground(height_m: float, pitch_deg: float) -> None:
     (state,) = AssumeLevel(base_height_m=height_m, camera_pitch_deg=pitch_deg).states([f for f in [on_time(5)] if f])
-    rotation = kinematics.rotation_matrix(state.quaternion_base_in_world)
+    rotation = rotations.rotation_matrix(state.quaternion_base_in_world)
     feet = kinematics.foot_position(state.joint_position) @ rotation.T
     np.testing.assert_allclose(feet[:, 2], go1.FOOT_RADIUS - height_m, atol=1e-3)
     camera_axis = rotation @ [np.cos(go1.CAMERA_PITCH), 0.0, -np.sin(go1.CAMERA_PITCH)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded_run import Glide, glide, record
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.cli.heightmap_report import Report
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
@@ -153,7 +153,7 @@ def test_in_view_is_what_pixels_look_at() -> None:
     rng = np.random.default_rng(1)
     rays = ray_directions(MODEL_CAMERA)
     for _ in range(20):
-        quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in rng.uniform(-0.5, 0.5, 3)))
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in rng.uniform(-0.5, 0.5, 3)))
         position = rng.normal(size=3)
         origin, rotation = camera_pose(Mount(), position, quaternion)
         inside = rays * rng.uniform(0.1, 0.99 * RANGE_M, (48, 16, 1))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic_motion import GlidingRobots
 
-from saltus import kinematics
+from saltus import rotations
 from saltus.config import TerrainKind
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.planned import PlannedBounding
@@ -35,6 +35,6 @@ def test_true_heights_are_the_terrain_along_the_yaw(kind: TerrainKind) -> None:
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     heights = true_heights(trajectory.terrain, position, quaternion)
     for i in (0, 20, 49):
-        ahead = kinematics.rotation_matrix(quaternion[i])[:2, 0]
+        ahead = rotations.rotation_matrix(quaternion[i])[:2, 0]
         points = position[i, 0] + HEIGHTMAP_X * ahead[0] / np.linalg.norm(ahead)
         np.testing.assert_allclose(heights[i], trajectory.terrain.height_at(points, 0.0) - position[i, 2], atol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saltus import go1, kinematics
+from saltus import go1, rotations
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X
@@ -21,7 +21,7 @@ def poses(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
     x = rng.uniform(-0.5, 1.5, count)
     position = np.stack([x, rng.uniform(-0.1, 0.1, count), rng.uniform(0.25, 0.45, count)], -1)
     angles = rng.uniform([[-0.05], [-0.35], [-0.1]], [[0.05], [0.35], [0.1]], (3, count))
-    return position, kinematics.quaternion_from_roll_pitch_yaw(*angles)
+    return position, rotations.quaternion_from_roll_pitch_yaw(*angles)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -8,8 +8,9 @@ import pytest
 from saltus import go1
 from saltus.controller.signals import Body, observe
 from saltus.controller.swing import SwingConfig, SwingLegs
-from saltus.kinematics import foot_position, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state
 
 HIGHEST_STEP = 0.75  # [m], what the policy is to reach in the end

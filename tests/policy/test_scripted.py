@@ -9,7 +9,6 @@ import torch
 
 from saltus import go1
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.policy.action import (
     PITCH_RATE_LIMIT,
     RESIDUAL_HIGH,
@@ -21,6 +20,7 @@ from saltus.policy.action import (
 from saltus.policy.observation import Observation, observe
 from saltus.policy.profile import height_at, highest_between, slope
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 from saltus.wire.messages import Floats
 

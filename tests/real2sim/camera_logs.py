@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import lfilter
 
 from saltus.arrays import Floats
-from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 40.0
 POSITION, PITCH, LATENCY_S = (0.272, 0.0075, 0.092), 0.52, 0.05

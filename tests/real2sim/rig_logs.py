@@ -8,6 +8,7 @@ import numpy as np
 from saltus import go1
 from saltus.arrays import Floats
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.robots.robot import JOINTS
 
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)
@@ -60,7 +61,7 @@ def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> Run
         tau_est=torque + rng.normal(0, 0.2, q.shape),
     )
     meta: dict[str, Any] = {
-        "schema": "saltus-run/1", "robot": "go1", "base": "fixed", "joints": list(go1.JOINTS),
+        "schema": "saltus-run/1", "robot": "go1", "base": "fixed", "joints": list(JOINTS),
         "kp": 20.0, "kd": 0.5, "control_dt": DT, "terrain": "flat",
     }  # fmt: skip
     return RunLog(meta=meta, joints=joints)

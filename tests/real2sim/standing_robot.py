@@ -7,16 +7,19 @@ from typing import Any
 import numpy as np
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
-from saltus.kinematics import foot_position, inverse_kinematics, quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.kinematics import foot_position, inverse_kinematics
 from saltus.recordings.run_log import JointTable, RunLog, Table
+from saltus.robots.robot import JOINTS
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
 from saltus.wire.messages import JointCommand
 
 KP, KD = 100.0, 2.0
-DT = go1.PHYSICS_DT
+DT = PHYSICS_DT
 NOISE = {"q": 1e-3, "dq": 0.05, "tau": 0.2, "position": 1e-3, "tilt": 2e-3, "velocity": 0.02, "gyro": 0.01, "acc": 0.1}
 STAND_FEET = np.asarray(foot_position(go1.STAND_POSE))
 
@@ -146,7 +149,7 @@ def _noisy(
         "schema": "saltus-run/1",
         "robot": "go1",
         "base": "free",
-        "joints": list(go1.JOINTS),
+        "joints": list(JOINTS),
         "kp": KP,
         "kd": KD,
         "control_dt": DT,

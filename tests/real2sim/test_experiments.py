@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
@@ -38,7 +39,7 @@ def test_every_motion_begins_and_ends_where_it_can_be_repeated_and_stays_within_
     experiment = EXPERIMENTS[name]
     sections = experiment.sections()
     assert set(experiment.shows) <= set(EFFECTS)
-    assert experiment.duration_s == pytest.approx(sum(len(s.commands.q_des) for s in sections) * go1.PHYSICS_DT)
+    assert experiment.duration_s == pytest.approx(sum(len(s.commands.q_des) for s in sections) * PHYSICS_DT)
     for section in sections:
         experiment.limits.check_commands(section.commands, experiment.kp)
         for values in vars(section.commands).values():
@@ -101,7 +102,7 @@ def test_a_held_robot_moves_by_the_law_of_its_drives() -> None:
     assert joints.dq_des is not None
     law = experiment.kp * (joints.q_des - joints.q) + experiment.kd * (joints.dq_des - joints.dq)
     np.testing.assert_allclose(joints.tau_est, law, atol=1e-9)
-    np.testing.assert_allclose(np.diff(joints.q, axis=0), go1.PHYSICS_DT * joints.dq[:-1], atol=2e-3)
+    np.testing.assert_allclose(np.diff(joints.q, axis=0), PHYSICS_DT * joints.dq[:-1], atol=2e-3)
     stuck = run(experiment, Profile(actuator=(CoulombFriction(torque=20.0),)), noise=silent).joints
     assert np.ptp(stuck.q, axis=0).max() < 0.02, "friction above every torque must hold the joints"
 

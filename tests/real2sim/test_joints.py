@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from saltus import go1
 from saltus.arrays import Floats
+from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
@@ -22,11 +23,12 @@ from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.search.saturation_curve import _fitted, _Pieces
 from saltus.recordings.run_log import JointTable, RunLog
+from saltus.robots.robot import JOINTS
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
 from saltus.wire.messages import JointCommand
 
-DT = go1.PHYSICS_DT
+DT = PHYSICS_DT
 KP, KD = 40.0, 1.0
 NOISE = (1e-3, 0.05, 0.2)  # rad, rad/s, Nm: typical of drives of this class
 PLACES = ("hip", "thigh", "calf")
@@ -67,7 +69,7 @@ def motion(*effects: Effect[Any], kp: float = KP) -> RunLog:
         "schema": "saltus-run/1",
         "robot": "go1",
         "base": "fixed",
-        "joints": list(go1.JOINTS),
+        "joints": list(JOINTS),
         "kp": kp,
         "kd": KD,
         "control_dt": DT,

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from rig_logs import Rig, joints_log
 
-from saltus import go1
 from saltus.real2sim.problem.problem import Driver
 from saltus.real2sim.reporting.localise import Channel, in_words, localise
 from saltus.real2sim.reporting.regimes import drivers_of
+from saltus.robots.robot import JOINTS
 
 ROWS = 3000
-JOINTS = go1.JOINTS
 
 
 def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:

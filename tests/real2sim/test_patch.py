@@ -22,6 +22,7 @@ from saltus.real2sim.pipeline import resolved
 from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.robots.robot import JOINTS
 
 CALVES = ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
 REACH = Applicability(torque_nm=20.0, duration_s=24.0)
@@ -71,7 +72,7 @@ def test_a_patch_composes_with_what_the_profile_has() -> None:
     profile = patch(found("coulomb_friction", ("RL_hip",), torque=0.5)).applied_to(base)
     assert {effect.name for effect in profile.actuator} == {"coulomb_friction", "command_delay"}
     friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
-    np.testing.assert_array_equal(friction.torque, np.where(np.array(go1.JOINTS) == "RL_hip", 0.5, 0.2))
+    np.testing.assert_array_equal(friction.torque, np.where(np.array(JOINTS) == "RL_hip", 0.5, 0.2))
     assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(GO1).actuator == GO1.actuator
 
 

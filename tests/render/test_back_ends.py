@@ -12,13 +12,13 @@ from saltus import go1
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render._gl import gl_platform
 from saltus.render.backends import make_renderer, preference, present
 from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
 from saltus.wire.messages import Floats

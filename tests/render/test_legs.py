@@ -5,10 +5,11 @@ import pytest
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
-from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.render.capsules import capsule_depth, capsules_in_camera, draw_capsules
 from saltus.render.legs import Capsules, leg_capsules
+from saltus.robots.robot import LEGS
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.scene import build_spec
 from saltus.terrain.curriculum import make_terrain
 
@@ -25,7 +26,7 @@ def test_links_are_where_the_simulator_has_them() -> None:
         mujoco.mj_kinematics(model, data)
         legs = leg_capsules(joints)
         base = rotation_matrix(data.qpos[3:7])
-        for i, leg in enumerate(go1.LEGS):
+        for i, leg in enumerate(LEGS):
             for place, body in ((i, f"{leg}_thigh"), (4 + i, f"{leg}_calf")):
                 np.testing.assert_allclose(position + base @ legs.start[place], data.body(body).xpos, atol=1e-9)
             foot = data.geom(f"{leg}_foot").xpos

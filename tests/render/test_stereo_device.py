@@ -12,7 +12,6 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.effect import map_arrays
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.holes import filled_along_rows, filled_from_around
 from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import StereoConfig
@@ -23,6 +22,7 @@ from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ArrayWindows
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import KorniaWindows, TorchStereo
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 
 ASKED_BY = ("saltus.render.holes", "saltus.render.postfilter", "saltus.render.stereo.flying_pixels")

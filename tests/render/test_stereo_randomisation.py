@@ -10,11 +10,11 @@ from saltus.config import from_toml, to_toml
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
-from saltus.kinematics import rotation_matrix
 from saltus.render.camera import Mount, camera_pose
 from saltus.render.randomisation import CameraDraw, CameraRandomisation, Uniform
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.sensor_freeze import SensorFreeze
+from saltus.rotations import rotation_matrix
 
 COUNT = 400
 ANY = CameraRandomisation()

@@ -7,12 +7,12 @@ import pytest
 
 from saltus.config import TerrainConfig
 from saltus.go1 import STAND_POSE
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.camera import camera_pose, ray_directions
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import ALONG_RAY, FARTHEST_M, StereoEmbree
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 

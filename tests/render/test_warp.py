@@ -10,13 +10,13 @@ from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.render.camera import Mount
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.warp import WarpCaster, WarpRenderer
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.batch import BOXES, DRAWS, draw_courses
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import make_terrain

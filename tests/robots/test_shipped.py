@@ -11,7 +11,7 @@ import saltus.robots
 from saltus import go1, kinematics
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import derive_robot, load_robot
-from saltus.robots.robot import JOINTS, LEGS
+from saltus.robots.robot import JOINTS
 from saltus.robots.similarity import Similarity
 from saltus.sim import scene
 from saltus.terrain import flat, stairs
@@ -50,10 +50,6 @@ NUMBERS = {
 @pytest.mark.parametrize("name", NUMBERS)
 def test_its_numbers_are_the_old_ones(name):
     np.testing.assert_array_equal(getattr(ROBOT, name), NUMBERS[name])
-
-
-def test_names_and_order_are_the_old_ones():
-    assert (LEGS, JOINTS) == (go1.LEGS, go1.JOINTS)
 
 
 def test_feet_are_where_they_were():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from saltus import go1
+from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.base_inertia import BaseInertia
 from saltus.effects.body import BodyChain
 from saltus.effects.com_offset import ComOffset
@@ -16,9 +17,9 @@ from saltus.effects.imu import ImuChain
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
 from saltus.effects.payload_mass import PayloadMass
-from saltus.kinematics import roll_pitch_yaw, rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
-from saltus.sim.plant import GRAVITY, Plant
+from saltus.sim.plant import Plant
 from saltus.terrain import flat
 from saltus.wire.messages import JointCommand
 
@@ -41,7 +42,7 @@ def stand(shape: tuple[int, ...] = ()) -> JointCommand:
 
 def settled(*effects: Effect[Any], seconds: float = 1.0) -> Plant:
     plant = Plant(flat.make(), body=BodyChain(effects))
-    for _ in range(round(seconds / go1.PHYSICS_DT)):
+    for _ in range(round(seconds / PHYSICS_DT)):
         plant.step(stand())
     return plant
 
@@ -96,7 +97,7 @@ def test_a_level_base_is_reported_at_the_bias(angle: float) -> None:
 
 @pytest.mark.parametrize("steps", [0, 1, 4])
 def test_a_late_imu_reports_the_past(steps: int) -> None:
-    plant = Plant(flat.make(), imu=ImuChain((ImuLatency(delay=steps * go1.PHYSICS_DT),)))
+    plant = Plant(flat.make(), imu=ImuChain((ImuLatency(delay=steps * PHYSICS_DT),)))
     true, reported = [], []
     for _ in range(60):
         state = plant.step(stand())

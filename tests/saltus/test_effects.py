@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from saltus.constants import PHYSICS_DT
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
@@ -23,7 +24,7 @@ from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
-from saltus.go1 import PHYSICS_DT, REDUCTION, TORQUE_LIMIT
+from saltus.go1 import REDUCTION, TORQUE_LIMIT
 from saltus.wire.messages import JointCommand
 
 ZERO = np.zeros(12)

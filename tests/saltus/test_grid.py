@@ -4,7 +4,7 @@ import torch
 
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE, HeightGrid
-from saltus.kinematics import quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 FIELD = HeightGrid(x=(-0.4, 0.1, 0.8), y=(-0.2, 0.0, 0.3))
 

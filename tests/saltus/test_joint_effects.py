@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.effects.armature import Armature
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
@@ -18,7 +19,6 @@ from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.effects.viscous_friction import ViscousFriction
-from saltus.go1 import PHYSICS_DT
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant

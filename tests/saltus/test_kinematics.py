@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 import torch
 
-from saltus import go1, kinematics
+from saltus import go1, kinematics, rotations
 from saltus.config import TerrainConfig
+from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.terrain.curriculum import make_terrain
 
@@ -53,12 +54,12 @@ def test_jacobian_equals_finite_differences():
 
 def test_feet_and_jacobians_equal_those_of_mujoco(model):
     data = mujoco.MjData(model)
-    geoms = [model.geom(f"{leg}_foot").id for leg in go1.LEGS]
+    geoms = [model.geom(f"{leg}_foot").id for leg in LEGS]
     for joints, angles in zip(ANYWHERE, ANGLES, strict=True):
-        quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
         data.qpos[:] = np.concatenate([[0.3, -0.2, 1.0], quaternion, joints])
         mujoco.mj_forward(model, data)
-        rotation = kinematics.rotation_matrix(quaternion)
+        rotation = rotations.rotation_matrix(quaternion)
         position, jacobian = kinematics.foot_kinematics(joints)
         np.testing.assert_allclose(position @ rotation.T + data.qpos[:3], data.geom_xpos[geoms], atol=1e-9)
         for leg, geom in enumerate(geoms):
@@ -70,18 +71,18 @@ def test_feet_and_jacobians_equal_those_of_mujoco(model):
 
 def test_angles_survive_quaternion_and_matrix():
     roll, pitch, yaw = ANGLES.T
-    quaternion = kinematics.quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=-1), 1.0)
-    rotation = kinematics.rotation_matrix(quaternion)
+    rotation = rotations.rotation_matrix(quaternion)
     np.testing.assert_allclose(rotation @ rotation.mT, np.broadcast_to(np.eye(3), rotation.shape), atol=1e-12)
-    np.testing.assert_allclose(np.stack(kinematics.roll_pitch_yaw(rotation), -1), ANGLES, atol=1e-9)
-    level = kinematics.quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
-    np.testing.assert_allclose(kinematics.yaw_rotation(yaw), kinematics.rotation_matrix(level), atol=1e-12)
+    np.testing.assert_allclose(np.stack(rotations.roll_pitch_yaw(rotation), -1), ANGLES, atol=1e-9)
+    level = rotations.quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
+    np.testing.assert_allclose(rotations.yaw_rotation(yaw), rotations.rotation_matrix(level), atol=1e-12)
 
 
 def test_skew_is_the_cross_product():
     v, u = RNG.normal(size=(2, 50, 3))
-    np.testing.assert_allclose((kinematics.skew(v) @ u[..., None])[..., 0], np.cross(v, u), atol=1e-12)
+    np.testing.assert_allclose((rotations.skew(v) @ u[..., None])[..., 0], np.cross(v, u), atol=1e-12)
 
 
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
@@ -98,9 +99,9 @@ def test_floats_of_one_robot_give_the_same_feet_and_rotation():
     for joints, angles in zip(ANYWHERE, ANGLES, strict=True):
         feet = kinematics.foot_positions_of_one(joints.tolist())
         np.testing.assert_allclose(feet, kinematics.foot_position(joints), rtol=0.0, atol=1e-15)
-        quaternion = kinematics.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
-        rotation = kinematics.rotation_of_one(quaternion.tolist())
-        np.testing.assert_allclose(rotation, kinematics.rotation_matrix(quaternion), rtol=0.0, atol=1e-15)
+        quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in angles))
+        rotation = rotations.rotation_of_one(quaternion.tolist())
+        np.testing.assert_allclose(rotation, rotations.rotation_matrix(quaternion), rtol=0.0, atol=1e-15)
 
 
 def test_single_precision_stays_single():

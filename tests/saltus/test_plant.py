@@ -6,11 +6,12 @@ import pytest
 
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
-from saltus.kinematics import rotation_matrix
-from saltus.sim.plant import GRAVITY, Plant
+from saltus.rotations import rotation_matrix
+from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain import flat
 from saltus.terrain.curriculum import TABLE, make_terrain
@@ -100,7 +101,7 @@ def test_the_accelerometer_integrates_to_the_velocity() -> None:
         before = plant.state
         after = plant.step(command)
         specific = rotation_matrix(after.quaternion_base_in_world) @ after.acceleration_base
-        change = (specific - [0.0, 0.0, GRAVITY]) * go1.PHYSICS_DT
+        change = (specific - [0.0, 0.0, GRAVITY]) * PHYSICS_DT
         np.testing.assert_allclose(after.velocity_base_in_world - before.velocity_base_in_world, change, atol=1e-9)
 
 

@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 
 from saltus import go1
+from saltus.constants import PHYSICS_DT
 from saltus.kinematics import foot_position
+from saltus.robots.robot import JOINTS, LEGS
 from saltus.sim import links, scene
 from saltus.terrain import flat, stairs
 
@@ -36,9 +38,9 @@ def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
     assert not model.dof_frictionloss.any()
     assert not model.actuator_ctrllimited.any()
     assert not model.actuator_forcelimited.any()
-    assert model.opt.timestep == go1.PHYSICS_DT
-    assert [model.joint(i).name for i in range(1, 13)] == list(go1.JOINTS)
-    assert [model.actuator(i).name for i in range(12)] == list(go1.JOINTS)
+    assert model.opt.timestep == PHYSICS_DT
+    assert [model.joint(i).name for i in range(1, 13)] == list(JOINTS)
+    assert [model.actuator(i).name for i in range(12)] == list(JOINTS)
     np.testing.assert_allclose(model.jnt_range[1:], np.stack([go1.JOINT_LOWER, go1.JOINT_UPPER], axis=-1))
 
 
@@ -46,7 +48,7 @@ def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
 def test_feet_are_where_the_kinematics_say(model: mujoco.MjModel, pose: np.ndarray) -> None:
     data = in_the_air(model, pose)
     mujoco.mj_kinematics(model, data)
-    feet = np.stack([data.geom(f"{leg}_foot").xpos for leg in go1.LEGS])
+    feet = np.stack([data.geom(f"{leg}_foot").xpos for leg in LEGS])
     np.testing.assert_allclose(feet - data.qpos[:3], foot_position(pose), atol=1e-9)
 
 
@@ -69,7 +71,7 @@ def test_inertia_tensors_belong_to_real_bodies(link: links.Inertia) -> None:
 
 def test_the_legs_mirror_each_other(model: mujoco.MjModel) -> None:
     for part in ("hip", "thigh", "calf"):
-        bodies = [model.body(f"{leg}_{part}") for leg in go1.LEGS]
+        bodies = [model.body(f"{leg}_{part}") for leg in LEGS]
         for right, left in (bodies[:2], bodies[2:]):
             mirrored = right.ipos if part == "calf" else right.ipos * [1, -1, 1]  # the calf is one part for both sides
             np.testing.assert_allclose(left.ipos, mirrored)

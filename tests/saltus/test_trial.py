@@ -7,7 +7,7 @@ from saltus.config import TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import GO1, IDEAL
 from saltus.effects.torque_gain import TorqueGain
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import TABLE, make_terrain
 from saltus.trial import Outcome, Trial, TrialMonitor, judge
 

@@ -9,7 +9,7 @@ from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.overlay import heightmap_in_world
 from saltus.sim.video import render_run, write_video
 from saltus.sim.video import test_frame as draw_test_frame

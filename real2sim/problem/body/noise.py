@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.go1 import JOINTS, PHYSICS_DT
-from saltus.kinematics import rotation_matrix
+from saltus.constants import PHYSICS_DT
 from saltus.real2sim.problem import rotations, stream_noise
 from saltus.real2sim.problem.body.windows import BLOCK_STEPS, SMOOTHING_STEPS
 from saltus.real2sim.problem.stream_noise import rotation_columns
 from saltus.recordings.run_log import RunLog
+from saltus.robots.robot import JOINTS
+from saltus.rotations import rotation_matrix
 
 KINDS = ("position", "tilt", "velocity", "q", "dq")
 """Kinds of signals, each with one noise: the axes of a sensor are alike."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
-from saltus.go1 import PHYSICS_DT, REDUCTION
+from saltus.go1 import REDUCTION
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,
     BLOCKS,

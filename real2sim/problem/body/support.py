@@ -3,10 +3,11 @@
 import numpy as np
 
 from saltus import go1
-from saltus.kinematics import foot_jacobian, rotation_matrix
+from saltus.constants import GRAVITY
+from saltus.kinematics import foot_jacobian
 from saltus.recordings.run_log import RunLog
+from saltus.rotations import rotation_matrix
 
-GRAVITY = 9.81
 LEAST_SHARE = 0.5
 """Of the robot's weight. In the mean over a log the ground gives all of it; motors a third weaker than told still seem
 to give two thirds."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.go1 import PHYSICS_DT
+from saltus.constants import PHYSICS_DT
 from saltus.real2sim.problem.problem import Problem
 
 TYPICAL = {

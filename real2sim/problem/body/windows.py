@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from saltus.arrays import Floats, Indices
-from saltus.go1 import PHYSICS_DT, POLICY_STEPS
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import gains, sampled
 from saltus.real2sim.problem.problem import Segment

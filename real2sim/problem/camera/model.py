@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.kinematics import skew
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.pose import BaseMotion, ClaimedCamera
 from saltus.real2sim.problem.camera.rays import Scene
 from saltus.render.camera import Mount
+from saltus.rotations import skew
 
 FARTHEST_M = 65.535  # what a run log can hold
 

@@ -12,9 +12,9 @@ from scipy.stats import median_abs_deviation
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.go1 import STAND_HEIGHT
-from saltus.kinematics import rotation_matrix
 from saltus.real2sim.problem.rotations import continuous, unit
 from saltus.recordings.run_log import RunLog
+from saltus.rotations import rotation_matrix
 
 SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
 SMOOTHING_ORDER = 3

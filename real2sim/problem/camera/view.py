@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.kinematics import rotation_matrix
 from saltus.real2sim.problem.camera.pose import claimed_camera
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.real2sim.problem.rotations import unit
 from saltus.render.camera import Mount
+from saltus.rotations import rotation_matrix
 
 
 def expected_depth(poses: Floats, meta: dict[str, Any], rows: Indices, columns: Indices) -> Floats:

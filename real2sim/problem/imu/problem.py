@@ -9,12 +9,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from saltus.arrays import Floats
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DELAY_S, STEP_S, WINDOW_STEPS, cut_windows
 from saltus.real2sim.problem.log import sampled, segments_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, Unknown, estimates
 from saltus.recordings.run_log import RunLog
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 
 SIGNALS = ("tilt_roll", "tilt_pitch", "turn_roll", "turn_pitch", "turn_yaw")
 START_RAD = 0.1

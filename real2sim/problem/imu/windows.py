@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
+from saltus.constants import PHYSICS_DT
 from saltus.errors import RecordingError
-from saltus.go1 import PHYSICS_DT
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import sampled
 from saltus.real2sim.problem.problem import Segment

@@ -27,7 +27,7 @@ def delivered(curve: Curve, torque: Floats) -> Floats:
 
 
 def with_curve(before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:
-    """A saturation with this curve at some joints, indices of `go1.JOINTS`, and what it was at the others."""
+    """A saturation with this curve at some joints, indices of `JOINTS`, and what it was at the others."""
     scale = go1.REDUCTION / CURVE_REDUCTION
     starts, falls = before.corners
     own = starts[falls != 0.0] / np.broadcast_to(scale, falls.shape)[falls != 0.0]
