@@ -87,7 +87,7 @@ def fleet(
     network: HeightmapNetwork, robots: int, states: Sequence[RobotState], images: Sequence[DepthFrame]
 ) -> Stopwatch:
     """Steps of so many robots together."""
-    names = [f"go1/{i}" for i in range(robots)]
+    names = [f"robot/{i}" for i in range(robots)]
     service, watch = FleetService(network, names), Stopwatch()
     for state, frame in zip(states, images, strict=True):
         taken = frame if state.step % 2 == 0 else None

@@ -218,7 +218,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         tempfile.TemporaryDirectory() as directory,
         ZenohBus(endpoint, prefixes[0], peer=True) as bus,
     ):
-        config = RunConfig(robot=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
+        config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
         (Path(directory) / RUN_FILE).write_text(to_toml(config))
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]

@@ -21,7 +21,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
         endpoint: Zenoh router.
         peer: How their buses are linked, see `ZenohBus`.
     """
-    own = context.config.robot
+    own = context.config.prefix
     with contextlib.ExitStack() as buses:
         contexts = []
         for robot in dict.fromkeys(robots or [own]):
@@ -29,7 +29,7 @@ def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer:
                 contexts.append(context)
                 continue
             bus = buses.enter_context(ZenohBus(endpoint, robot, peer=peer, bell=context.bus.bell))
-            contexts.append(ProcessContext(context.name, replace(context.config, robot=robot), context.run_dir, bus))
+            contexts.append(ProcessContext(context.name, replace(context.config, prefix=robot), context.run_dir, bus))
         process = HeightmapProcess(contexts)
         for each in contexts:
             each.ready()

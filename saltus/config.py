@@ -22,6 +22,9 @@ PlannerName = Literal["scripted", "learned"]
 
 Config = TypeVar("Config")
 
+DEFAULT_ROBOT = "go1"
+"""The robot where none is named."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainConfig:
@@ -53,8 +56,10 @@ class TerrainConfig:
 class RunConfig:
     """Everything that the processes of one run agree on."""
 
-    robot: str = "go1/0"
-    """Prefix of every key."""
+    robot: str = DEFAULT_ROBOT
+    """Name of a robot that Saltus ships, or path of an MJCF or of a folder with a robot.toml."""
+    prefix: str = "robot/0"
+    """Of every key."""
     terrain: TerrainConfig = field(default_factory=TerrainConfig)
     seed: int = 0
     pace: Pace = "lockstep"

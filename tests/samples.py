@@ -4,8 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from saltus.robots.loading import load_robot
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message
+
+GO1 = load_robot("go1")
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

@@ -16,7 +16,7 @@ from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.policy_train import TRAINING
 from saltus.cli.serve import Peer, serve
-from saltus.config import Camera, check_at_least
+from saltus.config import Camera, RunConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import DeliveryName
 
@@ -48,11 +48,11 @@ class Serve:
     camera_pitch_deg: float = 29.8
     """With --assume-level: how far the camera looks down."""
     robots: tuple[str, ...] = ()
-    """Prefixes of the robots to serve, e.g. go1/0 go1/1; the one of run.toml where none is given."""
+    """Prefixes of the robots to serve, e.g. robot/0 robot/1; the one of run.toml where none is given."""
     peer: Peer = False
     """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
-    robot: str = "go1/0"
-    """With --recording: prefix of the keys."""
+    prefix: str = RunConfig().prefix
+    """With --recording: of the keys."""
 
     def run(self) -> int:
         """Runs until it is told to stop, or until the recording ends."""
@@ -79,9 +79,9 @@ class Serve:
         heightmaps = replay_frames(resource("models/heightmap.onnx"), frames, robot)
         endpoint, router = (self.endpoint, None) if self.endpoint else open_router()
         try:
-            with ZenohBus(endpoint, self.robot) as bus:
+            with ZenohBus(endpoint, self.prefix) as bus:
                 depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
-                print(f"serving at {endpoint}, keys under {self.robot}")
+                print(f"serving at {endpoint}, keys under {self.prefix}")
                 before_ns = frames[0].time_ns
                 for frame, heightmap in zip(frames, heightmaps, strict=True):
                     time.sleep(1e-9 * max(frame.time_ns - before_ns, 0))

@@ -18,20 +18,22 @@ class Record:
     endpoint: str
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Path
-    """Folder with the run's run.toml: robot, clock and terrain are read from it."""
+    """Folder with the run's run.toml and robot.toml: robot, clock and terrain are read from them."""
     out: Path | None = None
     """Folder for the recording; a new one under runs/ where it is not given."""
 
     def run(self) -> int:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.recordings.recorder import Recorder
-        from saltus.runtime.process import RUN_FILE
+        from saltus.robots.robot import Robot
+        from saltus.runtime.process import ROBOT_FILE, RUN_FILE
         from saltus.wire.zenoh_bus import ZenohBus
 
         run_config = config.load(RunConfig, self.run_dir / RUN_FILE)
-        with ZenohBus(self.endpoint, run_config.robot) as bus:
+        robot = config.load(Robot, self.run_dir / ROBOT_FILE)
+        with ZenohBus(self.endpoint, run_config.prefix) as bus:
             path = run_directory("record", self.out) / "recording.mcap"
-            with Recorder(path, run_config) as recorder:
+            with Recorder(path, run_config, robot) as recorder:
                 stream = bus.stream()
                 print(f"recording to {path}; Ctrl-C ends it")
                 while bus.connected():

@@ -48,7 +48,7 @@ class Up:
         config.check()
         directory = run_directory("up", self.out)
         with Stack(config, directory) as stack:
-            print(f"running at {stack.endpoint}, keys under {config.robot}; Ctrl-C ends it; logs in {directory}/logs")
+            print(f"running at {stack.endpoint}, keys under {config.prefix}; Ctrl-C ends it; logs in {directory}/logs")
             for _ in follow(stack):
                 pass
         return 0

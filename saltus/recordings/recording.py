@@ -8,6 +8,7 @@ A file that was cut off or has flipped bits reads up to what is lost: `Recording
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,9 +18,11 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from saltus import config
-from saltus.config import RunConfig
+from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.recordings.recorder import METADATA, METADATA_END
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.wire import codec, schemas
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
@@ -47,6 +50,18 @@ class Recording:
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, Channel] = field(default_factory=dict)
     _chunks: list[Chunk] = field(default_factory=list)
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot of the run; where the head of the file is lost, the default one.
+
+        Raises:
+            ConfigError: it was written by another version.
+        """
+        if "robot" in self.metadata:
+            return Robot.from_toml(self.metadata["robot"])
+        name = self.config.robot if self.config is not None else DEFAULT_ROBOT
+        return load_robot(name.split("/")[0])  # recordings without a robot have the prefix of their keys there
 
     def topics(self) -> list[str]:
         """Names of the topics that have messages; those of one topic table row count as one."""

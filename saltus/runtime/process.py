@@ -44,12 +44,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 
 from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
+from saltus.robots.robot import Robot
 from saltus.runtime import cue
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
@@ -62,6 +64,8 @@ LINKED_S = 0.3
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody."""
 EXIT_ERROR = 2
 RUN_FILE = "run.toml"
+ROBOT_FILE = "robot.toml"
+"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it."""
 PEER_FLAG = "--peer"
 
 
@@ -92,6 +96,11 @@ class ProcessContext:
         self._next_status_s = -math.inf
         self.opened_s = self._seen_router_s = self.clock.elapsed_s()
         """When its bus had been opened, by the run's clock."""
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot of the run."""
+        return config.load(Robot, self.run_dir / ROBOT_FILE)
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
@@ -148,7 +157,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
         arguments: Instead of those of the command line.
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
-    parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml")
+    parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml and robot.toml")
     parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
@@ -157,7 +166,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
-        with ZenohBus(options.endpoint, run_config.robot, peer=options.peer) as bus:
+        with ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             return _run_body(context, body)

@@ -11,7 +11,7 @@ class Topic:
     """One row of the table."""
 
     name: str
-    """Key expression below the robot's prefix, e.g. "camera/depth" of "go1/0/camera/depth"."""
+    """Key expression below the robot's prefix, e.g. "camera/depth" of "robot/0/camera/depth"."""
     message: type[Message]
     publisher: str
     """The process that may publish it; "*" where every process does, each under `name/<process>`."""

@@ -26,7 +26,7 @@ from saltus.wire.messages import (
     RobotState,
 )
 
-PREFIX = "go1/0"
+PREFIX = "robot/0"
 
 
 def make_plan(step, time_ns, status=PlanStatus.GO):

@@ -25,7 +25,7 @@ def network(model_path: Path) -> HeightmapNetwork:
 
 
 def names(count: int) -> list[str]:
-    return [f"go1/{i}" for i in range(count)]
+    return [f"robot/{i}" for i in range(count)]
 
 
 def scene(robot: int, step: int) -> DepthFrame | None:
@@ -88,10 +88,10 @@ def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetw
     asked: list[list[int]] = [[] for _ in range(4)]
     for step in range(STEPS):
         who = [robot for robot in range(4) if asks[robot, step]]
-        answers = fleet.step({f"go1/{robot}": arrival(robot, step) for robot in who})
-        assert set(answers) == {f"go1/{robot}" for robot in who}
+        answers = fleet.step({f"robot/{robot}": arrival(robot, step) for robot in who})
+        assert set(answers) == {f"robot/{robot}" for robot in who}
         for robot in who:
-            found[robot].append(answers[f"go1/{robot}"])
+            found[robot].append(answers[f"robot/{robot}"])
             asked[robot].append(step)
     for robot in range(4):
         assert_same(found[robot], alone(network, robot, asked[robot]))
@@ -104,9 +104,9 @@ def test_a_new_boot_starts_the_memory_of_that_robot_over_and_of_no_other(network
     again = 40
     for step in range(STEPS):
         boot = {f"{who}_boot": b"new"} if step >= again else {}
-        answers = fleet.step({"go1/0": arrival(0, step, **boot), "go1/1": arrival(1, step)})  # type: ignore[arg-type]
+        answers = fleet.step({"robot/0": arrival(0, step, **boot), "robot/1": arrival(1, step)})  # type: ignore[arg-type]
         for robot in range(2):
-            found[robot].append(answers[f"go1/{robot}"])
+            found[robot].append(answers[f"robot/{robot}"])
     assert_same(found[1], alone(network, 1, range(STEPS)))
     assert_same(found[0][:again], alone(network, 0, range(again)))
     first_new = again + 1  # frames come with odd steps
@@ -122,9 +122,9 @@ def test_a_camera_that_counts_anew_is_believed(network: HeightmapNetwork) -> Non
     """The first frame of a new camera may have the very number of the last frame of the old one."""
     fleet = FleetService(network, names(1))
     for step in range(40):
-        last = fleet.step({"go1/0": arrival(0, step)})["go1/0"]
+        last = fleet.step({"robot/0": arrival(0, step)})["robot/0"]
     given = frame(last.frame_id, 360.0)
-    answer = fleet.step({"go1/0": arrival(0, 41, given=given, camera_boot=b"new")})["go1/0"]
+    answer = fleet.step({"robot/0": arrival(0, 41, given=given, camera_boot=b"new")})["robot/0"]
     assert answer.frame_id == last.frame_id
     assert answer.depth_age_s == pytest.approx(0.05)
 
@@ -133,9 +133,9 @@ def test_a_state_that_was_answered_gets_the_same_answer(network: HeightmapNetwor
     fleet = FleetService(network, names(2))
     for step in range(20):
         before = fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})
-    again = fleet.step({"go1/0": arrival(0, 19), "go1/1": arrival(1, 20)})
-    assert again["go1/0"] is before["go1/0"]
-    assert again["go1/1"].step == 20
+    again = fleet.step({"robot/0": arrival(0, 19), "robot/1": arrival(1, 20)})
+    assert again["robot/0"] is before["robot/0"]
+    assert again["robot/1"].step == 20
 
 
 def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model
     for step in range(STEPS):
         if step == 40:
             fleet.use(given)
-        found.append(fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})["go1/0"])
+        found.append(fleet.step({name: arrival(robot, step) for robot, name in enumerate(names(2))})["robot/0"])
     led = [heightmap.model_id == "another" for heightmap in found]
     taken = led.index(True)
     assert taken == 41 + 2 * (WARMUP - 1)
@@ -186,7 +186,7 @@ def test_no_model_takes_over_without_a_memory_however_poor_the_images(
                 fleet.use(given)
             seen = see(0, step)
             taken = arrival(0, step, given=seen) if seen is not None else replace(arrival(0, step), frame=None)
-            found.append(fleet.step({"go1/0": taken})["go1/0"])
+            found.append(fleet.step({"robot/0": taken})["robot/0"])
             images += step >= begin and seen is not None
             if found[-1].model_id == "another":
                 break
@@ -205,7 +205,7 @@ def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_
     for step in range(steps):
         if step == 40:
             fleet.use(given)
-        found.append(fleet.step({"go1/0": arrival(0, step)})["go1/0"])
+        found.append(fleet.step({"robot/0": arrival(0, step)})["robot/0"])
     assert_same(found, alone(network, 0, range(steps)))
     assert (fleet.swaps, fleet.given_up) == (0, 1)
 
@@ -217,12 +217,12 @@ def test_a_bad_output_of_one_robot_does_not_touch_the_others(network: HeightmapN
         arrivals = {name: arrival(robot, step) for robot, name in enumerate(names(2))}
         if 40 <= step < 50:
             joints = np.full(12, np.nan)
-            arrivals["go1/0"] = replace(
-                arrivals["go1/0"], state=replace(arrivals["go1/0"].state, joint_position=joints)
+            arrivals["robot/0"] = replace(
+                arrivals["robot/0"], state=replace(arrivals["robot/0"].state, joint_position=joints)
             )
         answers = fleet.step(arrivals)
-        assert np.isfinite(answers["go1/0"].height).all()
-        found.append(answers["go1/1"])
+        assert np.isfinite(answers["robot/0"].height).all()
+        found.append(answers["robot/1"])
     assert_same(found, alone(network, 1, range(STEPS)))
 
 

@@ -26,10 +26,10 @@ class House:
     def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
         self.hub = MemoryHub()
         config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns() - 1_000_000_000)
-        self.context = ProcessContext("heightmap", config, run_dir, MemoryBus(config.robot, self.hub))
+        self.context = ProcessContext("heightmap", config, run_dir, MemoryBus(config.prefix, self.hub))
         self.process = HeightmapProcess([self.context])
         self.epoch_ns = config.epoch_ns
-        self.bus = MemoryBus(config.robot, self.hub)
+        self.bus = MemoryBus(config.prefix, self.hub)
         self.states: Publisher = self.bus.publisher("controller/state")
         self.frames: Publisher = self.bus.publisher("camera/depth")
         self.heightmaps = self.bus.latest("heightmap/heightmap")
@@ -101,7 +101,7 @@ def test_lockstep_asks_twice_and_gets_the_same(house: House) -> None:
 def test_a_robot_that_starts_anew_gets_a_new_memory(house: House, model_path: Path) -> None:
     for state in states(3):
         house.ask(due(state))
-    house.states = MemoryBus(house.context.config.robot, house.hub).publisher("controller/state")
+    house.states = MemoryBus(house.context.config.prefix, house.hub).publisher("controller/state")
     answer = house.ask(due(states(1)[0]))
     assert answer.step == 0
     np.testing.assert_allclose(answer.height, answers_alone(model_path, 1)[0].height, atol=1e-6)
@@ -141,14 +141,14 @@ def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: Hous
 def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, tmp_path: Path) -> None:
     """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
     hub = MemoryHub()
-    names = ("go1/0", "go1/1", "go1/2")
-    configs = [RunConfig(robot=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
-    contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.robot, hub)) for config in configs]
+    names = ("robot/0", "robot/1", "robot/2")
+    configs = [RunConfig(prefix=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
+    contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub)) for config in configs]
     process = HeightmapProcess(contexts)
     stop = threading.Event()
     thread = threading.Thread(target=process.run, args=(stop.is_set,))
     thread.start()
-    bus, blind = MemoryBus("go1/0", hub), MemoryBus("go1/2", hub)
+    bus, blind = MemoryBus("robot/0", hub), MemoryBus("robot/2", hub)
     ask, see, blind_ask = (
         bus.publisher("controller/state"),
         bus.publisher("camera/depth"),
@@ -159,7 +159,7 @@ def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, 
     try:
         for state, expected in zip(states(40), answers_alone(model_path, 40), strict=True):
             for topic in ("controller/state", "camera/depth"):
-                hub.inject(f"go1/1/{topic}", rng.bytes(200), rng.bytes(40))
+                hub.inject(f"robot/1/{topic}", rng.bytes(200), rng.bytes(40))
             blind_ask.put(due(state))
             frame = on_time(state.step)
             if frame is not None:
@@ -175,4 +175,4 @@ def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, 
         thread.join(PATIENCE_S)
     assert contexts[0].bus.rejected == {}
     assert contexts[1].bus.rejected["controller/state/envelope"] == 40
-    assert process._links["go1/2"].ticks == 5  # until the first image is due
+    assert process._links["robot/2"].ticks == 5  # until the first image is due

@@ -101,7 +101,7 @@ class Victim:
         directory.mkdir()
         self.step = 0
         config = RunConfig(
-            robot=self.prefix,
+            prefix=self.prefix,
             pace="realtime",
             time_limit_s=600.0,
             epoch_ns=time.monotonic_ns(),

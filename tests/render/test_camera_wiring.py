@@ -14,7 +14,7 @@ from saltus.runtime.process import ProcessContext
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done, GroundTruth
 
-ROBOT = "go1/0"
+ROBOT = "robot/0"
 
 
 def truth(step: int, time_ns: int) -> GroundTruth:

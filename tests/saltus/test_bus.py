@@ -21,7 +21,7 @@ from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done
 from saltus.wire.zenoh_bus import ZenohBus
 
-PREFIX = "go1/0"
+PREFIX = "robot/0"
 KEY = f"{PREFIX}/done/render"
 TIMEOUT_S = 10.0
 

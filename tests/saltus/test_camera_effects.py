@@ -151,7 +151,7 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d
     config = RunConfig(
         terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path)
     )
-    process = build(ProcessContext("render", config, tmp_path, MemoryBus("go1/0", MemoryHub())))
+    process = build(ProcessContext("render", config, tmp_path, MemoryBus("robot/0", MemoryHub())))
     frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
     moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path)).view_chain, MODEL_CAMERA))
     expected = np.minimum(1.1 * moved.render(*pose_of(truth(0))), 1.2)

@@ -40,7 +40,7 @@ def context(bus: MemoryBus) -> tuple[ProcessContext, Latest]:
 
 
 def test_nothing_is_said_before_it_is_ready_and_then_twice_a_second(clock: FakeTime) -> None:
-    bus = MemoryBus("go1/0")
+    bus = MemoryBus("robot/0")
     subject, status = context(bus)
     subject.beat(ticks=1)
     assert status.take() is None
@@ -56,7 +56,7 @@ def test_nothing_is_said_before_it_is_ready_and_then_twice_a_second(clock: FakeT
 
 
 def test_the_status_tells_what_was_refused(clock: FakeTime) -> None:
-    bus = MemoryBus("go1/0")
+    bus = MemoryBus("robot/0")
     subject, status = context(bus)
     bus.rejected["camera/depth/range"] = 4
     subject.ready()
@@ -69,7 +69,7 @@ def test_the_status_tells_what_was_refused(clock: FakeTime) -> None:
 def test_a_process_stops_when_its_router_is_gone_for_two_seconds(
     clock: FakeTime, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    subject, _ = context(MemoryBus("go1/0"))
+    subject, _ = context(MemoryBus("robot/0"))
     subject.ready()
     monkeypatch.setattr(MemoryBus, "connected", lambda _: False)
     for _ in range(4):
@@ -82,7 +82,7 @@ def test_a_process_stops_when_its_router_is_gone_for_two_seconds(
 
 
 def test_a_process_stops_when_its_parent_is_gone(clock: FakeTime, monkeypatch: pytest.MonkeyPatch) -> None:
-    subject, _ = context(MemoryBus("go1/0"))
+    subject, _ = context(MemoryBus("robot/0"))
     monkeypatch.setattr(os, "getppid", lambda: 1)
     subject.ready()
     assert subject.stopped
@@ -115,7 +115,7 @@ def test_errors_are_one_line_and_exit_code_2(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_what_a_process_waits_for_does_not_outlast_its_patience() -> None:
-    bus = MemoryBus("go1/0")
+    bus = MemoryBus("robot/0")
     start = time.monotonic()
     assert bus.latest("policy/plan").wait(0.02) is None
     assert 0.02 <= time.monotonic() - start < 1.0
