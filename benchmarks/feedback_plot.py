@@ -18,7 +18,7 @@ from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
 from saltus import go1
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
 from saltus.controller.feedback import FeedbackConfig
@@ -26,6 +26,7 @@ from saltus.controller.gait import standing
 from saltus.controller.law import LegController, LegControllerConfig
 from saltus.controller.signals import Plan, plan_from_values
 from saltus.effects.profile import GO1
+from saltus.robots.loading import load_robot
 from saltus.sim.plant import Plant
 from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
@@ -74,7 +75,7 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
 
 def run(kd: float, frequency_hz: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
-    plant = Plant(make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
+    plant = Plant(load_robot(DEFAULT_ROBOT), make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []

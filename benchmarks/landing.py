@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
@@ -22,6 +22,7 @@ from saltus.effects.profile import GO1
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
+from saltus.robots.loading import load_robot
 from saltus.rotations import rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
@@ -49,7 +50,7 @@ class Landing:
 
 def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
-    robot = MujocoRobot(terrain, trial, trial.applied_to(GO1))
+    robot = MujocoRobot(load_robot(DEFAULT_ROBOT), terrain, trial, trial.applied_to(GO1))
     robot.reset()
     loop, process = ControlLoop(), PlannerProcess(planner)
     plan: MotionPlan | None = None

@@ -23,6 +23,7 @@ from mujoco.sysid._src.parameter import Parameter, ParameterDict
 from scipy import stats
 
 from saltus import go1
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.armature import Armature
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.profile import Profile
@@ -32,6 +33,7 @@ from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
 from saltus.recordings.run_log import RunLog, write_run_log
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS
 from saltus.sim import scene
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
@@ -126,7 +128,7 @@ def _modifier(name: str) -> Callable[[mujoco.MjSpec, Parameter], None]:
 
 
 def _model(params: ParameterDict) -> mujoco.MjModel:
-    spec = scene.build_spec(flat.make())
+    spec = scene.build_spec(load_robot(DEFAULT_ROBOT), flat.make())
     for name in LARGEST:
         params[name].apply_modifier(spec)
     model = spec.compile()

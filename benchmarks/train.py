@@ -15,11 +15,13 @@ from typing import Any
 
 import torch
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_STEPS
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import device_of_this_process, make_engine
+from saltus.robots.loading import load_robot
 
 _WARM_UPS = 2  # iterations: the first ones allocate, and on a GPU choose their kernels
 _REPEATS = 50  # of a stage
@@ -41,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
     """Trains for some iterations, then times the stages of a step one by one."""
-    engine = make_engine(config.robots, device)
+    engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, device)
     env = JumpEnv(engine, config.env, seed=0, device=device)
     learner = Learner(env, config.learning)
     collecting, learning = _iterations(learner, iterations, device)

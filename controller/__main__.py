@@ -40,7 +40,7 @@ def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
     trial = Trial.draw(context.config.seed)
     profile = trial.applied_to(load_profile(context.config.profile))
-    robot = MujocoRobot(make_terrain(context.config.terrain), trial, profile)
+    robot = MujocoRobot(context.robot, make_terrain(context.config.terrain), trial, profile)
     robot.reset()
     try:
         run = Run(context, robot)

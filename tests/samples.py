@@ -8,7 +8,7 @@ from saltus.robots.loading import load_robot
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message
 
-GO1 = load_robot("go1")
+ROBOT = load_robot("go1")
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

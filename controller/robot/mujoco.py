@@ -5,6 +5,7 @@ import numpy as np
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
+from saltus.robots.robot import Robot
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -13,18 +14,20 @@ from saltus.wire.messages import GroundTruth, JointCommand
 
 
 class MujocoRobot(RobotBackend):
-    """A Go1 in MuJoCo.
+    """One robot in MuJoCo.
 
     Args:
+        robot: Which one.
         terrain: What it stands on.
         trial: Start pose, friction, payload and seed.
         profile: Its effects, with what the trial says already in them.
     """
 
-    def __init__(self, terrain: Terrain, trial: Trial, profile: Profile) -> None:
+    def __init__(self, robot: Robot, terrain: Terrain, trial: Trial, profile: Profile) -> None:
         self.terrain = terrain
         self._trial = trial
         self._plant = Plant(
+            robot,
             terrain,
             friction=trial.friction,
             payload_kg=trial.payload_kg,

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.config import Camera, check_at_least, from_toml
+from saltus.config import DEFAULT_ROBOT, Camera, check_at_least, from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
@@ -31,6 +31,7 @@ from saltus.policy.features import LAYOUT, read
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
+from saltus.robots.loading import load_robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
 MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
@@ -95,7 +96,7 @@ class DeviceRollouts:
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
         config = from_toml(TrainConfig, policy["config"]).env
         config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
-        engine = make_engine(loop.robots, device)
+        engine = make_engine(load_robot(DEFAULT_ROBOT), loop.robots, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
         self._qpos = torch.as_tensor(engine.qpos)
         self._policy = DeployedPolicy(policy).to(self._device)

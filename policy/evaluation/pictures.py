@@ -5,9 +5,11 @@ import base64
 import cv2
 import numpy as np
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.evaluation.trace import Trace
+from saltus.robots.loading import load_robot
 from saltus.sim.video import render_run
 from saltus.terrain.terrain import Terrain
 
@@ -24,6 +26,7 @@ def picture_strip(terrain: Terrain, trace: Trace) -> str:
     try:
         frames = list(
             render_run(
+                load_robot(DEFAULT_ROBOT),
                 terrain,
                 np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
                 trace.pose[rows].astype(np.float64),

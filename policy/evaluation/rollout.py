@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
@@ -27,6 +28,7 @@ from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.policy.reference import reference
+from saltus.robots.loading import load_robot
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
@@ -94,6 +96,7 @@ class Rollout:
         self._plans_ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
         self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
         self._plant = BatchPlant(
+            load_robot(DEFAULT_ROBOT),
             terrains,
             self.count,
             friction=np.array([trial.friction for trial in trials]),

@@ -16,12 +16,14 @@ from pathlib import Path
 
 import torch
 
-from saltus.config import from_toml, load
+from saltus.config import DEFAULT_ROBOT, from_toml, load
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
 from saltus.policy.training.learner import Learner, read_checkpoint
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.provenance import commit
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import BOXES
 
@@ -38,15 +40,15 @@ class Rank:
     device: str = "cpu"
 
 
-def make_engine(count: int, device: str, threads: int = 0) -> Engine:
+def make_engine(robot: Robot, count: int, device: str, threads: int = 0) -> Engine:
     """The physics for a device: "cpu" or "cuda:N"."""
     if device == "cpu":
         from saltus.sim.batch_engine import BatchEngine
 
-        return BatchEngine(count, BOXES, threads=threads)
+        return BatchEngine(robot, count, BOXES, threads=threads)
     from saltus.sim.warp import WarpEngine
 
-    return WarpEngine(count, BOXES, device=device)
+    return WarpEngine(robot, count, BOXES, device=device)
 
 
 def train(
@@ -74,7 +76,7 @@ def train(
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
-    engine = make_engine(config.robots, rank.device)
+    engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, rank.device)
     env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0

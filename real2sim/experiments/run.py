@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats, Indices
+from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
@@ -19,6 +20,7 @@ from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
 from saltus.recordings.run_claims import SCHEMA
 from saltus.recordings.run_log import DepthTable, RunLog
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
@@ -97,6 +99,7 @@ def run(
 
 def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int) -> Plant:
     return Plant(
+        load_robot(DEFAULT_ROBOT),
         terrain,
         payload_kg=experiment.payload_kg,
         chain=profile.actuator_chain,

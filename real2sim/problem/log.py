@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log
+from saltus.robots.loading import load_robot, shipped_robots
+from saltus.robots.robot import Robot
 
 PAUSE_S = 1.0  # between runs that are read as one: longer than any memory of a joint or a camera
 BLOCK_S = 5.0  # of a log that names no segments and never rests: some periods of any motion that excites
@@ -90,6 +93,12 @@ def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
     count = len(meta["joints"])
     kp, kd = (np.broadcast_to(np.asarray(meta[key], dtype=np.float64), (count,)) for key in ("kp", "kd"))
     return kp, kd
+
+
+def robot_of(meta: dict[str, Any]) -> Robot | Path:
+    """The robot that a log names: one that Saltus ships, or the path of an MJCF."""
+    name = str(meta.get("robot", DEFAULT_ROBOT))
+    return load_robot(name) if name in shipped_robots() else Path(name)
 
 
 def boxes_of(meta: dict[str, Any]) -> list[dict[str, Any]]:

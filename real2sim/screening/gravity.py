@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains
+from saltus.real2sim.problem.log import gains, robot_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
@@ -29,7 +29,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     names = list(log.meta["joints"])
     held = _mean_torque(log)
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
-    weight = HeldRobot(str(log.meta.get("robot", "go1")), names).weight(log.joints.q[rows]).mean(axis=0)
+    weight = HeldRobot(robot_of(log.meta), names).weight(log.joints.q[rows]).mean(axis=0)
     heavy = np.abs(weight) > MIN_WEIGHT
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):

@@ -128,9 +128,11 @@ def _render(backend: str, image: Path | None) -> str:
 
 
 def _mujoco_frame() -> str:
+    from saltus.config import DEFAULT_ROBOT
+    from saltus.robots.loading import load_robot
     from saltus.sim.video import test_frame
 
-    return "frame {1}x{0}".format(*test_frame().shape)
+    return "frame {1}x{0}".format(*test_frame(load_robot(DEFAULT_ROBOT)).shape)
 
 
 def _zenoh() -> str:

@@ -27,7 +27,7 @@ def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
-    frames = render_run(terrain, data.time_s, base_pose, joint_position, HEIGHTMAP_X, _heights(data))
+    frames = render_run(recording.robot, terrain, data.time_s, base_pose, joint_position, HEIGHTMAP_X, _heights(data))
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
     moments: list[np.ndarray] = []
     kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)

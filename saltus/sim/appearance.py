@@ -1,13 +1,15 @@
 """What the robot, the terrain and the light look like in a video. No effect on physics.
 
-Shapes and colours are free inventions in the proportions of a Go1; nothing here comes from a measurement.
+Shapes and colours are free inventions in the proportions of a small dog; nothing here comes from a measurement.
 """
+
+from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from saltus import go1
-from saltus.robots.robot import LEGS
+from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
 from saltus.sim.scene import VISUAL_GROUP
 from saltus.terrain.columns import Columns
@@ -19,6 +21,7 @@ SHELL: Rgba = (0.90, 0.91, 0.93, 1.0)
 DARK: Rgba = (0.13, 0.14, 0.17, 1.0)
 JOINT: Rgba = (0.30, 0.32, 0.36, 1.0)
 ACCENT: Rgba = (0.95, 0.45, 0.12, 1.0)
+CASE: Rgba = (0.75, 0.77, 0.8, 1.0)
 LENS: Rgba = (0.05, 0.25, 0.45, 1.0)
 NOSING: Rgba = (0.98, 0.93, 0.80, 1.0)
 RISER: Rgba = (0.36, 0.42, 0.50, 1.0)
@@ -36,13 +39,14 @@ CHECKER_M = 0.25  # side of a square of the ground's pattern [m]
 STRIP_M = 0.012  # half-width of the bright strip along an edge [m]
 
 
-def decorate(spec: mujoco.MjSpec, terrain: Terrain) -> None:
-    """Adds looks to what `scene.build_spec` made; draw the groups of terrain and visual shapes only."""
+def decorate(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
+    """Adds looks to what `scene.build_spec` made of both; draw the groups of terrain and visual shapes only."""
     _add_sky_and_light(spec)
     _add_ground(spec, terrain)
-    _add_trunk(spec.body(scene.TRUNK))
-    for leg in range(4):
-        _add_leg(spec, leg)
+    _add_trunk(spec.body(scene.TRUNK), robot)
+    _add_camera(spec.body(scene.TRUNK), robot)
+    for leg in range(len(LEGS)):
+        _add_leg(spec, robot, leg)
 
 
 def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
@@ -82,7 +86,7 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
         if geom.group == scene.TERRAIN_GROUP:
             geom.material = "ground"
     lowest = float((terrain.arrays.center - terrain.arrays.extent)[:, 2].min())
-    _add(spec.worldbody, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, lowest), size=(0.0, 0.0, 1.0))
+    _add(spec.worldbody, 1.0, mujoco.mjtGeom.mjGEOM_PLANE, HAZE, pos=(0.0, 0.0, lowest), size=(0.0, 0.0, 1.0))
     if terrain.columns is not None:
         _add_walls(spec.worldbody, terrain.columns)
 
@@ -92,8 +96,8 @@ def _add_walls(world: mujoco.MjsBody, columns: Columns) -> None:
     for x, low, high in _walls(columns):
         side = 1.0 if columns.height_at(np.asarray(x + 1e-6)) == high else -1.0
         middle, tall = 0.5 * (low + high), 0.5 * (high - low)
-        _add(world, BOX, RISER, pos=(x, 0.0, middle), size=(0.002, half, tall - 0.002))
-        _add(world, BOX, NOSING, pos=(x + side * STRIP_M, 0.0, high - 0.001), size=(STRIP_M, half, 0.002))
+        _add(world, 1.0, BOX, RISER, pos=(x, 0.0, middle), size=(0.002, half, tall - 0.002))
+        _add(world, 1.0, BOX, NOSING, pos=(x + side * STRIP_M, 0.0, high - 0.001), size=(STRIP_M, half, 0.002))
 
 
 def _walls(columns: Columns) -> list[tuple[float, float, float]]:
@@ -103,49 +107,54 @@ def _walls(columns: Columns) -> list[tuple[float, float, float]]:
     return [(float(x), float(low), float(high)) for x, low, high in walls if high - low > 0.005]
 
 
-def _add_trunk(trunk: mujoco.MjsBody) -> None:
-    front = 0.5 * go1.TRUNK_SIZE[0]
-    _add(trunk, BOX, DARK, pos=(0.0, 0.0, -0.012), size=(front - 0.02, 0.052, 0.036))
+def _add_trunk(trunk: mujoco.MjsBody, robot: Robot) -> None:
+    add = partial(_add, trunk, _scale(robot))
+    front = 0.5 * robot.trunk_size[0] / _scale(robot)
+    add(BOX, DARK, pos=(0.0, 0.0, -0.012), size=(front - 0.02, 0.052, 0.036))
     for y in (-0.026, 0.026):
-        _add(trunk, CAPSULE, SHELL, pos=(-0.01, y, 0.022), size=(0.036, front - 0.045, 0.0), quat=ALONG)
-    _add(trunk, BOX, SHELL, pos=(-0.01, 0.0, 0.036), size=(front - 0.045, 0.03, 0.022))
-    _add(trunk, BOX, ACCENT, pos=(-0.01, 0.0, 0.0585), size=(0.09, 0.012, 0.001))
+        add(CAPSULE, SHELL, pos=(-0.01, y, 0.022), size=(0.036, front - 0.045, 0.0), quat=ALONG)
+    add(BOX, SHELL, pos=(-0.01, 0.0, 0.036), size=(front - 0.045, 0.03, 0.022))
+    add(BOX, ACCENT, pos=(-0.01, 0.0, 0.0585), size=(0.09, 0.012, 0.001))
     for side in (-1.0, 1.0):
-        _add(trunk, BOX, ACCENT, pos=(0.0, side * 0.0525, -0.008), size=(0.07, 0.001, 0.006))
-    _add(trunk, ELLIPSOID, SHELL, pos=(front + 0.03, 0.0, 0.02), size=(0.062, 0.058, 0.044))
-    _add(trunk, ELLIPSOID, DARK, pos=(front + 0.052, 0.0, 0.016), size=(0.048, 0.046, 0.032))
-    _add(trunk, ELLIPSOID, DARK, pos=(-front - 0.005, 0.0, 0.012), size=(0.03, 0.052, 0.036))
-    tilt = (np.cos(0.5 * go1.CAMERA_PITCH), 0.0, np.sin(0.5 * go1.CAMERA_PITCH), 0.0)
-    camera = go1.CAMERA_POSITION
-    _add(trunk, BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
-    _add(
-        trunk,
-        BOX,
-        (0.75, 0.77, 0.8, 1.0),
-        pos=camera - np.array([0.012, 0.0075, 0.0]),
-        size=(0.011, 0.045, 0.0125),
-        quat=tilt,
-    )
+        add(BOX, ACCENT, pos=(0.0, side * 0.0525, -0.008), size=(0.07, 0.001, 0.006))
+    add(ELLIPSOID, SHELL, pos=(front + 0.03, 0.0, 0.02), size=(0.062, 0.058, 0.044))
+    add(ELLIPSOID, DARK, pos=(front + 0.052, 0.0, 0.016), size=(0.048, 0.046, 0.032))
+    add(ELLIPSOID, DARK, pos=(-front - 0.005, 0.0, 0.012), size=(0.03, 0.052, 0.036))
+
+
+def _add_camera(trunk: mujoco.MjsBody, robot: Robot) -> None:
+    tilt = (np.cos(0.5 * robot.camera_pitch), 0.0, np.sin(0.5 * robot.camera_pitch), 0.0)
+    camera, add = robot.camera_position, partial(_add, trunk, 1.0)
+    add(BOX, JOINT, pos=(camera[0] - 0.02, 0.0, camera[2] - 0.03), size=(0.006, 0.012, 0.03), quat=tilt)
+    add(BOX, CASE, pos=camera - np.array([0.012, 0.0075, 0.0]), size=(0.011, 0.045, 0.0125), quat=tilt)
     for y in (-0.03, 0.0, 0.03):
-        _add(trunk, SPHERE, LENS, pos=camera + np.array([-0.003, y - 0.0075, 0.0]), size=(0.0075, 0.0, 0.0))
+        add(SPHERE, LENS, pos=camera + np.array([-0.003, y - 0.0075, 0.0]), size=(0.0075, 0.0, 0.0))
 
 
-def _add_leg(spec: mujoco.MjSpec, leg: int) -> None:
-    name, side, fore = LEGS[leg], float(go1.SIDE[leg]), float(np.sign(go1.HIP_ANCHOR[leg, 0]))
+def _add_leg(spec: mujoco.MjSpec, robot: Robot, leg: int) -> None:
+    name, side, fore = LEGS[leg], float(robot.side[leg]), float(np.sign(robot.hip_anchor[leg, 0]))
     hip, thigh, calf = (spec.body(f"{name}_{part}") for part in ("hip", "thigh", "calf"))
-    _add(hip, CYLINDER, JOINT, pos=(-0.01 * fore, 0.0, 0.0), size=(0.04, 0.035, 0.0), quat=ALONG)
-    _add(hip, CYLINDER, SHELL, pos=(0.0, 0.5 * side * go1.ABDUCTION_LENGTH, 0.0), size=(0.043, 0.028, 0.0), quat=ACROSS)
-    _add(thigh, CYLINDER, DARK, pos=(0.0, 0.004 * side, 0.0), size=(0.044, 0.019, 0.0), quat=ACROSS)
-    _add(thigh, CYLINDER, ACCENT, pos=(0.0, 0.024 * side, 0.0), size=(0.018, 0.002, 0.0), quat=ACROSS)
-    length = go1.THIGH_LENGTH
-    _add(thigh, CAPSULE, SHELL, fromto=(0.008, 0.0, -0.02, 0.004, 0.0, -0.75 * length), size=(0.022, 0.0, 0.0))
-    _add(thigh, CAPSULE, SHELL, fromto=(-0.006, 0.0, -0.02, 0.0, 0.0, -length), size=(0.017, 0.0, 0.0))
-    _add(calf, CYLINDER, JOINT, size=(0.02, 0.017, 0.0), quat=ACROSS)
-    _add(calf, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, 0.0, 0.0, -0.55 * go1.CALF_LENGTH), size=(0.0125, 0.0, 0.0))
-    _add(calf, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, 0.0, 0.0, -go1.CALF_LENGTH), size=(0.0095, 0.0, 0.0))
-    _add(calf, SPHERE, JOINT, pos=(0.0, 0.0, -go1.CALF_LENGTH), size=(go1.FOOT_RADIUS, 0.0, 0.0))
+    scale = _scale(robot)
+    offset, knee, foot = (np.asarray(where.pos) / scale for where in (thigh, calf, spec.geom(f"{name}_foot")))
+    _add(hip, scale, CYLINDER, JOINT, pos=(-0.01 * fore, 0.0, 0.0), size=(0.04, 0.035, 0.0), quat=ALONG)
+    _add(hip, scale, CYLINDER, SHELL, pos=0.5 * offset, size=(0.043, 0.028, 0.0), quat=ACROSS)
+    _add(thigh, scale, CYLINDER, DARK, pos=(0.0, 0.004 * side, 0.0), size=(0.044, 0.019, 0.0), quat=ACROSS)
+    _add(thigh, scale, CYLINDER, ACCENT, pos=(0.0, 0.024 * side, 0.0), size=(0.018, 0.002, 0.0), quat=ACROSS)
+    x, y, z = 0.75 * knee
+    _add(thigh, scale, CAPSULE, SHELL, fromto=(0.008, 0.0, -0.02, x + 0.004, y, z), size=(0.022, 0.0, 0.0))
+    _add(thigh, scale, CAPSULE, SHELL, fromto=(-0.006, 0.0, -0.02, *knee), size=(0.017, 0.0, 0.0))
+    _add(calf, scale, CYLINDER, JOINT, size=(0.02, 0.017, 0.0), quat=ACROSS)
+    _add(calf, scale, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, *(0.55 * foot)), size=(0.0125, 0.0, 0.0))
+    _add(calf, scale, CAPSULE, DARK, fromto=(0.0, 0.0, 0.0, *foot), size=(0.0095, 0.0, 0.0))
+    _add(calf, scale, SPHERE, JOINT, pos=foot, size=(robot.foot_radius / scale, 0.0, 0.0))
 
 
-def _add(body: mujoco.MjsBody, shape: mujoco.mjtGeom, rgba: Rgba, **how: object) -> None:
-    """Adds a shape that is only seen."""
-    body.add_geom(type=shape, rgba=rgba, group=VISUAL_GROUP, contype=0, conaffinity=0, **how)
+def _scale(robot: Robot) -> float:
+    """The shapes are made for legs of this length."""
+    return robot.leg_length / 0.426
+
+
+def _add(body: mujoco.MjsBody, scale: float, shape: mujoco.mjtGeom, rgba: Rgba, **how: Any) -> None:
+    """Adds a shape that is only seen; lengths are in units of `scale`."""
+    lengths = {key: np.asarray(how.pop(key)) * scale for key in ("pos", "size", "fromto") if key in how}
+    body.add_geom(type=shape, rgba=rgba, group=VISUAL_GROUP, contype=0, conaffinity=0, **lengths, **how)

@@ -1,4 +1,4 @@
-"""Many Go1s at once on the cores of a CPU, each with its own terrain, friction and payload."""
+"""Many robots at once on the cores of a CPU, each with its own terrain, friction and payload."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -9,13 +9,13 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import JointState, Resistance
-from saltus.kinematics import foot_position
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.sim import scene
 from saltus.sim.bounds import terrain_nodes, tree_bounds
@@ -33,6 +33,7 @@ class BatchPlant:
     """`count` robots that know nothing of each other; the same step as `Plant`.
 
     Args:
+        robot: Which one, for all.
         terrains: One for all, or one for each robot.
         count: Number of robots.
         friction: Coefficient of friction, one for all or shape (count,).
@@ -47,6 +48,7 @@ class BatchPlant:
 
     def __init__(
         self,
+        robot: Robot,
         terrains: Terrain | Sequence[Terrain],
         count: int,
         *,
@@ -61,11 +63,12 @@ class BatchPlant:
     ) -> None:
         given = [terrains] * count if isinstance(terrains, Terrain) else list(terrains)
         self.terrains = TerrainStack(given)
-        self.count = count
+        self.robot, self.count = robot, count
+        self._legs = LegKinematics(robot)
         self._columns = columns or self.terrains.widest
         longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
-        self.model = scene.build_spec(longest, payload_kg=1.0, columns=self._columns).compile()
+        self.model = scene.build_spec(robot, longest, payload_kg=1.0, columns=self._columns).compile()
         self._chain = chain or ActuatorChain()
         self._rng = np.random.default_rng(seed)
         self._body, self._imu = body or BodyChain(), imu or ImuChain()
@@ -126,14 +129,14 @@ class BatchPlant:
         position_y: ArrayLike = 0.0,
         clearance: float = CLEARANCE,
     ) -> PlantState:
-        """Puts robots (by default all) at rest in `STAND_POSE`; each value of shape () or (len(indices),)."""
+        """Puts robots (by default all) at rest in their stand pose; each value of shape () or (len(indices),)."""
         ids = np.arange(self.count) if indices is None else np.asarray(indices)
         x, turn, y = (
             np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape) for v in (position_x, yaw, position_y)
         )
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         terrains = TerrainStack([self.terrains.terrains[int(i)] for i in ids])
-        self._qpos[ids] = standing_pose(terrains, x, turn, y, clearance)
+        self._qpos[ids] = standing_pose(self.robot, terrains, x, turn, y, clearance)
         self._batch.forward(ids)
         self._fresh[ids] = True
         self._time[ids] = 0.0
@@ -197,7 +200,7 @@ class BatchPlant:
         """Hands friction to the engine, which integrates it implicitly."""
         self._batch.expand("dof_frictionloss")[:, 6:] = resistance.friction
         self._batch.expand("dof_damping")[:, 6:] = resistance.damping
-        self._batch.expand("dof_armature")[:, 6:] = go1.ARMATURE + resistance.armature
+        self._batch.expand("dof_armature")[:, 6:] = self.robot.armature + resistance.armature
 
     def _measured(self, position: Floats, velocity: Floats) -> JointState:
         """What the drives measure; robots that were reset have encoders without memory."""
@@ -252,7 +255,7 @@ class BatchPlant:
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
         rotation = rotation_matrix(qpos[:, 3:7])
         joints = self._measured(qpos[:, 7:], qvel[:, 6:])
-        feet: Floats = foot_position(qpos[:, 7:]) @ rotation.mT + qpos[:, None, :3]
+        feet: Floats = self._legs.position(qpos[:, 7:]) @ rotation.mT + qpos[:, None, :3]
         return PlantState(
             time_s=self._time.copy(),
             position_base_in_world=qpos[:, :3],

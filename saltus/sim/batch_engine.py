@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from saltus import go1
 from saltus.arrays import Array
+from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.sim.engine import TOUCHING, Engine, ModelIndices, build_spec
 from saltus.terrain.boxes import Boxes
@@ -15,14 +15,16 @@ class BatchEngine(Engine):
     """Many robots in MuJoCo itself; numpy arrays of float64.
 
     Args:
+        robot: Which one.
         count: Number of robots.
         boxes: Terrain boxes of each.
         threads: Of the physics; 0 is one for each core.
     """
 
-    def __init__(self, count: int, boxes: int, *, threads: int = 0) -> None:
+    def __init__(self, robot: Robot, count: int, boxes: int, *, threads: int = 0) -> None:
         self.count, self.boxes = count, boxes
-        self.model = _with_contact_sensors(boxes)
+        self.model = _with_contact_sensors(robot, boxes)
+        self._armature = robot.armature
         self._where = ModelIndices(self.model)
         self._batch = Batch(self.model, nsim=count, nthread=threads)
         bind, expand = self._batch.bind, self._batch.expand
@@ -74,11 +76,11 @@ class BatchEngine(Engine):
         expand = self._batch.expand
         expand("dof_frictionloss")[:, 6:] = np.asarray(friction)
         expand("dof_damping")[:, 6:] = np.asarray(damping)
-        expand("dof_armature")[:, 6:] = go1.ARMATURE + np.asarray(armature)
+        expand("dof_armature")[:, 6:] = self._armature + np.asarray(armature)
 
 
-def _with_contact_sensors(boxes: int) -> mujoco.MjModel:
-    spec = build_spec(boxes)
+def _with_contact_sensors(robot: Robot, boxes: int) -> mujoco.MjModel:
+    spec = build_spec(robot, boxes)
     # The boxes change; the middle phase looks boxes that do not move up in a tree made from the first ones.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     found = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.robots.robot import LEGS
+from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
@@ -71,9 +71,9 @@ class Engine(ABC):
         """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2], (count or 1, 12)."""
 
 
-def build_spec(boxes: int) -> mujoco.MjSpec:
+def build_spec(robot: Robot, boxes: int) -> mujoco.MjSpec:
     """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""
-    spec = scene.build_spec(flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes)
+    spec = scene.build_spec(robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes)
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     for geom in spec.geoms:

@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
-from saltus.robots.robot import LEGS
+from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
 from saltus.sim.state import Floats
 from saltus.terrain import flat
@@ -39,6 +39,7 @@ class FreeRobots:
     """`count` robots without drives, on the same boxes; only trunk, knees and feet are solid.
 
     Args:
+        robot: Which one.
         count: Number of robots.
         boxes: On flat ground at height 0, or, where one of them is no higher than that, in its place; without leading
             dimension, and there may be none.
@@ -50,9 +51,11 @@ class FreeRobots:
         qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Live, shape (count, 18).
     """
 
-    def __init__(self, count: int, boxes: Boxes, *, solver: Solver = OWN_SOLVER, threads: int = 1) -> None:
+    def __init__(
+        self, robot: Robot, count: int, boxes: Boxes, *, solver: Solver = OWN_SOLVER, threads: int = 1
+    ) -> None:
         self.count = count
-        self._model = _compiled(boxes, solver)
+        self._model = _compiled(robot, boxes, solver)
         self._substeps = solver.substeps
         self._batch = Batch(self._model, nsim=count, nthread=threads)
         bind, expand = self._batch.bind, self._batch.expand
@@ -108,9 +111,9 @@ class FreeRobots:
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 
-def _compiled(boxes: Boxes, solver: Solver) -> mujoco.MjModel:
+def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
     # with a payload, so that what the engine derives from masses exists for every robot
-    spec = scene.build_spec(flat.make(), payload_kg=1.0)
+    spec = scene.build_spec(robot, flat.make(), payload_kg=1.0)
     ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
     scene.add_boxes(spec, boxes, "box_{}")
     if (boxes.center[:, 2] + boxes.extent[:, 2] < OWN_GROUND).any():

@@ -18,6 +18,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from saltus.errors import ModelError, nearest_hint
+from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.terrain import flat
 
@@ -45,7 +46,7 @@ class HeldRobot:
     """A robot whose base is held.
 
     Args:
-        robot: "go1", or the path of an MJCF file.
+        robot: One of ours, or the path of an MJCF file.
         joints: Names of its joints; "FR_hip" also finds "FR_hip_joint".
         base_quaternion: (w, x, y, z) of the base, body to world.
 
@@ -58,7 +59,9 @@ class HeldRobot:
         ModelError: the model cannot be read, lacks a joint, or has branches of unequal length.
     """
 
-    def __init__(self, robot: str, joints: Sequence[str], base_quaternion: Sequence[float] = (1, 0, 0, 0)) -> None:
+    def __init__(
+        self, robot: Robot | Path, joints: Sequence[str], base_quaternion: Sequence[float] = (1, 0, 0, 0)
+    ) -> None:
         self._model = _held_model(robot, np.asarray(base_quaternion, dtype=np.float64))
         self._dof = np.array([_dof(self._model, name) for name in joints])
         self.branches = _branches(self._model, self._dof)
@@ -149,13 +152,13 @@ def _torque(matrix: Floats, vector: Floats) -> Floats:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _held_model(robot: str, base_quaternion: Floats) -> mujoco.MjModel:
+def _held_model(robot: Robot | Path, base_quaternion: Floats) -> mujoco.MjModel:
     """Compiles the model without free joint; nothing touches anything."""
-    if robot == "go1":
-        spec = scene.build_spec(flat.make())
+    if isinstance(robot, Robot):
+        spec = scene.build_spec(robot, flat.make())
     else:
         try:
-            spec = mujoco.MjSpec.from_file(str(Path(robot)))
+            spec = mujoco.MjSpec.from_file(str(robot))
         except (ValueError, OSError) as error:
             raise ModelError(f"cannot read the robot's model {robot}: {error}") from error
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_SENSOR)
@@ -168,7 +171,8 @@ def _held_model(robot: str, base_quaternion: Floats) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise ModelError(f"the robot's model {robot} cannot be held: {error}") from error
+        name = robot.name if isinstance(robot, Robot) else robot
+        raise ModelError(f"the robot's model {name} cannot be held: {error}") from error
 
 
 def _dof(model: mujoco.MjModel, name: str) -> int:

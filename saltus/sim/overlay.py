@@ -5,7 +5,6 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from saltus import go1
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
@@ -13,8 +12,8 @@ from saltus.wire.messages import Floats
 HEIGHTMAP_RGBA = (1.0, 0.25, 0.55, 1.0)
 POINT_RADIUS, LINE_RADIUS = 0.012, 0.005  # [m]
 SHADOW_RGBA = (0.05, 0.07, 0.10, 0.30)
-SHADOW_LENGTH = go1.TRUNK_SIZE[0] + 0.12  # trunk and head [m]
-SHADOW_WIDTH = 0.17  # trunk and hips [m]
+HEAD_LENGTH = 0.12  # adds to the shadow of the trunk [m]
+HIP_WIDTH = 0.0765  # likewise, of both sides [m]
 FOOT_SHADOW_RADIUS = 0.028  # [m]
 SHADOW_PIECE = 0.05  # length of a piece on boxes that are no columns [m]
 LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
@@ -44,25 +43,26 @@ def heightmap_in_world(base_pose: Floats, x: Floats, height: Floats) -> Floats:
     return base_pose[:3] + ahead @ _heading(base_pose).T
 
 
-def draw_shadow(shapes: mujoco.MjvScene, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:
+def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:
     """Darkens the ground right below trunk and feet: shows how high the robot is, at no cost.
 
     Args:
         shapes: What is drawn; shapes are added to it.
+        trunk_size: Full edge lengths of the trunk [m], shape (3,).
         terrain: The ground.
         base_pose: Position and quaternion of the base, shape (7,).
         feet: Centres of the feet in the world [m], shape (4, 3).
     """
     heading = _heading(base_pose)
     along = max(abs(float(heading[0, 0])), 0.3)  # a robot that has turned sideways gets a shadow that is too long
-    reach = 0.5 * SHADOW_LENGTH * along
+    reach = 0.5 * (trunk_size[0] + HEAD_LENGTH) * along
     low, high = base_pose[0] - reach, base_pose[0] + reach
     edges = np.arange(low, high, SHADOW_PIECE) if terrain.columns is None else terrain.columns.x
     cuts = np.array([low, *(x for x in edges if low < x < high), high])
     for start, end in pairwise(cuts):  # one piece on each column of the terrain
         x = 0.5 * (start + end)
         y = base_pose[1] + (x - base_pose[0]) * heading[1, 0] / along
-        size = np.array([0.5 * (end - start) / along, 0.5 * SHADOW_WIDTH, 0.001])
+        size = np.array([0.5 * (end - start) / along, 0.5 * (trunk_size[1] + HIP_WIDTH), 0.001])
         _add(shapes, mujoco.mjtGeom.mjGEOM_BOX, size, _on_ground(terrain, x, y), SHADOW_RGBA, heading)
     for foot in feet:
         size = np.array([FOOT_SHADOW_RADIUS, 0.0005, 0.0])  # radius, half of the height

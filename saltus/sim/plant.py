@@ -1,4 +1,4 @@
-"""One Go1 on a terrain: joint commands in, states out, 2 ms at a time."""
+"""One robot on a terrain: joint commands in, states out, 2 ms at a time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,15 +7,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
 from saltus.constants import GRAVITY
 from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.effects.signals import Resistance
 from saltus.errors import SaltusError
-from saltus.kinematics import foot_position
-from saltus.robots.robot import LEGS
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState, sensed
@@ -28,16 +27,20 @@ CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
 HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
 HELD_TOLERANCE = 1e-16  # of the solver: the engine's 1e-8 times what the base is heavier than a leg is felt by
-STAND_DROP = -float(foot_position(go1.STAND_POSE)[0, 2]) + go1.FOOT_RADIUS
-"""Height of the base above the ground when the soles touch it in `STAND_POSE` [m]; the legs give 1 cm under load."""
 
 
 def standing_pose(
-    terrain: Terrain | TerrainStack, position_x: Floats, yaw: Floats, position_y: Floats, clearance: float = CLEARANCE
+    robot: Robot,
+    terrain: Terrain | TerrainStack,
+    position_x: Floats,
+    yaw: Floats,
+    position_y: Floats,
+    clearance: float = CLEARANCE,
 ) -> Floats:
-    """`qpos` of robots in `STAND_POSE` with their feet `clearance` above the highest ground under them.
+    """`qpos` of robots in their stand pose with their feet `clearance` above the highest ground under them.
 
     Args:
+        robot: Its kind.
         terrain: Ground; where it is a stack, one for each robot.
         position_x: Of the base [m], shape (...).
         yaw: Of the base [rad], shape (...).
@@ -49,12 +52,14 @@ def standing_pose(
     """
     yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
-    feet = foot_position(go1.STAND_POSE) @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
+    standing = LegKinematics(robot).position(robot.stand_pose)
+    feet = standing @ rotation_matrix(quaternion).mT  # (..., 4, 3), yaw applied
     foot_x, foot_y = position_x[..., None] + feet[..., 0], position_y[..., None] + feet[..., 1]
-    sole_x = np.concatenate([foot_x - go1.FOOT_RADIUS, foot_x + go1.FOOT_RADIUS], axis=-1)  # (..., 8)
+    sole_x = np.concatenate([foot_x - robot.foot_radius, foot_x + robot.foot_radius], axis=-1)  # (..., 8)
     ground = terrain.height_at(sole_x, np.concatenate([foot_y, foot_y], axis=-1)).max(axis=-1)
-    position = np.stack([position_x, position_y, ground + STAND_DROP + clearance], axis=-1)
-    joints = np.broadcast_to(go1.STAND_POSE, (*zero.shape, 12))
+    drop = robot.foot_radius - float(standing[:, 2].min())  # the legs give about 1 cm of it under load
+    position = np.stack([position_x, position_y, ground + drop + clearance], axis=-1)
+    joints = np.broadcast_to(robot.stand_pose, (*zero.shape, 12))
     return np.concatenate([position, quaternion, joints], axis=-1)
 
 
@@ -76,6 +81,7 @@ class Plant:
     """One simulated robot with its drives.
 
     Args:
+        robot: Which one.
         terrain: What it stands on.
         friction: Coefficient of friction between robot and terrain.
         payload_kg: Mass on top of the trunk [kg].
@@ -90,6 +96,7 @@ class Plant:
 
     def __init__(
         self,
+        robot: Robot,
         terrain: Terrain,
         *,
         friction: float = scene.FRICTION,
@@ -101,8 +108,10 @@ class Plant:
         seed: int = 0,
         held: bool = False,
     ) -> None:
-        self.terrain = terrain
-        self.model = scene.build_spec(terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift).compile()
+        self.robot, self.terrain = robot, terrain
+        self.model = scene.build_spec(
+            robot, terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift
+        ).compile()
         self._held = held
         if held:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -111,7 +120,7 @@ class Plant:
             self.model.opt.tolerance = HELD_TOLERANCE
         if body is not None and body.effects:
             claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
-            scene.set_body(self.model, body.apply(claimed))
+            scene.set_body(self.model, robot, body.apply(claimed))
         self.data = mujoco.MjData(self.model)
         self._imu = imu or ImuChain()
         self._chain = chain or ActuatorChain()
@@ -128,10 +137,10 @@ class Plant:
     def reset(
         self, position_x: float = 0.0, yaw: float = 0.0, position_y: float = 0.0, clearance: float = CLEARANCE
     ) -> PlantState:
-        """Puts the robot at rest in `STAND_POSE`, its feet just above the ground; time and randomness start over."""
+        """Puts the robot at rest in its stand pose, its feet just above the ground; time and randomness start over."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = standing_pose(
-            self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
+            self.robot, self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
         )
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
@@ -184,7 +193,7 @@ class Plant:
         """Hands friction to the engine, which integrates it implicitly."""
         self.model.dof_frictionloss[6:] = resistance.friction
         self.model.dof_damping[6:] = resistance.damping
-        self.model.dof_armature[6:] = go1.ARMATURE + resistance.armature
+        self.model.dof_armature[6:] = self.robot.armature + resistance.armature
 
     def leg_points_in_world(self) -> Floats:
         """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""

@@ -1,4 +1,4 @@
-"""Go1 and terrain as one MuJoCo model, written from the numbers in `saltus.go1` and `saltus.sim.links`.
+"""Robot and terrain as one MuJoCo model: the robot's own, with the terrain, motors and sensors added.
 
 The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction. Everything else that
 a drive does is an effect.
@@ -9,12 +9,10 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
-from saltus.robots.robot import JOINTS, LEGS
-from saltus.sim import links
-from saltus.sim.links import Inertia
+from saltus.robots import plain_mjcf
+from saltus.robots.robot import JOINTS, LEGS, Robot
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
@@ -31,8 +29,6 @@ CONTACT_IMPRATIO = 10.0
 FRICTION_SOLREF = (0.004, 1.0)
 FRICTION_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 PAYLOAD_SIZE = np.array([0.20, 0.09, 0.04])  # a small computer, on top of the trunk
-THIGH_RADIUS = 0.017  # half the depth of unitree_ros's collision box
-CALF_RADIUS = 0.008
 
 ROBOT_GROUP = 0
 TERRAIN_GROUP = 1
@@ -43,12 +39,12 @@ FOOT_FORCE = slice(0, 12)
 TRUNK_CONTACT = slice(12, 18)
 """Where `sensordata` holds the number of contacts of the trunk, of the payload and of each hip."""
 
-TRUNK = "trunk"
-PAYLOAD = "payload"
+TRUNK, PAYLOAD = plain_mjcf.TRUNK, plain_mjcf.PAYLOAD
 TERRAIN_GEOM = "terrain_{}"
 
 
 def build_spec(
+    robot: Robot,
     terrain: Terrain,
     *,
     friction: float = FRICTION,
@@ -56,9 +52,10 @@ def build_spec(
     com_shift: Sequence[float] = (0.0, 0.0, 0.0),
     columns: int | None = None,
 ) -> mujoco.MjSpec:
-    """Describes one Go1 on `terrain`.
+    """Describes one robot on `terrain`.
 
     Args:
+        robot: Whose model it is.
         terrain: Its boxes.
         friction: Coefficient of sliding friction between robot and terrain.
         payload_kg: Mass of a box on top of the trunk [kg].
@@ -66,23 +63,17 @@ def build_spec(
         columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
 
     Returns:
-        A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `saltus.go1`, and
+        A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `JOINTS`, and
         whose `sensordata` is laid out as `FOOT_FORCE` and `TRUNK_CONTACT` say.
     """
-    spec = mujoco.MjSpec()
-    spec.modelname = "go1"
-    spec.compiler.degree = False
+    spec = mujoco.MjSpec.from_string(robot.mjcf)
     _options(spec)
+    _make_solid(spec, friction)
     add_boxes(spec, TerrainStack([terrain]).boxes(columns or len(terrain.boxes)).of_robot(0))
-    base = _add_trunk(spec, np.asarray(com_shift, dtype=np.float64), payload_kg)
-    for leg in range(4):
-        _add_leg(base, leg)
-    for geom in spec.geoms:
-        if geom.group == ROBOT_GROUP:
-            geom.friction[0] = friction
-    for name in JOINTS:
-        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.set_to_motor()
+    trunk = spec.body(TRUNK)
+    trunk.ipos = trunk.ipos + np.asarray(com_shift, dtype=np.float64)
+    _load(spec, robot, payload_kg)
+    _add_motors(spec)
     _add_contact_sensors(spec)
     return spec
 
@@ -109,15 +100,16 @@ def payload_inertia(payload_kg: float) -> np.ndarray:
     return payload_kg / 12.0 * (square.sum() - square)
 
 
-def set_body(model: mujoco.MjModel, body: BodyModel) -> None:
+def set_body(model: mujoco.MjModel, robot: Robot, body: BodyModel) -> None:
     """Puts what effects say of one robot's body and ground into a compiled model of `build_spec`."""
+    com = mujoco.MjSpec.from_string(robot.mjcf).body(TRUNK).ipos
     geoms = model.geom_group == ROBOT_GROUP
     model.geom_friction[geoms, 0] = float(body.friction)
     model.geom_solref[geoms, 0] = float(body.contact_time_constant)
     payload, trunk = model.body(PAYLOAD).id, model.body(TRUNK).id
     model.body_mass[payload] = float(body.payload_kg)
     model.body_inertia[payload] = payload_inertia(float(body.payload_kg))
-    model.body_ipos[trunk] = links.trunk().com + np.asarray(body.com_shift)
+    model.body_ipos[trunk] = com + np.asarray(body.com_shift)
     model.body_inertia[trunk] *= float(body.inertia_scale)
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
@@ -130,87 +122,29 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _set_inertia(body: mujoco.MjsBody, inertia: Inertia) -> None:
-    body.explicitinertial = True
-    body.mass = inertia.mass
-    body.ipos = inertia.com
-    t = inertia.tensor
-    body.fullinertia = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
+def _make_solid(spec: mujoco.MjSpec, friction: float) -> None:
+    """Shapes of the robot touch the terrain and nothing else; their contact parameters win over the terrain's."""
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 1, 3, 1
+        geom.friction[0], geom.solref, geom.solimp = friction, CONTACT_SOLREF, CONTACT_SOLIMP
+        geom.group = ROBOT_GROUP
 
 
-def _add_trunk(spec: mujoco.MjSpec, com_shift: np.ndarray, payload_kg: float) -> mujoco.MjsBody:
-    base = spec.worldbody.add_body(name=TRUNK, pos=(0.0, 0.0, go1.STAND_HEIGHT))
-    base.add_freejoint(name="base")
-    trunk = links.trunk()
-    _set_inertia(base, Inertia(mass=trunk.mass, com=trunk.com + com_shift, tensor=trunk.tensor))
-    _add_robot_geom(base, TRUNK, mujoco.mjtGeom.mjGEOM_BOX, size=0.5 * go1.TRUNK_SIZE)
-    # A body of its own, so that a batch can give each robot another payload by scaling mass and inertia.
-    payload = base.add_body(name=PAYLOAD, pos=(0.0, 0.0, 0.5 * (go1.TRUNK_SIZE[2] + PAYLOAD_SIZE[2])))
+def _add_motors(spec: mujoco.MjSpec) -> None:
+    for name in JOINTS:
+        joint = spec.joint(name)
+        joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF, FRICTION_SOLIMP
+        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+
+
+def _load(spec: mujoco.MjSpec, robot: Robot, payload_kg: float) -> None:
+    """Puts the payload on top of the trunk: a body of its own, so that a batch can give each robot another one."""
+    payload = spec.body(PAYLOAD)
+    x, y, z = robot.trunk_center
+    payload.pos = (x, y, z + 0.5 * (robot.trunk_size[2] + PAYLOAD_SIZE[2]))
     payload.explicitinertial = True
     payload.mass = payload_kg
     payload.inertia = payload_inertia(payload_kg)
-    return base
-
-
-def _add_leg(base: mujoco.MjsBody, leg: int) -> None:
-    name, side = LEGS[leg], float(go1.SIDE[leg])
-    hip = base.add_body(name=f"{name}_hip", pos=go1.HIP_ANCHOR[leg])
-    _add_hinge(hip, 3 * leg, axis=(1.0, 0.0, 0.0))
-    _set_inertia(hip, links.hip(leg))
-    middle = 0.5 * side * go1.ABDUCTION_LENGTH
-    half = 0.5 * links.HIP_LENGTH
-    _add_robot_geom(
-        hip,
-        f"{name}_hip",
-        mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(0.0, middle - half, 0.0, 0.0, middle + half, 0.0),
-        size=(links.HIP_RADIUS, 0.0, 0.0),
-    )
-    thigh = hip.add_body(name=f"{name}_thigh", pos=(0.0, side * go1.ABDUCTION_LENGTH, 0.0))
-    _add_hinge(thigh, 3 * leg + 1, axis=(0.0, 1.0, 0.0))
-    _set_inertia(thigh, links.thigh(leg))
-    _add_rod(thigh, f"{name}_thigh", THIGH_RADIUS, go1.THIGH_LENGTH)
-    calf = thigh.add_body(name=f"{name}_calf", pos=(0.0, 0.0, -go1.THIGH_LENGTH))
-    _add_hinge(calf, 3 * leg + 2, axis=(0.0, 1.0, 0.0))
-    _set_inertia(calf, links.calf())
-    _add_rod(calf, f"{name}_calf", CALF_RADIUS, go1.CALF_LENGTH - go1.FOOT_RADIUS)
-    foot = (0.0, 0.0, -go1.CALF_LENGTH)
-    _add_robot_geom(calf, f"{name}_foot", mujoco.mjtGeom.mjGEOM_SPHERE, pos=foot, size=(go1.FOOT_RADIUS, 0.0, 0.0))
-
-
-def _add_hinge(body: mujoco.MjsBody, joint: int, axis: Sequence[float]) -> None:
-    body.add_joint(
-        name=JOINTS[joint],
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=axis,
-        limited=True,
-        range=(go1.JOINT_LOWER[joint], go1.JOINT_UPPER[joint]),
-        armature=go1.ARMATURE[joint],
-        solref_friction=FRICTION_SOLREF,
-        solimp_friction=FRICTION_SOLIMP,
-    )
-
-
-def _add_rod(body: mujoco.MjsBody, name: str, radius: float, length: float) -> None:
-    """A capsule that hangs from the body's origin."""
-    ends = (0.0, 0.0, 0.0, 0.0, 0.0, -length)
-    _add_robot_geom(body, name, mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=(radius, 0.0, 0.0))
-
-
-def _add_robot_geom(body: mujoco.MjsBody, name: str, shape: mujoco.mjtGeom, **how: object) -> None:
-    """Adds a shape that touches the terrain and nothing else; its contact parameters win over the terrain's."""
-    body.add_geom(
-        name=name,
-        type=shape,
-        contype=0,
-        conaffinity=1,
-        condim=3,
-        priority=1,
-        solref=CONTACT_SOLREF,
-        solimp=CONTACT_SOLIMP,
-        group=ROBOT_GROUP,
-        **how,
-    )
 
 
 def _add_contact_sensors(spec: mujoco.MjSpec) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.robots.robot import LEGS
+from saltus.robots.robot import LEGS, Robot
 from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
@@ -35,6 +35,7 @@ MAX_SHAPES = 1000
 
 
 def render_run(
+    robot: Robot,
     terrain: Terrain,
     time_s: Floats,
     base_pose: Floats,
@@ -48,6 +49,7 @@ def render_run(
     """Draws a run at an even rate, each frame from the newest sample at its time.
 
     Args:
+        robot: Whose run it is.
         terrain: Where it took place.
         time_s: Of the samples, rising [s], shape (n,).
         base_pose: Position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7).
@@ -65,7 +67,7 @@ def render_run(
     """
     if len(time_s) == 0:
         raise SaltusError("a video needs at least one sample of the robot's pose")
-    model = _model(terrain)
+    model = _model(robot, terrain)
     data = mujoco.MjData(model)
     shapes = mujoco.MjvScene(model, MAX_SHAPES)
     shapes.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
@@ -83,7 +85,7 @@ def render_run(
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = aim[i]
             mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes)
-            overlay.draw_shadow(shapes, terrain, base_pose[i], data.geom_xpos[feet])
+            overlay.draw_shadow(shapes, robot.trunk_size, terrain, base_pose[i], data.geom_xpos[feet])
             overlay.draw_heightmap(shapes, base_pose[i], heightmap_x, heightmap[i])
             mujoco.mjr_render(mujoco.MjrRect(0, 0, *drawn), shapes, context)
             picture = read_pixels(context, *drawn)
@@ -113,17 +115,18 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
     return count
 
 
-def test_frame() -> Frame:
+def test_frame(robot: Robot) -> Frame:
     """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
     terrain = stairs.make(steps=5, rise_m=0.06, run_m=0.25)
-    pose = standing_pose(terrain, np.asarray(terrain.first_edge_x - 0.4), np.zeros(()), np.zeros(()), clearance=0.0)
+    x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
+    pose = standing_pose(robot, terrain, x, zero, zero, clearance=0.0)
     heights = terrain.height_at(pose[0] + HEIGHTMAP_X, 0.0) - pose[2]
-    return next(render_run(terrain, np.zeros(1), pose[None, :7], pose[None, 7:], HEIGHTMAP_X, heights[None]))
+    return next(render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], HEIGHTMAP_X, heights[None]))
 
 
-def _model(terrain: Terrain) -> mujoco.MjModel:
-    spec = scene.build_spec(terrain)
-    decorate(spec, terrain)
+def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
+    spec = scene.build_spec(robot, terrain)
+    decorate(spec, robot, terrain)
     spec.visual.quality.offsamples = 0
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 20, 10  # round enough at this size
     spec.stat.extent, spec.stat.center = 3.0, (0.0, 0.0, 0.0)  # scales clipping planes and haze

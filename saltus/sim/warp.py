@@ -6,8 +6,8 @@ import mujoco
 import mujoco_warp
 import warp
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace
+from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.sim.engine import Engine, ModelIndices, build_spec
 from saltus.terrain.boxes import Boxes
@@ -40,15 +40,16 @@ class WarpEngine(Engine):
     """Many robots in mujoco_warp; torch tensors of float32 that share its memory.
 
     Args:
+        robot: Which one.
         count: Number of robots.
         boxes: Terrain boxes of each.
         device: "cuda:0", or "cpu" (correct, not fast).
     """
 
-    def __init__(self, count: int, boxes: int, *, device: str = "cuda:0") -> None:
-        self.count, self.boxes, self.device = count, boxes, device
+    def __init__(self, robot: Robot, count: int, boxes: int, *, device: str = "cuda:0") -> None:
+        self.robot, self.count, self.boxes, self.device = robot, count, boxes, device
         warp.config.log_level = warp.LOG_WARNING
-        spec = build_spec(boxes)
+        spec = build_spec(robot, boxes)
         spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
         spec.option.iterations = SOLVER_ITERATIONS
         self.model = spec.compile()
@@ -134,7 +135,7 @@ class WarpEngine(Engine):
         for shape, geom in enumerate(self._where.touching):
             shape_of_geom[int(geom)] = shape
         self._payload_inertia = Constant(scene.payload_inertia(1.0))
-        self._armature = Constant(go1.ARMATURE)
+        self._armature = Constant(self.robot.armature)
         self._trunk_com = Constant(self._where.trunk_com)
         xp = namespace(self.qpos)
         self._shape_of_geom = xp.asarray(shape_of_geom, dtype=xp.int64, device=self.qpos.device)

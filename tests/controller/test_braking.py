@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
@@ -69,7 +70,7 @@ def stop(robot, loop, plan, seconds):
 @pytest.mark.parametrize(("phase", "silent"), [(phase, k % 2 == 1) for k, phase in enumerate(PHASES)])
 def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent):
     trial = Trial.draw(int(100 * phase))
-    robot = MujocoRobot(make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
+    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
     robot.reset()
     loop = ControlLoop()
     plan = run_until(robot, loop, FIRST_STAND_S + 1.4 + phase * CYCLE_S)

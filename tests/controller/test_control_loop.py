@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -43,7 +44,7 @@ def bounding(seconds, loop, status=PlanStatus.GO):
 
 def make_robot(seed=0):
     trial = Trial.draw(seed)
-    robot = MujocoRobot(make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
+    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
     robot.reset()
     return robot
 
@@ -176,7 +177,7 @@ def test_acting_before_sensing_says_so():
 def test_truth_is_the_terrain_along_the_robots_yaw():
     trial = Trial(position_x=1.4, yaw=0.3)
     terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
-    robot = MujocoRobot(terrain, trial, GO1)
+    robot = MujocoRobot(ROBOT, terrain, trial, GO1)
     robot.reset()
     truth = robot.truth(5, 2)
     x, _, z = truth.position_base_in_world

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from samples import GO1
+from samples import ROBOT
 
 from saltus import go1, rotations
 from saltus.config import RunConfig, TerrainConfig
@@ -79,7 +79,7 @@ def record(
     path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
 ) -> Recording:
     """Writes and reads a recording."""
-    with Recorder(path, config or RunConfig(terrain=run.terrain), GO1) as file:
+    with Recorder(path, config or RunConfig(terrain=run.terrain), ROBOT) as file:
         for state, true, heightmap in zip(run.states, run.truths, heightmaps, strict=True):
             if truth:
                 file.write(_raw("plant/truth", true, state.step + 1, state.time_ns))

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus.controller.estimator import Estimator
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
@@ -22,7 +23,7 @@ N = 20
 
 
 def make_env(seed=0, config=None):
-    return JumpEnv(BatchEngine(N, BOXES, threads=1), config or EnvConfig(), seed=seed)
+    return JumpEnv(BatchEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), seed=seed)
 
 
 def bound(env):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import PHYSICS_DT
@@ -81,6 +82,7 @@ def run_log(
         parts[part] = (*parts.get(part, ()), effect)
     profile = Profile(**parts)
     plant = Plant(
+        ROBOT,
         flat.make(),
         chain=profile.actuator_chain,
         body=profile.body_chain,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import ROBOT
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -57,7 +58,7 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 def motion(*effects: Effect[Any], kp: float = KP) -> RunLog:
     """What a held robot does, without noise."""
     q_des, segments = commands()
-    plant = Plant(flat.make(), chain=ActuatorChain(effects), held=True)
+    plant = Plant(ROBOT, flat.make(), chain=ActuatorChain(effects), held=True)
     zero, state = np.zeros(12), plant.state
     tau_ff = 0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
     q, dq, tau_est = np.empty((3, len(q_des), 12))

@@ -190,6 +190,7 @@ import mujoco, numpy
 from saltus.render.backends import make_renderer
 from saltus import go1
 from saltus.config import TerrainConfig
+from saltus.robots.loading import load_robot
 from saltus.sim.scene import build_spec
 from saltus.terrain.curriculum import make_terrain
 
@@ -197,7 +198,7 @@ terrain = make_terrain(TerrainConfig(terrain="stairs"))
 pose = numpy.array([0.5, 0.0, 0.3]), numpy.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
 camera = make_renderer("pyrender", terrain)
 first = camera.render(*pose)
-model = build_spec(terrain).compile()
+model = build_spec(load_robot("go1"), terrain).compile()
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 video = mujoco.Renderer(model, 48, 64)

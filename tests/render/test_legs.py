@@ -1,6 +1,7 @@
 import mujoco
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -16,7 +17,7 @@ from saltus.terrain.curriculum import make_terrain
 
 def test_links_are_where_the_simulator_has_them() -> None:
     rng = np.random.default_rng(0)
-    model = build_spec(make_terrain(TerrainConfig(terrain="flat"))).compile()
+    model = build_spec(ROBOT, make_terrain(TerrainConfig(terrain="flat"))).compile()
     data = mujoco.MjData(model)
     for _ in range(50):
         joints = rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER)

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 import torch
@@ -11,12 +10,7 @@ import saltus.robots
 from saltus import go1, kinematics
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import derive_robot, load_robot
-from saltus.robots.robot import JOINTS
 from saltus.robots.similarity import Similarity
-from saltus.sim import scene
-from saltus.terrain import flat, stairs
-from saltus.terrain.stack import TerrainStack
-from saltus.terrain.terrain import Terrain
 
 ROBOT = load_robot("go1")
 FOLDER = Path(saltus.robots.__file__).parent / "go1"
@@ -73,48 +67,5 @@ def test_guesses_for_a_robot_of_its_size_are_its_own_numbers():
     np.testing.assert_allclose(position, ROBOT.camera_position, atol=0.008)
 
 
-@pytest.mark.parametrize("terrain", [flat.make(), stairs.make(steps=5, rise_m=0.1, run_m=0.3)], ids=["flat", "stairs"])
-@pytest.mark.parametrize("loaded", [False, True], ids=["bare", "loaded"])
-def test_the_simulated_plant_is_the_old_one_to_the_bit(terrain, loaded):
-    how = {"payload_kg": 1.0, "com_shift": (0.01, 0.003, -0.002), "friction": 0.6, "columns": 30} if loaded else {}
-    ours, theirs = (build(terrain, **how).compile() for build in (_spec, scene.build_spec))
-    for where in (lambda model: model, lambda model: model.opt):
-        names = [name for name in dir(where(ours)) if not name.startswith("_")]
-        for name in names:
-            new, old = getattr(where(ours), name), getattr(where(theirs), name)
-            if isinstance(new, np.ndarray | int | float | bytes):
-                np.testing.assert_array_equal(new, old, err_msg=name)
-
-
 def _derived_inertia() -> np.ndarray:
     return derive_robot(str(FOLDER / "go1.xml")).robot.inertia
-
-
-def _spec(
-    terrain: Terrain,
-    *,
-    friction: float = scene.FRICTION,
-    payload_kg: float = 0.0,
-    com_shift: tuple[float, ...] = (0.0, 0.0, 0.0),
-    columns: int | None = None,
-) -> mujoco.MjSpec:
-    """What `scene.build_spec` builds, from the robot's own model."""
-    spec = mujoco.MjSpec.from_string(ROBOT.mjcf)
-    scene._options(spec)
-    for geom in spec.geoms:
-        geom.contype, geom.conaffinity, geom.condim, geom.priority, geom.group = 0, 1, 3, 1, scene.ROBOT_GROUP
-        geom.solref, geom.solimp = scene.CONTACT_SOLREF, scene.CONTACT_SOLIMP
-        geom.friction[0] = friction
-    for name in JOINTS:
-        joint = spec.joint(name)
-        joint.solref_friction, joint.solimp_friction = scene.FRICTION_SOLREF, scene.FRICTION_SOLIMP
-        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
-    centers, sizes = TerrainStack([terrain]).boxes(columns or len(terrain.column_top))
-    for i, (center, size) in enumerate(zip(centers[0], sizes[0], strict=True)):
-        scene._add_column(spec, i, center, size)
-    payload, trunk = spec.body(scene.PAYLOAD), spec.body(scene.TRUNK)
-    payload.pos = (0.0, 0.0, 0.5 * (ROBOT.trunk_size[2] + scene.PAYLOAD_SIZE[2]))
-    payload.explicitinertial, payload.mass, payload.inertia = True, payload_kg, scene.payload_inertia(payload_kg)
-    trunk.ipos = trunk.ipos + np.asarray(com_shift)
-    scene._add_contact_sensors(spec)
-    return spec

@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from random_terrain import random_terrain
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -48,9 +49,9 @@ def assert_row_equals(batch: PlantState, i: int, single: PlantState) -> None:
 
 def test_a_batch_equals_single_plants_through_resets() -> None:
     rng = np.random.default_rng(0)
-    batch = BatchPlant(TERRAINS, COUNT, friction=FRICTION, payload_kg=PAYLOAD, chain=CHAIN, threads=1)
+    batch = BatchPlant(ROBOT, TERRAINS, COUNT, friction=FRICTION, payload_kg=PAYLOAD, chain=CHAIN, threads=1)
     singles = [
-        Plant(terrain, friction=friction, payload_kg=payload, chain=CHAIN)
+        Plant(ROBOT, terrain, friction=friction, payload_kg=payload, chain=CHAIN)
         for terrain, friction, payload in zip(TERRAINS, FRICTION, PAYLOAD, strict=True)
     ]
     batch.reset(position_x=START, yaw=0.1)
@@ -70,10 +71,14 @@ def test_a_batch_equals_single_plants_through_resets() -> None:
 @pytest.mark.parametrize("others", [(TERRAINS[2], TERRAINS[4]), (random_terrain(1), TERRAINS[4])])
 def test_robots_can_be_given_another_world(others: tuple[Terrain, Terrain]) -> None:
     widest = max(len(terrain.boxes) for terrain in (*TERRAINS, *others))
-    batch = BatchPlant(TERRAINS[0], 3, columns=widest, threads=1)
+    batch = BatchPlant(ROBOT, TERRAINS[0], 3, columns=widest, threads=1)
     batch.set_terrains(np.array([0, 2]), others)
     batch.set_bodies(np.array([2]), 0.6, 1.2)
-    singles = [Plant(others[0]), Plant(TERRAINS[0]), Plant(others[1], friction=0.6, payload_kg=1.2)]
+    singles = [
+        Plant(ROBOT, others[0]),
+        Plant(ROBOT, TERRAINS[0]),
+        Plant(ROBOT, others[1], friction=0.6, payload_kg=1.2),
+    ]
     batch.reset(position_x=1.4)
     for plant in singles:
         plant.reset(1.4)
@@ -91,8 +96,8 @@ def test_robots_can_be_given_another_world(others: tuple[Terrain, Terrain]) -> N
 @pytest.mark.parametrize("threads", [1, 2])
 def test_threads_and_neighbours_change_nothing(threads: int) -> None:
     rng = np.random.default_rng(2)
-    batch = BatchPlant(TERRAINS[1], 7, threads=threads)
-    alone = BatchPlant(TERRAINS[1], 1, threads=1)
+    batch = BatchPlant(ROBOT, TERRAINS[1], 7, threads=threads)
+    alone = BatchPlant(ROBOT, TERRAINS[1], 1, threads=1)
     for _ in range(100):
         command = command_for(rng, 7)
         state = batch.step(command)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import GRAVITY, PHYSICS_DT
@@ -41,7 +42,7 @@ def stand(shape: tuple[int, ...] = ()) -> JointCommand:
 
 
 def settled(*effects: Effect[Any], seconds: float = 1.0) -> Plant:
-    plant = Plant(flat.make(), body=BodyChain(effects))
+    plant = Plant(ROBOT, flat.make(), body=BodyChain(effects))
     for _ in range(round(seconds / PHYSICS_DT)):
         plant.step(stand())
     return plant
@@ -50,7 +51,7 @@ def settled(*effects: Effect[Any], seconds: float = 1.0) -> Plant:
 @pytest.mark.parametrize("effect", BODY, ids=lambda effect: effect.name)
 def test_a_batch_takes_body_effects_as_a_single_plant_does(effect: Effect[Any]) -> None:
     chain = BodyChain((effect,))
-    single, batch = Plant(flat.make(), body=chain), BatchPlant(flat.make(), 2, body=chain, threads=1)
+    single, batch = Plant(ROBOT, flat.make(), body=chain), BatchPlant(ROBOT, flat.make(), 2, body=chain, threads=1)
     for _ in range(100):
         alone, together = single.step(stand()), batch.step(stand((2,)))
     np.testing.assert_allclose(together.joint_position[1], alone.joint_position, atol=1e-9)
@@ -80,7 +81,7 @@ def test_soft_ground_gives_way() -> None:
 
 
 def test_inertia_turns_the_trunk_alone() -> None:
-    claimed, heavy = Plant(flat.make()).model, settled(BaseInertia(scale=1.5), seconds=0.0).model
+    claimed, heavy = Plant(ROBOT, flat.make()).model, settled(BaseInertia(scale=1.5), seconds=0.0).model
     np.testing.assert_allclose(heavy.body_inertia[2:], claimed.body_inertia[2:])
     assert np.sum(heavy.body_inertia != claimed.body_inertia) == 3
     assert heavy.body_subtreemass[1] == pytest.approx(claimed.body_subtreemass[1])
@@ -88,7 +89,7 @@ def test_inertia_turns_the_trunk_alone() -> None:
 
 @pytest.mark.parametrize("angle", [-0.1, 0.02])
 def test_a_level_base_is_reported_at_the_bias(angle: float) -> None:
-    plant = Plant(flat.make(), imu=ImuChain((ImuBias(roll=angle, pitch=-angle, gyro_z=0.05),)))
+    plant = Plant(ROBOT, flat.make(), imu=ImuChain((ImuBias(roll=angle, pitch=-angle, gyro_z=0.05),)))
     roll, pitch, yaw = roll_pitch_yaw(rotation_matrix(plant.imu.quaternion_base_in_world))
     np.testing.assert_allclose([roll, pitch, yaw], [angle, -angle, 0.0], atol=1e-12)
     drift = plant.imu.angular_velocity_base - plant.state.angular_velocity_base
@@ -97,7 +98,7 @@ def test_a_level_base_is_reported_at_the_bias(angle: float) -> None:
 
 @pytest.mark.parametrize("steps", [0, 1, 4])
 def test_a_late_imu_reports_the_past(steps: int) -> None:
-    plant = Plant(flat.make(), imu=ImuChain((ImuLatency(delay=steps * PHYSICS_DT),)))
+    plant = Plant(ROBOT, flat.make(), imu=ImuChain((ImuLatency(delay=steps * PHYSICS_DT),)))
     true, reported = [], []
     for _ in range(60):
         state = plant.step(stand())
@@ -109,6 +110,7 @@ def test_a_late_imu_reports_the_past(steps: int) -> None:
 def test_robots_of_a_batch_have_their_own_bodies_and_a_reset_empties_their_imu() -> None:
     mass = np.array([0.0, 2.0])
     batch = BatchPlant(
+        ROBOT,
         flat.make(),
         2,
         body=BodyChain((PayloadMass(mass=mass),)),

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus import go1
 from saltus.sim.batch_engine import BatchEngine
@@ -47,7 +48,10 @@ def run(engine, steps):
 
 @pytest.fixture(scope="module")
 def results():
-    engines = [prepared(BatchEngine(COUNT, BOXES, threads=1)), prepared(WarpEngine(COUNT, BOXES, device="cpu"))]
+    engines = [
+        prepared(BatchEngine(ROBOT, COUNT, BOXES, threads=1)),
+        prepared(WarpEngine(ROBOT, COUNT, BOXES, device="cpu")),
+    ]
     return [run(engine, 120) for engine in engines]
 
 
@@ -58,7 +62,7 @@ def test_both_engines_simulate_the_same_robots(results):
 
 
 def test_both_engines_know_turned_boxes_and_forget_them():
-    engines = [BatchEngine(COUNT, BOXES, threads=1), WarpEngine(COUNT, BOXES, device="cpu")]
+    engines = [BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(ROBOT, COUNT, BOXES, device="cpu")]
     (level, _), (exact, touch), (other, other_touch), (again, _) = (
         run(prepared(engine, *turn), 120)
         for engine, turn in zip([engines[0], *engines, engines[0]], [(), (0.1, 0.4), (0.1, 0.4), ()], strict=True)

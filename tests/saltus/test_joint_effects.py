@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import PHYSICS_DT
@@ -47,7 +48,7 @@ def command(position: Any = go1.STAND_POSE, kp: float = 40.0, kd: float = 1.0) -
 
 def swings(effects: tuple[Effect[Any], ...], steps: int = 150) -> tuple[np.ndarray, np.ndarray]:
     """Angles and measured angles of a held robot that is told to swing its legs."""
-    plant = Plant(GROUND, chain=ActuatorChain(effects), held=True)
+    plant = Plant(ROBOT, GROUND, chain=ActuatorChain(effects), held=True)
     true, measured = [], []
     for k in range(steps):
         state = plant.step(command(go1.STAND_POSE + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT)))
@@ -66,7 +67,7 @@ def test_friction_takes_energy(effect: Effect[Any]) -> None:
     """A leg that swings freely comes to rest sooner."""
     energy = []
     for effects in ((), (effect,)):
-        plant = Plant(GROUND, chain=ActuatorChain(effects), held=True)
+        plant = Plant(ROBOT, GROUND, chain=ActuatorChain(effects), held=True)
         for _ in range(150):
             state = plant.step(command(kp=0.0, kd=0.0))
         energy.append(float(np.sum(state.joint_velocity**2)))
@@ -75,7 +76,7 @@ def test_friction_takes_energy(effect: Effect[Any]) -> None:
 
 def test_dry_friction_holds_a_leg() -> None:
     """More friction than gravity asks for: the joints stay where they are."""
-    plant = Plant(GROUND, chain=ActuatorChain((CoulombFriction(torque=5.0),)), held=True)
+    plant = Plant(ROBOT, GROUND, chain=ActuatorChain((CoulombFriction(torque=5.0),)), held=True)
     for _ in range(200):
         plant.step(command(kp=0.0, kd=0.0))
     np.testing.assert_allclose(plant.data.qpos[7:], go1.STAND_POSE, atol=1e-3)
@@ -85,7 +86,7 @@ def test_dry_friction_holds_a_leg() -> None:
 def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
     """Robots of a batch do what single robots do, through a reset of one of them."""
     chain = ActuatorChain((effect,))
-    batch, single = BatchPlant(GROUND, 2, chain=chain, threads=1), Plant(GROUND, chain=chain)
+    batch, single = BatchPlant(ROBOT, GROUND, 2, chain=chain, threads=1), Plant(ROBOT, GROUND, chain=chain)
     together = np.broadcast_to(np.zeros(12), (2, 12))
     for k in range(20):
         target = go1.STAND_POSE + 0.1 * np.sin(0.3 * k)
@@ -101,7 +102,7 @@ def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
 def test_training_feels_friction() -> None:
     speed = []
     for friction in (0.0, 0.5):
-        engine = BatchEngine(1, 1, threads=1)
+        engine = BatchEngine(ROBOT, 1, 1, threads=1)
         engine.qpos[:] = np.concatenate([[0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0], go1.STAND_POSE])
         engine.qvel[:, 6:] = 5.0
         engine.set_joints(*(np.full((1, 12), value) for value in (friction, 0.1 * friction, 0.0)))

@@ -2,6 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus import go1, kinematics, rotations
 from saltus.config import TerrainConfig
@@ -23,7 +24,7 @@ ANGLES = RNG.uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (200, 3))
 
 @pytest.fixture(scope="module")
 def model():
-    return scene.build_spec(make_terrain(TerrainConfig(terrain="flat"))).compile()
+    return scene.build_spec(ROBOT, make_terrain(TerrainConfig(terrain="flat"))).compile()
 
 
 def test_inverse_undoes_forward_kinematics():

@@ -3,6 +3,7 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -41,7 +42,7 @@ def same(first: PlantState, second: PlantState) -> bool:
 @pytest.mark.parametrize("kind", TABLE)
 @pytest.mark.parametrize("payload_kg", [0.0, 1.5])
 def test_it_stands(kind: str, payload_kg: float) -> None:
-    plant = Plant(make_terrain(TerrainConfig(terrain=kind)), payload_kg=payload_kg)
+    plant = Plant(ROBOT, make_terrain(TerrainConfig(terrain=kind)), payload_kg=payload_kg)
     plant.reset()
     for _ in range(1000):
         state = plant.step(pd())
@@ -58,7 +59,7 @@ def test_it_stands(kind: str, payload_kg: float) -> None:
 @pytest.mark.parametrize("x", [-0.2, 0.0, 1.3, 1.55, 1.7])
 def test_reset_puts_the_feet_just_above_the_ground(kind: str, x: float) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind))
-    state = Plant(terrain).reset(position_x=x, yaw=0.05)
+    state = Plant(ROBOT, terrain).reset(position_x=x, yaw=0.05)
     feet = state.foot_position_in_world
     above = feet[:, 2] - go1.FOOT_RADIUS - terrain.height_at(feet[:, 0], feet[:, 1])
     assert np.all(above > 0.0)
@@ -68,7 +69,7 @@ def test_reset_puts_the_feet_just_above_the_ground(kind: str, x: float) -> None:
 
 
 def test_nothing_is_felt_in_free_fall() -> None:
-    plant = Plant(flat.make(), payload_kg=1.0)
+    plant = Plant(ROBOT, flat.make(), payload_kg=1.0)
     plant.reset(clearance=3.0)
     limp = pd(kp=0.0, kd=0.0)
     start = plant.state.position_base_in_world[2]
@@ -80,7 +81,7 @@ def test_nothing_is_felt_in_free_fall() -> None:
 
 
 def test_energy_is_kept_in_flight_without_torque() -> None:
-    plant = Plant(flat.make())
+    plant = Plant(ROBOT, flat.make())
     plant.reset(clearance=8.0)
     model, data = plant.model, plant.data
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4  # the plant's own errs by its first order
@@ -95,7 +96,7 @@ def test_energy_is_kept_in_flight_without_torque() -> None:
 
 
 def test_the_accelerometer_integrates_to_the_velocity() -> None:
-    plant = Plant(flat.make())
+    plant = Plant(ROBOT, flat.make())
     plant.reset()
     for command in random_commands(200):
         before = plant.state
@@ -106,7 +107,7 @@ def test_the_accelerometer_integrates_to_the_velocity() -> None:
 
 
 def test_reset_starts_over_to_the_bit() -> None:
-    plant = Plant(make_terrain(TerrainConfig()), chain=GO1.actuator_chain, seed=3)
+    plant = Plant(ROBOT, make_terrain(TerrainConfig()), chain=GO1.actuator_chain, seed=3)
     runs = []
     for _ in range(2):
         plant.reset(position_x=0.1, yaw=0.02)
@@ -115,7 +116,7 @@ def test_reset_starts_over_to_the_bit() -> None:
 
 
 def test_states_do_not_change_later() -> None:
-    plant = Plant(flat.make())
+    plant = Plant(ROBOT, flat.make())
     first = plant.step(pd())
     kept = {f.name: np.copy(getattr(first, f.name)) for f in dataclasses.fields(first)}
     for command in random_commands(20):
@@ -125,7 +126,7 @@ def test_states_do_not_change_later() -> None:
 
 @pytest.mark.parametrize("friction", [0.3, 0.6, 1.0])
 def test_feet_hold_no_more_than_friction(friction: float) -> None:
-    plant = Plant(flat.make(), friction=friction)
+    plant = Plant(ROBOT, flat.make(), friction=friction)
     plant.reset()
     wrench = np.zeros(6)
     slipped = False
@@ -140,15 +141,15 @@ def test_feet_hold_no_more_than_friction(friction: float) -> None:
 
 
 def test_a_limp_robot_falls_on_its_trunk() -> None:
-    plant = Plant(flat.make())
+    plant = Plant(ROBOT, flat.make())
     plant.reset()
     limp = pd(kp=0.0, kd=0.2)
     assert any(plant.step(limp).trunk_contact for _ in range(1500))
 
 
 def test_believed_torque_is_that_of_the_drive_and_the_applied_one_is_limited() -> None:
-    plant = Plant(flat.make(), chain=GO1.actuator_chain)
-    ideal = Plant(flat.make(), chain=ActuatorChain())
+    plant = Plant(ROBOT, flat.make(), chain=GO1.actuator_chain)
+    ideal = Plant(ROBOT, flat.make(), chain=ActuatorChain())
     for command in random_commands(50):
         before = plant.state
         state = plant.step(command)
@@ -159,7 +160,7 @@ def test_believed_torque_is_that_of_the_drive_and_the_applied_one_is_limited() -
 
 
 def test_leg_points_are_a_leg() -> None:
-    plant = Plant(flat.make())
+    plant = Plant(ROBOT, flat.make())
     for command in random_commands(30):
         state = plant.step(command)
     points = plant.leg_points_in_world()
@@ -170,7 +171,7 @@ def test_leg_points_are_a_leg() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["position", "velocity", "torque"])
 def test_a_command_that_is_not_finite_is_refused(value: float, field: str) -> None:
-    plant = Plant(flat.make(), chain=GO1.actuator_chain)
+    plant = Plant(ROBOT, flat.make(), chain=GO1.actuator_chain)
     wrong = dataclasses.replace(pd(), **{field: np.where(np.arange(12) == 5, value, 0.0)})
     for _ in range(5):  # a feed-forward torque takes force after 10 ms
         plant.step(pd())

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from samples import GO1
+from samples import ROBOT
 
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.errors import RecordingError
@@ -116,7 +116,7 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
 
 def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
     config = RunConfig(pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
-    with Recorder(path, config, GO1) as file:
+    with Recorder(path, config, ROBOT) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)
@@ -243,16 +243,16 @@ def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypat
 
 
 def test_a_recording_holds_its_robot(whole: Recording) -> None:
-    assert whole.robot == GO1
+    assert whole.robot == ROBOT
     older = Recording(whole.path, config=RunConfig(robot="go1/0"))  # its prefix stood there
-    assert older.robot == GO1
-    assert Recording(whole.path).robot == GO1
+    assert older.robot == ROBOT
+    assert Recording(whole.path).robot == ROBOT
 
 
 def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
-    file = Recorder(path, RunConfig(), GO1)
+    file = Recorder(path, RunConfig(), ROBOT)
     for sample in run_samples(5):
         file.write(sample)
     time.sleep(0.001)
@@ -267,7 +267,7 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
 def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
     good = raw("policy/plan", next(m for k, m in run_messages(0) if k == "policy/plan"), 1)
     path = tmp_path / "recording.mcap"
-    with Recorder(path, RunConfig(), GO1) as file:
+    with Recorder(path, RunConfig(), ROBOT) as file:
         for bad in (
             replace(good, payload=b""),
             replace(good, attachment=b""),

@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_terrain import places, random_terrain
+from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
@@ -32,7 +33,7 @@ def random_x(terrain: Terrain, count: int) -> np.ndarray:
 
 def by_rays(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Height by MuJoCo's rays, straight down from above all boxes."""
-    model = scene.build_spec(terrain).compile()
+    model = scene.build_spec(ROBOT, terrain).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     groups = np.zeros(6, dtype=np.uint8)

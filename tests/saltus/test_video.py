@@ -4,6 +4,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -27,7 +28,7 @@ def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0,
     height = np.tile(terrain.height_at(x + HEIGHTMAP_X, 0.0) - 0.285, (len(time_s), 1))
     joints = np.tile(go1.STAND_POSE, (len(time_s), 1))
     shown = height if heightmap else np.full_like(height, np.nan)
-    return np.stack(list(render_run(terrain, time_s, pose, joints, HEIGHTMAP_X, shown, size=SIZE)))
+    return np.stack(list(render_run(ROBOT, terrain, time_s, pose, joints, HEIGHTMAP_X, shown, size=SIZE)))
 
 
 def pink(pictures: np.ndarray) -> int:
@@ -94,7 +95,7 @@ def test_a_run_without_samples_has_no_video() -> None:
     terrain = make_terrain(TerrainConfig())
     none = np.zeros((0, 1))
     with pytest.raises(SaltusError, match="at least one sample"):
-        next(render_run(terrain, np.zeros(0), none, none, HEIGHTMAP_X, none))
+        next(render_run(ROBOT, terrain, np.zeros(0), none, none, HEIGHTMAP_X, none))
 
 
 def test_the_test_picture_shows_what_it_should() -> None:

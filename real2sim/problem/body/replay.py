@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
 from saltus.go1 import REDUCTION
@@ -16,6 +17,7 @@ from saltus.real2sim.problem.body.windows import (
     WINDOW_STEPS,
     Windows,
 )
+from saltus.robots.loading import load_robot
 from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
@@ -79,7 +81,7 @@ class Replay:
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
         self._solver = solver
-        self._robots = FreeRobots(self._sets * self._count, boxes, solver=solver)
+        self._robots = FreeRobots(load_robot(DEFAULT_ROBOT), self._sets * self._count, boxes, solver=solver)
         if payload_position is not None:
             self._robots.set_payload_position(np.asarray(payload_position))
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT

@@ -17,7 +17,7 @@ from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import Simulated, replay
-from saltus.real2sim.problem.log import gains, segments_of
+from saltus.real2sim.problem.log import gains, robot_of, segments_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, estimates
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
@@ -56,7 +56,7 @@ class JointProblem(Problem):
         if meta.get("base") != "fixed":
             raise RecordingError(f"the joints need a held base, the log claims base {meta.get('base')!r}")
         names = list(meta["joints"])
-        self._robot = HeldRobot(str(meta["robot"]), names, _base_quaternion(log))
+        self._robot = HeldRobot(robot_of(meta), names, _base_quaternion(log))
         self._rows = uniform_rows(log)
         kp, kd = gains(meta)
         branches = self._robot.branches

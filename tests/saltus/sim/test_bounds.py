@@ -2,6 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 from random_terrain import random_terrain
+from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.sim import scene
@@ -13,7 +14,7 @@ from saltus.terrain.terrain import Terrain
 
 @pytest.mark.parametrize("terrain", [make_terrain(TerrainConfig()), random_terrain(0), random_terrain(1)])
 def test_the_tree_of_a_terrain_is_the_one_the_engine_makes_of_it(terrain: Terrain) -> None:
-    model: mujoco.MjModel = scene.build_spec(terrain).compile()
+    model: mujoco.MjModel = scene.build_spec(ROBOT, terrain).compile()
     geoms = np.flatnonzero(model.geom_group == scene.TERRAIN_GROUP)
     bounds = tree_bounds(model, geoms, TerrainStack([terrain]).boxes(len(terrain.boxes)))[0]
     made = model.bvh_aabb[terrain_nodes(model)].reshape(-1, 6)

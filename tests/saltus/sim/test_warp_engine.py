@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus import go1
 from saltus.sim.batch_engine import BatchEngine
@@ -18,7 +19,7 @@ FRICTION, DAMPING, ARMATURE = 0.4, 0.3, 0.01
 
 @pytest.fixture(scope="module")
 def engines() -> tuple[Engine, Engine]:
-    return BatchEngine(COUNT, BOXES, threads=1), WarpEngine(COUNT, BOXES, device="cpu")
+    return BatchEngine(ROBOT, COUNT, BOXES, threads=1), WarpEngine(ROBOT, COUNT, BOXES, device="cpu")
 
 
 def put_in_the_air(engine: Engine) -> None:
@@ -98,7 +99,7 @@ def test_a_solver_that_is_stopped_early_prints_nothing(
 
 def test_robots_whose_contacts_find_no_room_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("saltus.sim.warp.CONTACTS", 8)
-    engine = WarpEngine(COUNT, BOXES, device="cpu")
+    engine = WarpEngine(ROBOT, COUNT, BOXES, device="cpu")
     put_in_the_air(engine)
     engine.set_terrain(GROUND)
     engine.step()
