@@ -1,14 +1,11 @@
 """From a trained network to the ONNX file that the service runs."""
 
-import json
-import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
@@ -17,11 +14,9 @@ from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapNetwork, Inputs, camera_metadata
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.model_file import put_model
+from saltus.onnx_export import write_onnx
 from saltus.provenance import commit
 from saltus.wire.topics import CAMERA_LATENCY_S
-
-OPSET = 17
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,26 +45,14 @@ class _Step(nn.Module):
 
 def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     """Writes the network as ONNX with everything that is needed to use it, whole or not at all, and its checksum."""
-    temporary = path.with_name(f".{path.name}.partial")
-    with warnings.catch_warnings():
-        # The exporter without onnxscript is announced to go away; the tests compare what it writes with torch.
-        warnings.filterwarnings("ignore", category=DeprecationWarning)
-        torch.onnx.export(
-            _Step(model.cpu().eval()),
-            _example(model),
-            str(temporary),
-            input_names=list(INPUTS),
-            output_names=list(OUTPUTS),
-            dynamic_axes={name: {0: "batch"} for name in (*INPUTS, *OUTPUTS)},
-            opset_version=OPSET,
-            dynamo=False,
-        )
-    file = onnx.load(temporary)
-    onnx.helper.set_model_props(file, {name: json.dumps(value) for name, value in metadata(model, origin).items()})
-    file.producer_name, file.doc_string = "saltus", ""
-    onnx.checker.check_model(file)
-    onnx.save(file, temporary)
-    put_model(temporary, path)
+    write_onnx(
+        _Step(model.cpu().eval()),
+        _example(model),
+        path,
+        inputs=INPUTS,
+        outputs=OUTPUTS,
+        metadata=metadata(model, origin),
+    )
 
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:

@@ -1,33 +1,22 @@
-"""From a checkpoint to the ONNX file that the planner process runs.
+"""From a checkpoint to the ONNX file that the planner process runs."""
 
-`python -m saltus.policy.training.export CHECKPOINT FILE`
-"""
-
-import argparse
-import json
-import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.config import from_toml
 from saltus.controller.swing import SwingConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.model_file import put_model
+from saltus.onnx_export import write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import LAYOUT, SIZE
-from saltus.policy.training.learner import make_actor, read_checkpoint
-
-OPSET = 17
+from saltus.policy.training.checkpoint import config_of, read_checkpoint
+from saltus.policy.training.learner import make_actor
 
 
 class DeployedPolicy(nn.Module):
@@ -39,13 +28,13 @@ class DeployedPolicy(nn.Module):
 
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()
-        config = from_toml(TrainConfig, checkpoint["config"])
+        config = config_of(checkpoint)
         like = TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1])
         actor = make_actor(like, config.learning, config.env.bounds)
         try:
             actor.load_state_dict(checkpoint["actor_state_dict"])
         except RuntimeError as error:
-            raise SaltusError(f"the checkpoint's network does not fit this program: {error}") from error
+            raise SaltusError("the checkpoint's network does not fit this program: train the policy again") from error
         self.network = actor.as_onnx(verbose=False).eval()
         self.bounds: ActionBounds = config.env.bounds
 
@@ -61,30 +50,18 @@ def export(checkpoint: Path, path: Path) -> float:
         Greatest difference between torch and the file over random observations, as a share of each action's range.
 
     Raises:
-        SaltusError: the checkpoint cannot be read or does not fit.
+        SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
     """
     state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)
-    temporary = path.with_name(f".{path.name}.partial")
-    with warnings.catch_warnings():
-        # The exporter without onnxscript is announced to go away; what it writes is compared with torch below.
-        warnings.filterwarnings("ignore", category=DeprecationWarning)
-        torch.onnx.export(
-            policy,
-            (torch.zeros(2, SIZE),),
-            str(temporary),
-            input_names=["features"],
-            output_names=["plan"],
-            dynamic_axes={"features": {0: "batch"}, "plan": {0: "batch"}},
-            opset_version=OPSET,
-            dynamo=False,
-        )
-    file = onnx.load(temporary)
-    onnx.helper.set_model_props(file, {name: json.dumps(value) for name, value in metadata(policy, state).items()})
-    file.producer_name, file.doc_string = "saltus", ""
-    onnx.checker.check_model(file)
-    onnx.save(file, temporary)
-    put_model(temporary, path)
+    write_onnx(
+        policy,
+        (torch.zeros(2, SIZE),),
+        path,
+        inputs=("features",),
+        outputs=("plan",),
+        metadata=metadata(policy, state),
+    )
     return parity(policy, path)
 
 
@@ -114,17 +91,3 @@ def parity(policy: DeployedPolicy, path: Path, count: int = 1000) -> float:
         expected = policy(torch.from_numpy(given)).numpy()
     span = np.array(policy.bounds.high) - np.array(policy.bounds.low)
     return float(np.max(np.abs(PolicyActor(path).values(given) - expected) / span))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Parses the command line and exports."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("file", type=Path)
-    given = parser.parse_args(arguments)
-    difference = export(given.checkpoint, given.file)
-    print(f"{given.file}: differs from torch by at most {difference:.1e} of a range")  # noqa: T201
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,59 @@
+"""The file of a training: everything that is needed to go on from it, or to export its policy."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from saltus.config import from_toml
+from saltus.errors import ConfigError, SaltusError
+from saltus.policy.env.settings import TrainConfig
+
+NEEDED = {
+    "actor_state_dict", "critic_state_dict", "optimizer_state_dict", "kind", "level",
+    "config", "commit", "iteration", "steps", "seconds",
+}  # fmt: skip
+
+
+def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
+    """Writes a checkpoint, whole or not at all.
+
+    Raises:
+        SaltusError: there is no room for it; what was there before is as it was.
+    """
+    unfinished = path.with_suffix(".part")
+    try:
+        torch.save(state, unfinished)
+        unfinished.replace(path)
+    except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
+        unfinished.unlink(missing_ok=True)
+        raise SaltusError(f"cannot write {path}: {str(error).splitlines()[0]}") from error
+
+
+def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """What `Learner.save` wrote.
+
+    Raises:
+        SaltusError: the file is missing, damaged, or no checkpoint of a motion policy.
+    """
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except OSError as error:
+        raise SaltusError(f"cannot read checkpoint {path}: {error.strerror or 'it is damaged'}") from error
+    except Exception as error:  # what a file that is something else makes of its unpickling
+        raise SaltusError(f"{path} is no checkpoint: torch cannot read it") from error
+    if not isinstance(state, dict) or not state.keys() >= NEEDED:
+        raise SaltusError(f"{path} is no checkpoint of a motion policy")
+    return state
+
+
+def config_of(state: dict[str, Any]) -> TrainConfig:
+    """The configuration of a training, from what its checkpoint holds.
+
+    Raises:
+        SaltusError: it is that of another program.
+    """
+    try:
+        return from_toml(TrainConfig, state["config"])
+    except ConfigError as error:
+        raise SaltusError(f"the checkpoint's configuration does not fit this program: {error}") from error
