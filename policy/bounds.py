@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, Constant, namespace
+from saltus.config import check_between
+from saltus.errors import ConfigError
 from saltus.policy.action import Action
 
 ACTIONS = (
@@ -34,6 +36,14 @@ class ActionBounds:
 
     low: tuple[float, ...] = (0.5, -3.0, -3.0, -8.0, -0.3, -0.07, -0.4, -0.3, -0.07, -0.4)
     high: tuple[float, ...] = (4.0, 3.0, 3.0, 8.0, 0.3, 0.07, 0.8, 0.3, 0.07, 0.8)
+
+    def __post_init__(self) -> None:
+        check_between(self, low=(-1e3, 1e3), high=(-1e3, 1e3))
+        if not len(self.low) == len(self.high) == len(ACTIONS):
+            raise ConfigError(f"low and high have {len(self.low)} and {len(self.high)} entries: {len(ACTIONS)} each")
+        for name, low, high in zip(ACTIONS, self.low, self.high, strict=True):
+            if low >= high:
+                raise ConfigError(f"bounds of {name}: {low:g} to {high:g}, the lowest comes first")
 
     def denormalised(self, output: Array) -> Array:
         """Values of a plan from outputs: -1 is `low`, 1 is `high`; not clipped. Shape (..., 10)."""

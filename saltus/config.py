@@ -5,6 +5,7 @@ import hashlib
 import math
 import tomllib
 import typing
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
@@ -119,6 +120,14 @@ def check_at_least(config: Any, **smallest: float) -> None:
             raise ConfigError(f"{name} = {getattr(config, name)}: it must be at least {low}")
 
 
+def check_between(config: Any, **ranges: tuple[float, float]) -> None:
+    """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none."""
+    for name, (low, high) in ranges.items():
+        value = getattr(config, name)
+        if not all(low <= number <= high for number in (value if isinstance(value, tuple) else (value,))):
+            raise ConfigError(f"{name} = {value}: it must be from {low} to {high}")
+
+
 def to_toml(config: Any) -> str:
     """Writes a config dataclass as TOML; fields that are None are left out."""
     return tomli_w.dumps(_plain(config), multiline_strings=True)
@@ -163,12 +172,32 @@ def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Co
 
 def load(kind: type[Config], path: Path) -> Config:
     """Reads a config dataclass from a TOML file; errors name the file."""
+    return _read(path, lambda text: from_toml(kind, text))
+
+
+def load_changes(config: Config, path: Path) -> Config:
+    """`config` with what a TOML file names of it in place of its own values; errors name the file."""
+    return _read(path, lambda text: from_table(type(config), _merged(_plain(config), read_toml(text))))
+
+
+def _read(path: Path, make: Callable[[str], Config]) -> Config:
     try:
-        return from_toml(kind, path.read_text())
+        return make(path.read_text())
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: it is not text") from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def _merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`table` with the entries of `changes` in place of its own, table by table."""
+    merged = dict(table)
+    for name, value in changes.items():
+        both = isinstance(value, dict) and isinstance(table.get(name), dict)
+        merged[name] = _merged(table[name], value) if both else value
+    return merged
 
 
 def _plain(value: Any) -> Any:

@@ -74,7 +74,7 @@ class DeviceRollouts:
 
     Args:
         loop: How they are let run.
-        policy: A checkpoint, as `saltus.policy.training.learner.read_checkpoint` reads it; its task, but for the
+        policy: A checkpoint, as `saltus.policy.training.checkpoint.read_checkpoint` reads it; its task, but for the
         courses, is theirs.
         predictor: Of the heights in the loop; without it the policy sees what its training showed it.
         device: "cuda:0" or "cpu".

@@ -22,7 +22,7 @@ from saltus.errors import SaltusError
 from saltus.heightmap.data.device_rollouts import DeviceLoop, DeviceRollouts, checked_device
 from saltus.heightmap.data.shards import ShardRecord, open_shard
 from saltus.heightmap.training.train import load_checkpoint
-from saltus.policy.training.learner import read_checkpoint
+from saltus.policy.training.checkpoint import read_checkpoint
 
 POLICY = Path("models/checkpoints/policy.pt")
 

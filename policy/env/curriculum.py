@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
-from saltus.config import TerrainKind
+from saltus.config import TerrainKind, check_between
+from saltus.errors import ConfigError
 from saltus.terrain.batch import KINDS
 
 
@@ -26,6 +27,13 @@ class CurriculumConfig:
     jumps of 0.4 m up steep stairs never sufficed."""
     demotion_m: float = 2.5
     """Less than this leads to an easier course; original."""
+
+    def __post_init__(self) -> None:
+        share = (0.0, 1.0)
+        check_between(self, flat=share, stairs=share, stepping_stones=share, step=share, gap=share, hardest=share)
+        check_between(self, levels=(1, 255), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
+        if not any((self.flat, self.stairs, self.stepping_stones, self.step, self.gap)):
+            raise ConfigError("the shares of all kinds of terrain are 0: one must be more")
 
     def share(self, kind: TerrainKind) -> float:
         """Share of the robots on a kind of terrain."""

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
+from saltus.config import check_between
+from saltus.errors import ConfigError
 
 BODY_DRAWS = 9
 """Uniform random numbers that `draw_bodies` takes."""
@@ -29,6 +31,18 @@ class RandomisationConfig:
     start_x_m: float = 0.2  # +-; definition of a trial
     start_yaw_rad: float = 0.1  # +-; twice that of a trial
     start_joint_rad: float = 0.05  # +-; how exactly a robot stands up
+
+    def __post_init__(self) -> None:
+        period, spread = (1e-3, 1e6), (0.0, 10.0)
+        check_between(self, friction=spread, payload_kg=(0.0, 50.0), motor_strength=(0.01, 10.0))
+        check_between(self, com_shift_m=(0.0, 1.0), feedforward_delay_s=(0.0, 0.1), plan_delay_s=(0.0, 0.1))
+        check_between(self, height_shift_m=(0.0, 1.0), height_noise_m=(0.0, 1.0), pitch_torque_nm=(0.0, 1e3))
+        check_between(self, torque_period_s=period, push_period_s=period, push_mps=spread)
+        check_between(self, start_x_m=spread, start_yaw_rad=spread, start_joint_rad=spread)
+        for name in ("friction", "payload_kg", "motor_strength", "feedforward_delay_s", "plan_delay_s"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ConfigError(f"{name} = {(low, high)}: the lowest comes first")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

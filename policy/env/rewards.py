@@ -7,6 +7,7 @@ the jump takes. Weights and formulas are the original's unless something else is
 from dataclasses import dataclass, fields
 
 from saltus.arrays import Array, namespace
+from saltus.config import check_between
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,9 @@ class RewardConfig:
     yaw: float = 0.016
     base_height: float = 0.01
     tracking_cost: float = 1e-4
+
+    def __post_init__(self) -> None:
+        check_between(self, **dict.fromkeys((f.name for f in fields(self)), (-1e6, 1e6)))
 
 
 TERMS = tuple(f.name for f in fields(RewardConfig))

@@ -1,11 +1,21 @@
-"""Configuration of a training run."""
+"""Configuration of a training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+import tyro
+
+from saltus.config import check_between
+from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.rewards import RewardConfig
+
+MOST_ROBOTS = 2**18
+"""16 times what one GPU trains."""
+SMALLEST, LARGEST = 1e-9, 1e6
+"""What a number is meant by that must be more than 0, or have an end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +33,10 @@ class EpisodeConfig:
     astray_rad: float = 1.0
     """Yaw from the heading."""
 
+    def __post_init__(self) -> None:
+        above = (SMALLEST, LARGEST)
+        check_between(self, time_limit_s=above, lowest_base_m=above, sunk_m=above, astray_m=above, astray_rad=above)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnvConfig:
@@ -33,7 +47,7 @@ class EnvConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
-    profile: str = "go1"
+    profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "go1"
     """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
 
 
@@ -46,36 +60,65 @@ class LearningConfig:
     horizon: int = 24
     """Steps of each robot in an iteration."""
     epochs: int = 5
+    """Times that an iteration's experience is learned from."""
     minibatches: int = 4
+    """Parts of the experience, one for each step of the optimiser."""
     gamma: float = 0.99
+    """Discount of a step."""
     lam: float = 0.95
+    """Lambda of the generalised advantage estimate."""
     clip: float = 0.2
+    """Of the ratio of probabilities."""
     learning_rate: float = 1e-3
     """At first; then adapted to `desired_kl`."""
     desired_kl: float = 0.01
+    """KL divergence between policies before and after an update that the learning rate is adapted to."""
     max_grad_norm: float = 1.0
+    """Longer gradients are shortened."""
     first_std: float = 0.4
     """Of the action, in units of half its range; original 0.5, for narrower ranges."""
     first_lift_std: float = 0.25
     """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15 m."""
     std_range: tuple[float, float] = (0.05, 1.0)
+    """Lowest and highest standard deviation."""
     first_entropy: float = 0.01
     """Weight of the entropy at the first iteration; original, where it stays, and with it a standard deviation of half
     the range."""
     last_entropy: float = 0.001
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     entropy_iterations: int = 1500
+    """Iterations until `last_entropy`."""
+
+    def __post_init__(self) -> None:
+        count, above, share = (1, 10**6), (SMALLEST, LARGEST), (0.0, 1.0)
+        check_between(self, hidden=count, horizon=count, epochs=count, minibatches=count, entropy_iterations=count)
+        check_between(self, gamma=share, lam=share, clip=share, learning_rate=above, desired_kl=above)
+        check_between(self, max_grad_norm=above, first_std=above, first_lift_std=above, std_range=above)
+        check_between(self, first_entropy=above, last_entropy=above)
+        if not self.hidden:
+            raise ConfigError("hidden = (): a network needs a hidden layer")
+        if self.std_range[0] > self.std_range[1]:
+            raise ConfigError(f"std_range = {self.std_range}: the lowest comes first")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """One training run."""
+    """One training: what is learned, from what, and how."""
 
     robots: int = 4096
-    """Of each process; original."""
+    """Of each process."""
     seed: int = 0
+    """Of everything that is drawn."""
     env: EnvConfig = field(default_factory=EnvConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
+
+    def __post_init__(self) -> None:
+        check_between(self, robots=(1, MOST_ROBOTS), seed=(0, 2**32))
+        if self.robots * self.learning.horizon < self.learning.minibatches:
+            raise ConfigError(
+                f"robots = {self.robots}: with a horizon of {self.learning.horizon} steps they are too few for "
+                f"{self.learning.minibatches} minibatches"
+            )
 
 
 def for_gpu() -> TrainConfig:

@@ -1,11 +1,12 @@
 """What periodic evaluation found, as rows of a CSV file."""
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
+
+from saltus.policy.tables import append_table, read_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,21 +31,13 @@ class Row:
 
 def append_rows(table: Path, rows: Sequence[Row]) -> None:
     """Adds rows to a CSV table, with a header where it begins."""
-    is_new = not table.exists()
-    with table.open("a", newline="") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(Row)])
-        if is_new:
-            writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+    append_table(table, [asdict(row) for row in rows])
 
 
 def read_rows(table: Path) -> list[Row]:
     """The rows of a table that `append_rows` wrote; none where there is no table."""
-    if not table.exists():
-        return []
     types: dict[str, Any] = {f.name: f.type for f in fields(Row)}
-    with table.open(newline="") as file:
-        return [Row(**{name: types[name](text) for name, text in line.items()}) for line in csv.DictReader(file)]
+    return [Row(**{name: types[name](text) for name, text in line.items()}) for line in read_table(table)]
 
 
 def summary(rows: Sequence[Row]) -> str:

@@ -1,6 +1,5 @@
 """PPO of rsl-rl over a training environment: one iteration at a time, saved to and restored from one file."""
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +9,11 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from saltus.config import from_toml
 from saltus.errors import SaltusError
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv, Transition
-from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.policy.env.settings import LearningConfig
+from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
 from saltus.terrain.batch import KINDS
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
@@ -100,9 +99,7 @@ class Learner:
             "kind": self._env.memory.kind.to(torch.uint8).cpu(),
             "level": self._env.memory.level.to(torch.uint8).cpu(),
         }
-        unfinished = path.with_suffix(".part")
-        torch.save(state, unfinished)
-        unfinished.replace(path)
+        write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
         """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
@@ -114,8 +111,8 @@ class Learner:
         try:
             self.ppo.load(state, None, strict=True)
         except RuntimeError as error:
-            raise SaltusError(f"{path} holds networks of another size: {error}") from error
-        old, new = from_toml(TrainConfig, state["config"]).env.bounds, self._env.config.bounds
+            raise SaltusError(f"{path} holds networks of another size than this training") from error
+        old, new = config_of(state).env.bounds, self._env.config.bounds
         if old != new:
             rebase(self.ppo.actor, old, new)
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
@@ -131,21 +128,6 @@ class Learner:
     def _share_parameters(self) -> None:
         if self._together:
             self.ppo.broadcast_parameters()
-
-
-def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """What `Learner.save` wrote.
-
-    Raises:
-        SaltusError: the file is missing, or is no checkpoint.
-    """
-    try:
-        state = torch.load(path, map_location=device, weights_only=True)
-    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
-        raise SaltusError(f"{path} is no checkpoint: {str(error).splitlines()[0]}") from error
-    if not isinstance(state, dict) or "actor_state_dict" not in state:
-        raise SaltusError(f"{path} is no checkpoint: it holds no actor")
-    return state
 
 
 def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:

@@ -1,6 +1,5 @@
 """What a training says about itself: one line for people, a table for programs, curves for tensorboard."""
 
-import csv
 from pathlib import Path
 
 import torch
@@ -9,9 +8,11 @@ from torch.utils.tensorboard import SummaryWriter
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.rewards import TERMS
+from saltus.policy.tables import append_table
 from saltus.policy.training.learner import Learner
 from saltus.terrain.batch import KINDS
 
+PROGRESS = "progress.csv"
 _SHORT = {"flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp"}
 
 
@@ -26,7 +27,7 @@ class Progress:
 
     def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
         self._env, self._learner = env, learner
-        self._table = folder / "progress.csv"
+        self._table = folder / PROGRESS
         self._curves = SummaryWriter(str(folder), purge_step=learner.iteration)
         self._last_steps = learner.steps
 
@@ -88,12 +89,7 @@ class Progress:
         return values
 
     def _write(self, row: dict[str, float]) -> None:
-        is_new = not self._table.exists()
-        with self._table.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
-            if is_new:
-                writer.writeheader()
-            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+        append_table(self._table, [{name: f"{value:.6g}" for name, value in row.items()}])
         self.add(
             {name if "/" in name else f"train/{name}": value for name, value in row.items()}, int(row["iteration"])
         )

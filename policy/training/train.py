@@ -1,34 +1,31 @@
-"""Trains the motion policy, on a CPU or on GPUs, resumable at any time.
+"""Trains the motion policy, on a CPU or on GPUs, resumable at any time: `python -m saltus.policy.training.train --help`.
 
-    python -m saltus.policy.training.train --out FOLDER
-
-The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `progress.csv`,
-`evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m saltus.policy.training.train ...` N
-GPUs learn together.
+The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `log.txt`,
+`progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m
+saltus.policy.training.train ...` N GPUs learn together.
 """
 
-import argparse
 import os
+import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from tqdm import tqdm
 
-from saltus.config import DEFAULT_ROBOT, from_toml, load
+from saltus.config import DEFAULT_ROBOT
+from saltus.errors import SaltusError
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import TrainConfig, for_cpu, for_gpu
-from saltus.policy.training.learner import Learner, read_checkpoint
+from saltus.policy.env.settings import TrainConfig
+from saltus.policy.training.learner import Learner
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
 from saltus.terrain.batch import BOXES
-
-EVALUATE_MINUTES = 3.0
-"""Between evaluations with the deployed stack beside a GPU; there are none on a CPU, whose cores training needs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,18 +58,24 @@ def train(
     iterations: int | None = None,
     evaluate_minutes: float = 0.0,
     code: str | None = None,
+    note: str = "",
 ) -> None:
-    """Trains until the time is over or `iterations` are done, and saves.
+    """Trains until the time is over or `iterations` are done, and saves; so it does where it is interrupted.
 
     Args:
         config: The run; resuming takes networks and levels from the checkpoint and all else from here.
-        folder: For the results.
+        folder: For the results. A checkpoint that lies there is written over.
         minutes: From the call of this function, with compilation.
         rank: Of this process.
         resume: Checkpoint to go on from.
         iterations: Where to stop before the time is over; counted from the very first.
         evaluate_minutes: Time between evaluations with the deployed stack, which run beside the training; 0 for none.
         code: Which code trains, where this machine cannot tell.
+        note: What people should be told before it begins.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; what was learned is saved.
+        SaltusError: a checkpoint cannot be read or written.
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
@@ -83,21 +86,42 @@ def train(
     record: TrainingRecord | None = None
     if rank.rank == 0:
         record = TrainingRecord(
-            folder, config, env, learner,
-            commit=code or commit(), start_s=start - before_s, evaluate_s=60.0 * evaluate_minutes, say=_say,
+            folder, config, env, learner, commit=code or commit(), start_s=start - before_s,
+            evaluate_s=60.0 * evaluate_minutes, say=_say, resumed=resume,
         )  # fmt: skip
-        _say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
+        if note:
+            record.say(note)
+        record.say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
     try:
-        while not _over(start, minutes, rank) and (iterations is None or learner.iteration < iterations):
+        for _ in _iterations(learner, start, minutes, iterations, rank):
             learner.collect()
             losses = learner.learn()
             if record is not None:
                 record.step(losses)
         if record is not None:
             record.save()
+    except KeyboardInterrupt:
+        if record is not None:
+            record.save()
+            record.say(f"interrupted: what was learned until iteration {learner.iteration} is in {record.checkpoint}")
+        raise
     finally:
         if record is not None:
             record.close()
+
+
+def _iterations(learner: Learner, start: float, minutes: float, last: int | None, rank: Rank) -> Iterator[None]:
+    """One item for each iteration that there is time for, with a bar that shows how much of it is gone."""
+    first = learner.iteration
+    form = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+    with tqdm(total=1.0, desc="train", bar_format=form, file=sys.stderr, disable=rank.rank > 0) as bar:
+        while not _over(start, minutes, rank) and (last is None or learner.iteration < last):
+            yield
+            share = (time.monotonic() - start) / (60.0 * minutes)
+            if last is not None:
+                share = max(share, (learner.iteration - first) / (last - first))
+            bar.set_postfix(iteration=learner.iteration, million_steps=f"{1e-6 * learner.steps:.1f}", refresh=False)
+            bar.update(min(share, 1.0) - bar.n)
 
 
 def _over(start: float, minutes: float, rank: Rank) -> bool:
@@ -109,13 +133,19 @@ def _over(start: float, minutes: float, rank: Rank) -> bool:
 
 
 def _say(line: str) -> None:
-    print(line, flush=True)  # noqa: T201
+    tqdm.write(line, file=sys.stdout)
+    sys.stdout.flush()
+
+
+def has_gpu() -> bool:
+    """Whether this machine has a GPU that torch can use."""
+    return torch.cuda.is_available()
 
 
 def device_of_this_process(device: str) -> Rank:
     """Where this process trains, made ready for it; `device` is "cpu", or "auto" for a GPU where there is one."""
     world = int(os.environ.get("WORLD_SIZE", "1"))
-    if device == "cpu" or not torch.cuda.is_available():
+    if device == "cpu" or not has_gpu():
         # Batches of a few hundred robots are too small to share: two threads on two busy cores wait for each other,
         # and take 11 times as long as one (docs/policy.md). The physics has threads of its own.
         torch.set_num_threads(1)
@@ -128,50 +158,18 @@ def device_of_this_process(device: str) -> Rank:
     return Rank(rank=int(os.environ.get("RANK", "0")), world=world, device=f"cuda:{local}")
 
 
-def _config(arguments: argparse.Namespace, device: str) -> TrainConfig:
-    if arguments.config:
-        config = load(TrainConfig, arguments.config)
-    elif arguments.resume:
-        config = from_toml(TrainConfig, read_checkpoint(arguments.resume)["config"])
-    else:
-        config = for_cpu() if device == "cpu" else for_gpu()
-    if arguments.robots is not None:
-        config = replace(config, robots=arguments.robots)
-    if arguments.profile:
-        config = replace(config, env=replace(config.env, profile=arguments.profile))
-    return config if arguments.seed is None else replace(config, seed=arguments.seed)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Trains as the command line says; errors are one line. Returns the exit code."""
+    from saltus.policy.train_command import parse  # which imports this module where it begins to train
 
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Parses the command line and trains."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument("--minutes", type=float, default=15.0, help="time limit, with compilation")
-    parser.add_argument("--iterations", type=int, help="stop at this iteration, counted from the very first")
-    parser.add_argument("--resume", type=Path, help="checkpoint.pt to go on from")
-    parser.add_argument("--config", type=Path, help="TOML file; default: that of the checkpoint, or the device's own")
-    parser.add_argument("--robots", type=int, help="number of robots of each process")
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--profile", help="effects of the drives: ideal, go1, one of your own, or a TOML file")
-    parser.add_argument(
-        "--evaluate-minutes", type=float, help="between evaluations with the deployed stack; 0: none (default on a CPU)"
-    )
-    parser.add_argument("--commit", help="which code this is, where the machine has no repository")
-    parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
-    given = parser.parse_args(arguments)
-    rank = device_of_this_process(given.device)
-    every = EVALUATE_MINUTES if rank.device != "cpu" else 0.0
-    train(
-        _config(given, rank.device),
-        given.out,
-        minutes=given.minutes,
-        rank=rank,
-        resume=given.resume,
-        iterations=given.iterations,
-        evaluate_minutes=every if given.evaluate_minutes is None else given.evaluate_minutes,
-        code=given.commit,
-    )
+    try:
+        return parse(arguments).run()
+    except SaltusError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
+    except KeyboardInterrupt:
+        return 130
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

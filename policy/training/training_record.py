@@ -1,5 +1,7 @@
 """What a training leaves in its folder: checkpoint, configuration, commit, curves, and how the deployed stack did."""
 
+import contextlib
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -10,15 +12,17 @@ from saltus.config import to_toml
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
+from saltus.policy.tables import carry_on
 from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
 from saltus.policy.training.evaluation_table import Row, summary
 from saltus.policy.training.learner import Learner
-from saltus.policy.training.progress import Progress
+from saltus.policy.training.progress import PROGRESS, Progress
 from saltus.terrain.batch import KINDS
 
 REPORT_S = 10.0
 SAVE_S = 120.0
 EVALUATION_TRIALS = 8
+LOG, RESULTS = "log.txt", "evaluation.csv"
 
 
 class TrainingRecord:
@@ -32,7 +36,8 @@ class TrainingRecord:
         commit: Which code trains.
         start_s: When the run began, on the monotonic clock; less what the checkpoint had cost from which it goes on.
         evaluate_s: Time between evaluations with the deployed stack; 0 for none.
-        say: Told lines for people.
+        say: Told lines for people; they go into log.txt as well.
+        resumed: Checkpoint that the training goes on from; log and tables beside it are continued.
     """
 
     def __init__(
@@ -46,10 +51,14 @@ class TrainingRecord:
         start_s: float,
         evaluate_s: float,
         say: Callable[[str], None],
+        resumed: Path | None = None,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._checkpoint = folder / "checkpoint.pt"
-        self._learner, self._start_s, self._say = learner, start_s, say
+        if resumed is not None:
+            _carry_on(resumed.parent, folder, learner.iteration)
+        self.checkpoint = folder / "checkpoint.pt"
+        """What the training goes on from."""
+        self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
         self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"])
         (folder / "commit.txt").write_text(commit + "\n")
@@ -57,19 +66,26 @@ class TrainingRecord:
         self._reported = self._saved = time.monotonic()
         self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None
         """What runs beside the training; None where nothing does."""
+        self.save()  # a folder with a table in it has a checkpoint, which no other training writes over
+
+    def say(self, line: str) -> None:
+        """Tells people, and the log."""
+        self._say(line)
+        with contextlib.suppress(OSError), self._log.open("a") as log:  # a full disk ends no training for a line
+            log.write(line + "\n")
 
     def step(self, losses: dict[str, float]) -> None:
         """After an iteration: reports, saves and evaluates what is due."""
         now = time.monotonic()
         if now - self._reported > REPORT_S:
-            self._say(self._progress.report(losses, now - self._reported, now - self._start_s))
+            self.say(self._progress.report(losses, now - self._reported, now - self._start_s))
             self._reported = now
         evaluates = self.evaluation is not None and self.evaluation.due(now)
         if evaluates or now - self._saved > SAVE_S:
             self.save()
         if self.evaluation is not None:
             if evaluates:
-                self.evaluation.start(self._checkpoint, now)
+                self.evaluation.start(self.checkpoint, now)
             self._tell(self.evaluation.finished())
 
     def close(self) -> None:
@@ -82,13 +98,13 @@ class TrainingRecord:
     def save(self) -> None:
         """Writes the checkpoint."""
         now = time.monotonic()
-        self._learner.save(self._checkpoint, {**self._extra, "seconds": now - self._start_s})
+        self._learner.save(self.checkpoint, {**self._extra, "seconds": now - self._start_s})
         self._saved = now
 
     def _tell(self, rows: list[Row]) -> None:
         if not rows:
             return
-        self._say(summary(rows))
+        self.say(summary(rows))
         for row in rows:
             values = {name: value for name, value in asdict(row).items() if name in _CURVES}
             self._progress.add(
@@ -98,10 +114,19 @@ class TrainingRecord:
     def _evaluations(self, folder: Path, curriculum: CurriculumConfig, every_s: float) -> BackgroundEvaluation | None:
         missing = missing_packages()
         if missing:
-            self._say(f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}")
+            self.say(f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}")
             return None
         kinds = [kind for kind in KINDS if curriculum.share(kind) > 0.0]
-        return BackgroundEvaluation(folder / "evaluation.csv", kinds, every_s=every_s, trials=EVALUATION_TRIALS)
+        return BackgroundEvaluation(folder / RESULTS, kinds, every_s=every_s, trials=EVALUATION_TRIALS)
+
+
+def _carry_on(before: Path, folder: Path, iteration: int) -> None:
+    """Brings what the training that is gone on from told and measured until its checkpoint."""
+    before, folder = before.resolve(), folder.resolve()
+    for table in (PROGRESS, RESULTS):
+        carry_on(before / table, folder / table, iteration)
+    if before != folder and (before / LOG).exists():
+        shutil.copyfile(before / LOG, folder / LOG)
 
 
 _CURVES = ("success_rate", "way_share", "mean_speed_mps", "time_p50_s")

@@ -14,11 +14,11 @@ from saltus import go1
 from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
-from saltus.cli.policy_train import TRAINING
 from saltus.cli.serve import Peer, serve
 from saltus.config import Camera, RunConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import DeliveryName
+from saltus.policy.train_command import TRAINING
 
 if TYPE_CHECKING:
     from saltus.heightmap.data.shards import ShardRecord

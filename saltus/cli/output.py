@@ -4,13 +4,13 @@ import json
 import math
 import sys
 from collections.abc import Iterator
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
 from saltus.errors import SaltusError
+from saltus.folders import new_folder
 
 if TYPE_CHECKING:
     from saltus.runtime.stack import Stack
@@ -20,7 +20,7 @@ PROGRESS_PERIOD_S = 0.2
 
 def run_path(command: str, out: Path | None) -> Path:
     """The folder of this run: `out`, or a new `runs/<date>-<command>`."""
-    return out or Path("runs") / f"{datetime.now():%Y-%m-%dT%H%M%S}-{command}"
+    return out or new_folder(command)
 
 
 def run_directory(command: str, out: Path | None) -> Path:

@@ -11,9 +11,13 @@ from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
-from saltus.cli.policy_train import Export, Train
 from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName, TerrainConfig
+from saltus.errors import SaltusError
+from saltus.folders import new_folder
+from saltus.policy.train_command import TRAINING, Train
+
+MAX_DIFFERENCE = 1e-5  # of an action's range, between torch and the exported file
 
 if TYPE_CHECKING:
     from saltus.policy.evaluation.evaluate import EvaluationResult
@@ -94,6 +98,33 @@ class Eval:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Export:
+    """Exports a checkpoint to the ONNX file that the planner runs.
+
+    Try: saltus policy export --checkpoint runs/DATE-policy-train/checkpoint.pt
+    """
+
+    checkpoint: Path
+    """What to export: checkpoint.pt of a training."""
+    out: Path | None = None
+    """Folder for policy.onnx and its checksum; a new one under runs/ by default."""
+
+    def run(self) -> int:
+        """Writes the file; 0 where it equals the checkpoint's network, else 1."""
+        try:
+            from saltus.policy.training.export import export
+        except ImportError as error:
+            raise SaltusError(f"exporting needs {error.name}: {TRAINING}") from error
+        folder = self.out or new_folder("policy-export")
+        if folder.suffix == ".onnx":
+            raise SaltusError(f"--out {folder}: name a folder; policy.onnx is written into it")
+        model = folder / "policy.onnx"
+        difference = export(self.checkpoint, model)
+        print(f"{model}: differs from torch by at most {difference:.1e} of an action's range")
+        return 0 if difference <= MAX_DIFFERENCE else 1
+
+
+@dataclass(frozen=True, kw_only=True)
 class Serve(ServeProcess):
     """Runs the planner process against a running stack."""
 
@@ -104,13 +135,14 @@ class Serve(ServeProcess):
 class Policy:
     """The motion planner: train, export, eval, serve."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[
+    command: Annotated[
+        tyro.conf.OmitSubcommandPrefixes[
             Annotated[Train, subcommand("train")]
             | Annotated[Export, subcommand("export")]
             | Annotated[Eval, subcommand("eval")]
             | Annotated[Serve, subcommand("serve")]
-        ]
+        ],
+        tyro.conf.arg(name=""),
     ]
 
     def run(self) -> int:

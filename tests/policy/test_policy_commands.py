@@ -8,6 +8,7 @@ import pytest
 from saltus.cli.main import main
 from saltus.model_file import ModelFile
 
+SHIPPED = Path(__file__).parents[2] / "models/checkpoints/policy.pt"
 KEYS = {"terrain", "params", "trials", "success_rate", "mean_speed_mps", "time_s", "failures"}
 STONES = ("--terrain", "stepping_stones", "--steps", "1", "--gap-m", "0.05", "--gap-max-m", "0.1")
 
@@ -31,9 +32,9 @@ def test_eval_crosses_easy_stones_and_reports(
 def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
     flags = ["--robots", "16", "--iterations", "1", "--device", "cpu", "--out", str(tmp_path / "run")]
     assert main(["policy", "train", *flags]) == 0
-    model = tmp_path / "policy.onnx"
-    assert main(["policy", "export", "--checkpoint", str(tmp_path / "run/checkpoint.pt"), "--out", str(model)]) == 0
-    assert ModelFile(model).field("iteration") == 1
+    checkpoint, out = tmp_path / "run/checkpoint.pt", tmp_path / "exported"
+    assert main(["policy", "export", "--checkpoint", str(checkpoint), "--out", str(out)]) == 0
+    assert ModelFile(out / "policy.onnx").field("iteration") == 1
 
 
 @pytest.mark.parametrize(
@@ -45,6 +46,9 @@ def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
         (["eval", "--terrain", "stairs", "--gap-max-m", "0.3"], "gap_max_m"),
         (["eval", *STONES[:-1], "2.0"], "gap_max_m"),
         (["export", "--checkpoint", "missing.pt"], "missing.pt"),
+        (["export", "--checkpoint", __file__], "no checkpoint"),
+        (["export", "--checkpoint", str(SHIPPED), "--out", "/proc/nowhere"], "cannot write"),
+        (["export", "--checkpoint", str(SHIPPED), "--out", "policy.onnx"], "name a folder"),
     ],
     ids=str,
 )

@@ -1,0 +1,64 @@
+"""Tables that a training writes row by row, and that the training that goes on from it continues: CSV with a header."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from saltus.errors import SaltusError
+
+MISSING = "nan"
+"""In columns that a row has nothing for: a training that goes on may know other terrains."""
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a table; none where there is no table."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Adds rows, and a header where the table begins; columns that are new go behind the others.
+
+    Raises:
+        SaltusError: the table cannot be written.
+    """
+    before = read_table(path)
+    known = list(before[0]) if before else []
+    if not set(rows[0]) <= set(known):
+        _write(path, [*before, *rows])
+        return
+    try:
+        with path.open("a", newline="") as file:
+            csv.DictWriter(file, known, restval=MISSING).writerows(rows)
+    except OSError as error:
+        raise SaltusError(f"cannot write {path}: {error.strerror}") from error
+
+
+def carry_on(source: Path, target: Path, iteration: int) -> None:
+    """Begins a table with the rows of another one until `iteration`; without that one, nothing is written.
+
+    What a training wrote after the checkpoint that is gone on from happens again.
+
+    Raises:
+        SaltusError: the table cannot be written.
+    """
+    rows = read_table(source)
+    kept = [row for row in rows if float(row["iteration"]) <= iteration]
+    if kept and (source != target or len(kept) < len(rows)):
+        _write(target, kept)
+
+
+def _write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Writes a whole table, whole or not at all."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    unfinished = path.with_suffix(".part")
+    try:
+        with unfinished.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names, restval=MISSING)
+            writer.writeheader()
+            writer.writerows(rows)
+        unfinished.replace(path)
+    except OSError as error:
+        raise SaltusError(f"cannot write {path}: {error.strerror}") from error

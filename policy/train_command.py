@@ -1,0 +1,152 @@
+"""The command line of a training: `saltus policy train`, and `python -m saltus.policy.training.train` under torchrun."""
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from saltus.config import check_between, load_changes
+from saltus.effects.profile import load_profile
+from saltus.errors import SaltusError
+from saltus.folders import another_training, ask_for_room, differences, new_folder
+from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
+
+CHECKPOINT = "checkpoint.pt"
+TRAINING = "pip install 'saltus[train]'"
+GPU_EVALUATE_MINUTES = 3.0
+
+
+def _shown(metavar: str, default: str) -> Any:
+    """How the help shows a flag that is not given by default."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on all terrains. Ctrl-C saves.
+
+    A flag wins over --config, --config over the resumed training or the defaults; the defaults below are a GPU's. A
+    TOML file names what it changes as the flags do: learning.desired_kl = 0.003.
+
+    Try: saltus policy train --device cpu --minutes 15
+
+    Then: saltus policy train --resume runs/DATE-policy-train/checkpoint.pt --learning.desired-kl 0.003
+    """
+
+    out: Annotated[Path | None, _shown("PATH", "a new one, runs/DATE-policy-train")] = None
+    """Folder for checkpoint.pt, config.toml, log.txt, tables and curves; one with another training is refused."""
+    minutes: float = 15.0
+    """Time limit, with compilation."""
+    iterations: Annotated[int | None, _shown("INT", "none, the time ends it")] = None
+    """Stop at this iteration, counted from the very first."""
+    resume: Annotated[Path | None, _shown("PATH", "none, from nothing")] = None
+    """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables as well."""
+    config: Annotated[Path | None, _shown("PATH", "none")] = None
+    """TOML file with what is to differ from the resumed training, or from the defaults."""
+    device: Literal["auto", "cpu"] = "auto"
+    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.train."""
+    evaluate_minutes: Annotated[float | None, _shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
+    """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
+    commit: Annotated[str | None, _shown("STR", "as git says")] = None
+    """Which code trains, where this machine has no repository."""
+    training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=for_gpu)
+
+    def defaults(self) -> "Train":
+        """The same command with what its flags go on from: the resumed training or the device's defaults, and --config.
+
+        Raises:
+            SaltusError: a file cannot be used, or training is not installed.
+        """
+        start = self._start()
+        return replace(self, training=load_changes(start, self.config) if self.config else start)
+
+    def run(self) -> int:
+        """Trains to the end of the time, with one line every ten seconds.
+
+        Raises:
+            KeyboardInterrupt: it was interrupted; what was learned is saved.
+            SaltusError: something of it cannot be; the message says what.
+        """
+        if not 0.0 < self.minutes < math.inf:
+            raise SaltusError(f"minutes = {self.minutes:g}: it must be more than 0, and have an end")
+        if self.iterations is not None:
+            check_between(self, iterations=(1, 10**9))
+        if self.evaluate_minutes is not None:
+            check_between(self, evaluate_minutes=(0.0, LARGEST))
+        load_profile(self.training.env.profile)
+        start, folder = self._start(), self.out or new_folder("policy-train")
+        self._check_networks(start)
+        self._check_folder(folder)
+        self._train(folder, _note(start, self.training, "the resumed training" if self.resume else "the defaults"))
+        print(folder / CHECKPOINT)  # noqa: T201
+        return 0
+
+    def _train(self, folder: Path, note: str) -> None:
+        from saltus.policy.training.train import device_of_this_process, train
+
+        rank = device_of_this_process(self.device)
+        given = GPU_EVALUATE_MINUTES if rank.device != "cpu" else 0.0
+        try:
+            train(
+                self.training,
+                folder,
+                minutes=self.minutes,
+                rank=rank,
+                resume=self.resume,
+                iterations=self.iterations,
+                evaluate_minutes=given if self.evaluate_minutes is None else self.evaluate_minutes,
+                code=self.commit,
+                note=note,
+            )
+        except MemoryError as error:
+            raise SaltusError(f"robots = {self.training.robots}: too many for the memory of this computer") from error
+        except KeyboardInterrupt:
+            if not (folder / CHECKPOINT).exists():
+                print("interrupted before anything was learned", file=sys.stderr)  # noqa: T201
+            raise
+
+    def _start(self) -> TrainConfig:
+        """What flags and file change."""
+        try:
+            from saltus.policy.training.checkpoint import config_of, read_checkpoint
+            from saltus.policy.training.train import has_gpu
+        except ImportError as error:
+            raise SaltusError(f"training needs {error.name}: {TRAINING}") from error
+        if self.resume is not None:
+            return config_of(read_checkpoint(self.resume))
+        return for_cpu() if self.device == "cpu" or not has_gpu() else for_gpu()
+
+    def _check_networks(self, start: TrainConfig) -> None:
+        if self.resume is not None and self.training.learning.hidden != start.learning.hidden:
+            raise SaltusError(
+                f"learning.hidden = {self.training.learning.hidden}: the networks of {self.resume} have "
+                f"{start.learning.hidden}"
+            )
+
+    def _check_folder(self, folder: Path) -> None:
+        """Refuses a folder that holds another training, or that cannot be written into."""
+        from saltus.policy.training.checkpoint import config_of, read_checkpoint
+
+        ask_for_room(folder)
+        there = folder / CHECKPOINT
+        if not there.exists() or (self.resume is not None and _is_same_file(self.resume, there)):
+            return
+        raise another_training(there, asdict(config_of(read_checkpoint(there))), asdict(self.training))
+
+
+def parse(arguments: Sequence[str] | None = None) -> Train:
+    """The command line, read twice: first for what says where the defaults come from."""
+    return tyro.cli(Train, args=arguments, default=tyro.cli(Train, args=arguments).defaults())
+
+
+def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
+    found = [f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(start), asdict(now))]
+    return f"differs from {what}: {', '.join(found)}" if found else f"as {what}"
+
+
+def _is_same_file(one: Path, other: Path) -> bool:
+    return one.samefile(other) or one.read_bytes() == other.read_bytes()

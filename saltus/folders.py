@@ -1,0 +1,67 @@
+"""The folder of a run: a new one unless told otherwise, asked for room before the work, never that of two trainings."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from saltus.errors import SaltusError
+
+RUNS = Path("runs")
+
+
+def new_folder(command: str) -> Path:
+    """A folder that is not there yet: `runs/<date>-<command>`; it is not made here."""
+    name = f"{datetime.now():%Y-%m-%dT%H%M%S}-{command}"
+    return next(path for path in (RUNS / f"{name}{'-' * bool(n)}{n or ''}" for n in range(10_000)) if not path.exists())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """A value that is not the same in two configurations."""
+
+    name: str
+    """With the tables that it stands in: "learning.desired_kl"."""
+    before: Any
+    now: Any
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any], where: str = "") -> Iterator[Difference]:
+    """What differs between two configurations, each as nested tables; a value that one lacks is None there."""
+    for name in (*now, *(name for name in before if name not in now)):
+        left, right = before.get(name), now.get(name)
+        if isinstance(left, Mapping) and isinstance(right, Mapping):
+            yield from differences(left, right, f"{where}{name}.")
+        elif left != right:
+            yield Difference(name=f"{where}{name}", before=left, now=right)
+
+
+def ask_for_room(folder: Path) -> None:
+    """Makes a folder and finds out before the work whether results can be written into it.
+
+    Raises:
+        SaltusError: they cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise SaltusError(f"cannot write into the folder '{folder}' ({error.strerror}): name another one") from error
+
+
+def another_training(checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> SaltusError:
+    """The error of a training that would write over the checkpoint of another one; it says what differs.
+
+    Args:
+        checkpoint: The file that is there.
+        before: Configuration of the training that wrote it.
+        now: Configuration of the training that would.
+    """
+    differs = ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in differences(before, now))
+    return SaltusError(
+        f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on from it with "
+        f"--resume {checkpoint}, or name another folder with --out"
+    )

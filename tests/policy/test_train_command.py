@@ -1,0 +1,226 @@
+"""The command line of a training: what a file and a flag change, what is refused, and that nothing is lost."""
+
+import re
+import signal
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+import torch
+
+from saltus.cli.main import main
+from saltus.config import to_toml
+from saltus.errors import SaltusError
+from saltus.folders import differences
+from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
+from saltus.policy.tables import read_table
+from saltus.policy.train_command import parse
+from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
+
+TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
+RESUMED = replace(for_cpu(), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003))
+
+
+def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], Any]]:
+    """Every value of a configuration with its place."""
+    if not is_dataclass(config):
+        return [(path, config)]
+    return [leaf for f in fields(config) for leaf in leaves(getattr(config, f.name), (*path, f.name))]
+
+
+FAMILY = leaves(TrainConfig())
+
+
+def other(value: Any) -> Any:
+    """Another value that is allowed in its place."""
+    if isinstance(value, tuple):
+        return tuple(other(item) for item in value)
+    if isinstance(value, str):
+        return "ideal"
+    return value + 1 if isinstance(value, int) else 0.875 * value or 0.5
+
+
+def at(config: Any, path: tuple[str, ...]) -> Any:
+    for name in path:
+        config = getattr(config, name)
+    return config
+
+
+def table(path: tuple[str, ...], value: Any) -> dict[str, Any]:
+    for name in reversed(path):
+        value = {name: list(value) if isinstance(value, tuple) else value}
+    return value  # type: ignore[no-any-return]
+
+
+def changed(before: TrainConfig, now: TrainConfig) -> list[str]:
+    return [d.name for d in differences(table_of(before), table_of(now))]
+
+
+def table_of(config: Any) -> dict[str, Any]:
+    return {f.name: table_of(v) if is_dataclass(v := getattr(config, f.name)) else v for f in fields(config)}
+
+
+@pytest.fixture
+def resumed(tmp_path: Path) -> Path:
+    """A checkpoint with a configuration that differs from all defaults."""
+    path = tmp_path / "resumed.pt"
+    torch.save({**dict.fromkeys(NEEDED, 0), "config": to_toml(RESUMED)}, path)
+    return path
+
+
+@pytest.mark.parametrize(("path", "value"), FAMILY, ids=[".".join(path) for path, _ in FAMILY])
+@pytest.mark.parametrize(("how", "goes_on"), [("file", False), ("file", True), ("flag", True)])
+def test_a_file_or_a_flag_with_one_value_changes_that_value_alone(
+    path: tuple[str, ...], value: Any, how: str, goes_on: bool, resumed: Path, tmp_path: Path
+) -> None:
+    before, flags = (RESUMED, ["--resume", str(resumed)]) if goes_on else (for_cpu(), [])
+    new = other(at(before, path))
+    if how == "file":
+        file = tmp_path / "changes.toml"
+        file.write_text(tomli_w.dumps(table(path, new)))
+        flags += ["--config", str(file)]
+    else:
+        words = [str(item) for item in new] if isinstance(new, tuple) else [str(new)]
+        flags += ["--profile" if path[-1] == "profile" else "--" + ".".join(path).replace("_", "-"), *words]
+    after = parse(["--device", "cpu", *flags]).training
+    assert at(after, path) == pytest.approx(new) if not isinstance(new, str) else at(after, path) == new
+    assert changed(before, after) == [".".join(path)]
+
+
+def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(resumed: Path, tmp_path: Path) -> None:
+    file = tmp_path / "changes.toml"
+    file.write_text("seed = 3\n[learning]\nepochs = 4\n")
+    after = parse(["--resume", str(resumed), "--config", str(file), "--seed", "11"]).training
+    assert (after.seed, after.learning.epochs, after.robots) == (11, 4, RESUMED.robots)
+    assert parse(["--resume", str(resumed), "--seed", "0"]).training.seed == 0  # a default that is said aloud
+
+
+def train(*flags: str) -> int:
+    return main(["policy", "train", *TINY, *flags])
+
+
+def test_a_second_training_writes_over_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    assert train("--iterations", "1", "--out", str(out)) == 0
+    assert "differs from the defaults: robots = 8 (there 256)" in (out / "log.txt").read_text()
+    before = (out / "checkpoint.pt").read_bytes()
+    capsys.readouterr()
+    assert train("--iterations", "1", "--seed", "5", "--out", str(out)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "seed = 0, not 5" in error
+    assert f"--resume {out / 'checkpoint.pt'}" in error
+    assert (out / "checkpoint.pt").read_bytes() == before
+
+
+def test_without_a_folder_each_training_gets_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert train("--iterations", "1") == 0
+    assert len(list(tmp_path.glob("runs/*-policy-train*/checkpoint.pt"))) == 2
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_resumed_training_goes_on_with_log_and_tables(
+    elsewhere: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("saltus.policy.training.training_record.REPORT_S", 0.0)
+    first, second = tmp_path / "first", tmp_path / ("second" if elsewhere else "first")
+    assert train("--iterations", "2", "--out", str(first)) == 0
+    log = (first / "log.txt").read_text()
+    lost = replace_iteration(first / "progress.csv", "2", "9")  # as of a training that was killed after its last save
+    resume = ("--resume", str(first / "checkpoint.pt"), "--out", str(second))
+    assert (
+        main(["policy", "train", "--device", "cpu", "--iterations", "4", "--env.curriculum.gap", "0.5", *resume]) == 0
+    )
+    text = (second / "log.txt").read_text()
+    assert text.startswith(log)
+    assert "differs from the resumed training: env.curriculum.gap = 0.5 (there 0.0)" in text
+    rows = read_table(second / "progress.csv")
+    assert [row["iteration"] for row in rows] == ["1", "3", "4"]
+    assert rows[0]["gap/level"] == "nan"
+    assert rows[-1]["gap/level"] != "nan"
+    assert lost == 2
+
+
+def replace_iteration(path: Path, old: str, new: str) -> int:
+    """Gives the row of an iteration another one; returns the number of rows."""
+    rows = path.read_text().splitlines()
+    path.write_text("\n".join(re.sub(f"^{old},", f"{new},", row) for row in rows) + "\n")
+    return len(rows) - 1
+
+
+def test_an_interruption_saves_and_says_so(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "saltus.cli.main", "policy", "train", *TINY, "--minutes", "5", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    while "ready" not in (line := process.stdout.readline()):
+        assert line
+    process.send_signal(signal.SIGINT)
+    said, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    (line,) = [line for line in said.splitlines() if "interrupted" in line]
+    iteration = int(read_checkpoint(out / "checkpoint.pt")["iteration"])
+    assert line == f"interrupted: what was learned until iteration {iteration} is in {out / 'checkpoint.pt'}"
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("flags", "hint"),
+    [
+        (["--minutes", "-1"], "minutes = -1"),
+        (["--minutes", "nan"], "minutes = nan"),
+        (["--minutes", "inf"], "minutes = inf"),
+        (["--robots", "0"], "robots = 0"),
+        (["--robots", "99999999999"], "robots = 99999999999"),
+        (["--robots", "many"], "--robots"),
+        (["--seed", "-1"], "seed = -1"),
+        (["--iterations", "0"], "iterations = 0"),
+        (["--evaluate-minutes", "nan"], "evaluate_minutes = nan"),
+        (["--resume", "missing.pt"], "missing.pt"),
+        (["--resume", "{junk}"], "no checkpoint"),
+        (["--resume", "{folder}"], "checkpoint"),
+        (["--config", "missing.toml"], "missing.toml"),
+        (["--config", "{junk}"], "not valid TOML"),
+        (["--config", "{unknown}"], "desired_kl"),
+        (["--out", "{junk}"], "cannot write into the folder"),
+        (["--out", "/proc/nowhere"], "cannot write into the folder"),
+        (["--profile", "nobody"], "nobody"),
+        (["--learning.gamma", "nan"], "gamma = nan"),
+        (["--learning.desired-kl", "-0.1"], "desired_kl = -0.1"),
+        (["--learning.minibatches", "100000"], "minibatches"),
+        (["--env.curriculum.flat", "0"], "shares"),
+        (["--env.randomisation.friction", "1.0", "0.5"], "friction"),
+        (["--env.bounds.low", "0", "1"], "entries"),
+        (["--minuts", "3"], "--minutes"),
+    ],
+    ids=str,
+)
+def test_nonsense_is_one_line_before_the_work(
+    flags: list[str], hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "junk").write_bytes(b"\x80nothing\xff")
+    (tmp_path / "unknown.toml").write_text("[learning]\ndesired_klm = 1.0\n")
+    known = {"junk": tmp_path / "junk", "unknown": tmp_path / "unknown.toml", "folder": tmp_path}
+    assert train(*(flag.format(**known) for flag in flags)) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert hint in captured.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_networks_of_another_size_do_not_go_on(resumed: Path, tmp_path: Path) -> None:
+    command = parse(["--resume", str(resumed), "--learning.hidden", "4", "--out", str(tmp_path / "run")])
+    with pytest.raises(SaltusError, match=r"learning.hidden = \(4,\): the networks of .* have \(16, 8\)"):
+        command.run()
+
+
+def test_the_shipped_checkpoint_still_loads() -> None:
+    path = Path(__file__).parents[2] / "models/checkpoints/policy.pt"
+    assert parse(["--resume", str(path)]).training.learning.desired_kl == 0.003
