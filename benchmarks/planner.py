@@ -45,7 +45,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = {}
     for name, (course, heights) in ROWS.items():
-        evaluation = Evaluation(course=course, trials=options.trials, first_seed=options.first_seed)
+        evaluation = Evaluation(course=course, trials=options.trials, seed=options.first_seed)
         result = collect(evaluate(evaluation, HEIGHTS[heights]))
         rows[name] = {
             "success": result.successes,

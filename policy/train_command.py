@@ -5,24 +5,20 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from saltus.config import check_between, load_changes
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
+from saltus.flags import shown
 from saltus.folders import another_training, ask_for_room, differences, new_folder
 from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
 
 CHECKPOINT = "checkpoint.pt"
 TRAINING = "pip install 'saltus[train]'"
 GPU_EVALUATE_MINUTES = 3.0
-
-
-def _shown(metavar: str, default: str) -> Any:
-    """How the help shows a flag that is not given by default."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,21 +33,21 @@ class Train:
     Then: saltus policy train --resume runs/DATE-policy-train/checkpoint.pt --learning.desired-kl 0.003
     """
 
-    out: Annotated[Path | None, _shown("PATH", "a new one, runs/DATE-policy-train")] = None
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-train")] = None
     """Folder for checkpoint.pt, config.toml, log.txt, tables and curves; one with another training is refused."""
     minutes: float = 15.0
     """Time limit, with compilation."""
-    iterations: Annotated[int | None, _shown("INT", "none, the time ends it")] = None
+    iterations: Annotated[int | None, shown("INT", "none, the time ends it")] = None
     """Stop at this iteration, counted from the very first."""
-    resume: Annotated[Path | None, _shown("PATH", "none, from nothing")] = None
+    resume: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
     """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables as well."""
-    config: Annotated[Path | None, _shown("PATH", "none")] = None
+    config: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML file with what is to differ from the resumed training, or from the defaults."""
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.train."""
-    evaluate_minutes: Annotated[float | None, _shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
+    evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
-    commit: Annotated[str | None, _shown("STR", "as git says")] = None
+    commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code trains, where this machine has no repository."""
     training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=for_gpu)
 

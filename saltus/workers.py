@@ -1,10 +1,11 @@
 """Processes that share the batches of a round and end with whoever started them."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from typing import TypeVar
@@ -15,8 +16,23 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
+Listener = Callable[[float], None]
+"""Told how much further a task is, in whatever unit."""
+_listener: list[Listener] = []
+"""Of this process: none, or the one that `tell` tells."""
+
+
+def tell(amount: float) -> None:
+    """From within a task: tells whoever waits for it how much further it is; nobody where nobody listens."""
+    for listener in _listener:
+        listener(amount)
+
+
 def in_order(
-    function: Callable[[Task], Result], tasks: Sequence[Task], processes: int | None = None
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    processes: int | None = None,
+    listener: Listener | None = None,
 ) -> Generator[Result, None, None]:
     """Yields `function` of each task, in the order of the tasks; several processes run ahead, by one task each.
 
@@ -26,6 +42,7 @@ def in_order(
         function: Can be sent to another process where `processes` is not 1.
         tasks: Its arguments.
         processes: How many; one for each core where it is not given. 1 runs everything here.
+        listener: Gets what tasks `tell`, in a thread of its own.
 
     Raises:
         ConfigError: not even one process.
@@ -35,11 +52,15 @@ def in_order(
     if processes < 1:
         raise ConfigError(f"processes = {processes}: it must be at least 1")
     if processes == 1 or len(tasks) <= 1:
-        yield from map(function, tasks)
+        with _listening(listener):
+            yield from map(function, tasks)
         return
     context = multiprocessing.get_context("spawn")
     lifeline, held = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin, initargs=(lifeline,))
+    ear, mouth = context.Pipe(duplex=False)  # without a lock, which a process that ends at once could hold for ever
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin, initargs=(lifeline, mouth))
+    listening = threading.Thread(target=_pass_on, args=(ear, listener), daemon=True)
+    listening.start()
     try:
         waiting = [pool.submit(function, task) for task in tasks[: 2 * processes]]
         for following in range(len(waiting), len(tasks) + len(waiting)):
@@ -52,11 +73,32 @@ def in_order(
     finally:
         held.close()
         pool.shutdown(cancel_futures=True)
+        mouth.close()
+        listening.join()
 
 
-def _begin(lifeline: Connection) -> None:
+@contextlib.contextmanager
+def _listening(listener: Listener | None) -> Iterator[None]:
+    _listener[:] = [listener] if listener else []
+    try:
+        yield
+    finally:
+        _listener.clear()
+
+
+def _pass_on(ear: Connection, listener: Listener | None) -> None:
+    """Until the last of those who tell something is gone."""
+    with contextlib.suppress(EOFError):
+        while True:
+            amount: float = ear.recv()
+            if listener is not None:
+                listener(amount)
+
+
+def _begin(lifeline: Connection, mouth: Connection) -> None:
     """Before a process's first task: an interruption is the business of the one who started it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _listener[:] = [mouth.send]
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
 

@@ -8,20 +8,22 @@ from functools import partial
 
 import numpy as np
 
-from saltus.config import TerrainConfig, check_at_least
+from saltus.config import TerrainConfig, check_between
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
-from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, exact_heights, shifted_heights
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
-from saltus.workers import in_order
+from saltus.workers import Listener, in_order, tell
 
-BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared, few enough to show progress
+BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared
+TELL_STEPS = 25  # policy steps between two words about how far a batch is
 
+MOST_TRIALS = 100_000
 MAX_PLAN_DELAY_S = 0.1
 """After which the leg controller takes the planner for lost."""
 
@@ -35,14 +37,15 @@ class Evaluation:
 
     course: TerrainConfig
     trials: int = 20
-    first_seed: int = 0
+    seed: int = 0
+    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
     profile: str = "go1"
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what a computer takes that is not waited for."""
 
     def __post_init__(self) -> None:
-        check_at_least(self, trials=1, first_seed=0)
+        check_between(self, trials=(1, MOST_TRIALS), seed=(0, 2**32))
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
@@ -98,6 +101,7 @@ def evaluate(
     heights: HeightsFactory = shifted_heights,
     planner: Callable[[], Planner] = ScriptedPlanner,
     processes: int | None = None,
+    listener: Listener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs the trials and yields batches of results by seed, in their order.
 
@@ -106,10 +110,11 @@ def evaluate(
         heights: Makes the planner's source of heights; must be picklable where `processes` is not 1.
         planner: Makes the planner; must be picklable where `processes` is not 1.
         processes: How many run at once; by default one for each core.
+        listener: Told of progress, in trials: their shares of the way.
     """
     run = partial(run_batch, evaluation, heights, planner)
-    batches = _batches(range(evaluation.first_seed, evaluation.first_seed + evaluation.trials), BATCH)
-    yield from in_order(run, batches, processes)
+    batches = _batches(range(evaluation.seed, evaluation.seed + evaluation.trials), BATCH)
+    yield from in_order(run, batches, processes, listener)
 
 
 def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
@@ -133,13 +138,25 @@ def run_batch(
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,
     )
-    traces = traces_of(list(rollout.run()))
+    traces = traces_of(list(_telling(rollout, terrains)))
     ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)
     return {
         seed: TrialResult(outcome=outcome, failure=failure_of(outcome, trace, terrain), trace=trace)
         for seed, outcome, trace, terrain in ended
         if outcome is not None
     }
+
+
+def _telling(rollout: Rollout, terrains: Sequence[Terrain]) -> Iterator[RolloutStep]:
+    """The steps of a roll-out; on the way, tells how many trials are done, those that go on by their share of it."""
+    finish_x, done = np.array([terrain.finish_x for terrain in terrains]), np.zeros(rollout.count)
+    for index, step in enumerate(rollout.run()):
+        yield step
+        if index % TELL_STEPS == 0:
+            way = np.where(step.running, step.truth.position_base_in_world[:, 0] / finish_x, 1.0)
+            before, done = done, np.maximum(done, np.clip(way, 0.0, 1.0))
+            tell(float((done - before).sum()))
+    tell(float((1.0 - done).sum()))
 
 
 def courses_of(course: TerrainConfig, seeds: Sequence[int]) -> list[Terrain]:

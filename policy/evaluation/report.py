@@ -73,7 +73,7 @@ def _numbers(table: dict[str, Any]) -> str:
         "success": f"{100 * table['success_rate']:.0f} %",
         "mean speed of successes": f"{table['mean_speed_mps']:.2f} m/s",
         "median time of successes": f"{table['time_s']['p50']:.2f} s",
-        "seeds": f"{table['first_seed']} to {table['first_seed'] + table['trials'] - 1}",
+        "seeds": f"{table['seed']} to {table['seed'] + table['trials'] - 1}",
     }
     cells = "".join(f"<tr><td>{name}</td><td>{html.escape(str(value))}</td></tr>" for name, value in rows.items())
     return f"<table>{cells}</table>"

@@ -68,7 +68,7 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
 
 
 def _results(model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(course=COURSES[course], trials=trials, first_seed=FIRST_SEED)
+    evaluation = Evaluation(course=COURSES[course], trials=trials, seed=FIRST_SEED)
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
     return collect([run_batch(evaluation, shifted_heights, partial(PolicyActor, model), seeds)])
 

@@ -12,11 +12,13 @@ from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.serve import ServeProcess
-from saltus.config import PlannerName, TerrainConfig
+from saltus.config import PlannerName, TerrainConfig, check_at_least
 from saltus.errors import SaltusError
+from saltus.flags import shown
 from saltus.folders import new_folder
 from saltus.policy.train_command import TRAINING, Train
 
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 MAX_DIFFERENCE = 1e-5  # of an action's range, between torch and the exported file
 
 if TYPE_CHECKING:
@@ -26,30 +28,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Runs trials with fresh seeds on one terrain, many robots at once, without the bus; leaves a report."""
+    """Runs trials on one terrain, many robots at once, without the bus; leaves a report.
+
+    Try: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
+    """
 
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
     planner: PlannerName = "learned"
-    """scripted: rules that read the heightmap. learned: a policy."""
-    model: Path | None = None
-    """ONNX file of the learned policy; the shipped one where it is not given."""
+    """scripted: rules that read the heightmap. learned: a network."""
+    model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
+    """ONNX file of the learned policy."""
     trials: int = 20
     """Number of trials."""
-    first_seed: int = 0
-    """Seed of the first trial; the others follow."""
+    seed: int = 0
+    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
-    """true: the terrain, shifted as the trial says. true-exact: the terrain as it is. predicted: what the heightmap
-    service makes of late depth images."""
+    """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
+    predicted: what the heightmap service makes of late depth images."""
     profile: str = "go1"
     """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
-    processes: int | None = None
-    """How many run at once; one for each core where it is not given."""
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """How many run at once."""
     report: bool = True
     """Write an HTML report."""
-    out: Path | None = None
-    """Folder for the report; a new one under runs/ where it is not given."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-eval")] = None
+    """Folder for the report."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print the result as one JSON object on the last line."""
 
@@ -63,17 +68,15 @@ class Eval:
         evaluation = Evaluation(
             course=self.course,
             trials=self.trials,
-            first_seed=self.first_seed,
+            seed=self.seed,
             profile=self.profile,
             plan_delay_s=self.plan_delay_s,
         )
+        if self.processes is not None:
+            check_at_least(self, processes=1)
         directory = run_directory("policy-eval", self.out) if self.report else None
-        with tqdm(total=self.trials, unit="trial", file=sys.stderr) as bar:
-            batches = []
-            for batch in evaluate(evaluation, self._heights(), planner, self.processes):
-                batches.append(batch)
-                bar.update(len(batch))
-        result = collect(batches)
+        with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
+            result = collect(evaluate(evaluation, self._heights(), planner, self.processes, bar.update))
         _print_table(result)
         table = _as_table(self, result)
         if directory is not None:
@@ -106,8 +109,8 @@ class Export:
 
     checkpoint: Path
     """What to export: checkpoint.pt of a training."""
-    out: Path | None = None
-    """Folder for policy.onnx and its checksum; a new one under runs/ by default."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-export")] = None
+    """Folder for policy.onnx and its checksum."""
 
     def run(self) -> int:
         """Writes the file; 0 where it equals the checkpoint's network, else 1."""
@@ -176,7 +179,7 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "profile": command.profile,
         "plan_delay_s": command.plan_delay_s,
         "trials": len(result.trials),
-        "first_seed": command.first_seed,
+        "seed": command.seed,
         "success_rate": result.successes / len(result.trials),
         "mean_speed_mps": result.mean_speed_mps,
         "time_s": {"p50": result.median_time_s},

@@ -65,6 +65,8 @@ def make_terrain(config: TerrainConfig) -> Terrain:
     Raises:
         ConfigError: a size or the difficulty is out of range, or a size is given that this terrain does not have.
     """
+    if config.layout_seed < 0:
+        raise ConfigError(f"layout_seed = {config.layout_seed}: seeds are not negative")
     if config.difficulty is not None and not 0.0 <= config.difficulty <= 1.0:
         raise ConfigError(f"difficulty = {config.difficulty} is out of range: it must be from 0 to 1")
     table = TABLE[config.terrain]

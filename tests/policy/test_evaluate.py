@@ -15,18 +15,23 @@ FLAT = TerrainConfig(terrain="flat")
 
 
 def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
-    evaluation = Evaluation(course=FLAT, trials=3, first_seed=7, time_limit_s=1.2)
+    evaluation = Evaluation(course=FLAT, trials=3, seed=7, time_limit_s=1.2)
     together = collect(evaluate(evaluation, exact_heights, processes=1))
     assert together.seeds == (7, 8, 9)
     assert together.successes == 0
     assert together.failures == {"timeout": 3}
     assert np.isnan(together.mean_speed_mps)
-    alone = collect(evaluate(Evaluation(course=FLAT, trials=1, first_seed=8, time_limit_s=1.2), exact_heights))
+    heard: list[float] = []
+    assert len(list(evaluate(evaluation, exact_heights, processes=1, listener=heard.append))) == 1
+    assert len(heard) > 3
+    assert all(share >= 0.0 for share in heard)
+    assert sum(heard) == pytest.approx(3.0)
+    alone = collect(evaluate(Evaluation(course=FLAT, trials=1, seed=8, time_limit_s=1.2), exact_heights))
     for name, value in asdict(alone.outcomes[0]).items():
         assert asdict(together.outcomes[1])[name] == pytest.approx(value, abs=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [{"trials": 0}, {"first_seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}])
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"seed": -1}, {"plan_delay_s": -0.002}, {"plan_delay_s": 0.2}])
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         Evaluation(course=FLAT, **wrong)
