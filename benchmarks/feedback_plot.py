@@ -18,13 +18,14 @@ from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
 from saltus.controller.feedback import FeedbackConfig
 from saltus.controller.gait import standing
 from saltus.controller.law import LegController, LegControllerConfig
-from saltus.controller.signals import Plan, plan_from_values
+from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.profile import GO1
 from saltus.robots.loading import load_robot
 from saltus.sim.plant import Plant
@@ -62,15 +63,15 @@ class Trace:
 def make_plan(phase: float, frequency_hz: float) -> Plan:
     """Bounding with a pitch rate that follows the phase."""
     residual = np.array([0.0, 0.0, LIFT_M])
-    return plan_from_values(
-        stepping_frequency=np.asarray(frequency_hz),
+    action = Action(
+        stepping_frequency_hz=np.asarray(frequency_hz),
         velocity_x=np.asarray(VELOCITY_X),
         velocity_z=np.asarray(VELOCITY_Z),
         pitch_rate=np.asarray(-AMPLITUDE * np.cos(2.0 * np.pi * (phase - FRONT_STANCE_PHASE))),
         foot_residual_front=residual,
         foot_residual_rear=residual,
-        heading=np.asarray(0.0),
     )
+    return plan_from_action(action, np.asarray(0.0))
 
 
 def run(kd: float, frequency_hz: float) -> Trace:

@@ -18,9 +18,10 @@ import quadprog
 from numpy.typing import NDArray
 
 from saltus import go1
+from saltus.action import Action
 from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
-from saltus.controller.signals import Plan, observe, plan_from_values
+from saltus.controller.signals import Plan, observe, plan_from_action
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 
@@ -60,16 +61,15 @@ def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots
         velocity_base_in_world=uniform(-2.0, 2.0, 3),
         base_height=uniform(0.15, 0.45),
     )
-    plan = plan_from_values(
-        stepping_frequency=uniform(0.5, 4.0),
+    action = Action(
+        stepping_frequency_hz=uniform(0.5, 4.0),
         velocity_x=uniform(-3.0, 3.0),
         velocity_z=uniform(-3.0, 3.0),
         pitch_rate=uniform(-6.0, 6.0),
         foot_residual_front=uniform(-0.2, 0.2, 3),
         foot_residual_rear=uniform(-0.2, 0.2, 3),
-        heading=uniform(-3.1, 3.1),
     )
-    return plan, robots
+    return plan_from_action(action, uniform(-3.1, 3.1)), robots
 
 
 def row(value: Any, k: int) -> Any:

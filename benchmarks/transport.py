@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from saltus.action import REST, plan_message
 from saltus.cli.output import print_json
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE
@@ -45,7 +46,7 @@ from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
-from saltus.wire.messages import DepthFrame, Floats, Message, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import DepthFrame, Floats, Message, PlanStatus, RobotState
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "bench"
@@ -69,18 +70,7 @@ def sample_messages() -> dict[str, Message]:
     depth = np.random.default_rng(0).integers(0, 3000, (240, 424), dtype=np.uint16)
     frame = DepthFrame(time_ns=0, frame_id=0, depth=depth, depth_unit_m=0.001, fx=213.0, fy=213.0, cx=212.0, cy=120.0)
     state = standing_state()
-    plan = MotionPlan(
-        time_ns=0,
-        step=0,
-        status=PlanStatus.GO,
-        stepping_frequency_hz=3.0,
-        velocity_x=1.0,
-        velocity_z=0.0,
-        pitch_rate=0.0,
-        foot_residual_front=np.zeros(3),
-        foot_residual_rear=np.zeros(3),
-        reason="",
-    )
+    plan = plan_message(REST, PlanStatus.GO)
     return {"policy/plan": plan, "controller/state": state, "camera/depth": frame}
 
 

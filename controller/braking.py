@@ -8,11 +8,12 @@ the ground is taken to be the plane through the places where its feet last stood
 
 from dataclasses import dataclass, replace
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.action import Action
+from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig
 from saltus.controller.law import Diagnostics
-from saltus.controller.signals import Plan, plan_from_values
+from saltus.controller.signals import Plan, plan_from_action
 from saltus.controller.swing import SwingConfig
 
 _FRONT, _REAR = 0, 2  # a leg of each pair
@@ -117,15 +118,15 @@ class Braking:
         stance_x = xp.where(front, zero + self._hip_x[_FRONT], zero + self._hip_x[_REAR])
         height = base_height + stance_x * slope  # over the ground under the base
         push = xp.where(front, zero - config.pitch_rate, zero + config.pitch_rate)
-        return plan_from_values(
-            stepping_frequency=zero + config.stepping_frequency_hz,
+        action = Action(
+            stepping_frequency_hz=zero + config.stepping_frequency_hz,
             velocity_x=zero,
             velocity_z=config.height_gain * (config.height_m - height) + config.climb_gain * slope * forward,
             pitch_rate=push - config.pitch_gain * (body.pitch + slope),  # nose down is positive
             foot_residual_front=self._residual(diagnostics, base_height, slope, state, _FRONT, 0.0),
             foot_residual_rear=self._residual(diagnostics, base_height, slope, state, _REAR, config.rear_reach_m),
-            heading=heading,
         )
+        return plan_from_action(action, heading)
 
     def catching(self, plan: Plan, state: BrakingState) -> Plan:
         """A plan for sprung legs: `plan` with feet along the slope of the ground."""
@@ -154,12 +155,9 @@ class Braking:
         landing_x = self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
         middle = xp.mean(state.foothold, axis=-2)
         ground = middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height  # the swing stays at -base_height
-        up, low = _smooth(swing / config.lift_until), _smooth((swing - config.lower_from) / (1.0 - config.lower_from))
+        up, low = (
+            smooth_step(swing / config.lift_until),
+            smooth_step((swing - config.lower_from) / (1.0 - config.lower_from)),
+        )
         over, down = xp.clip(ground, 0.0, None) + config.clearance_m, ground + config.landing_height_m
         return xp.stack([reach, xp.zeros_like(reach), up * (over + (down - over) * low)], axis=-1)
-
-
-def _smooth(t: Array) -> Array:
-    """From 0 to 1, at rest at both ends."""
-    t = namespace(t).clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

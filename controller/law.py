@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saltus import go1
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import PHYSICS_DT
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
@@ -273,8 +273,7 @@ class LegController:
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
-        share = min(1.0, (state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
-        share = share * share * (3.0 - 2.0 * share)
+        share = smooth_step((state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
         zero = xp.zeros_like(measured)
         return JointCommand(
             position=state.blend_from + share * (_STAND_POSE.like(measured) - state.blend_from),

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
+from saltus.action import REST, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import Diagnostics, LegController
 from saltus.controller.robot.backend import Reading
-from saltus.controller.signals import Plan, plan_from_message
+from saltus.controller.signals import Plan, plan_from_action
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.kinematics import foot_position
@@ -140,7 +141,7 @@ class ControlLoop:
     def _reference(self, message: MotionPlan | None) -> Plan:
         message = message or _NO_PLAN
         if self._plan is None or self._plan[0] is not message:
-            self._plan = (message, plan_from_message(message, self._heading))
+            self._plan = (message, plan_from_action(action_of(message), np.asarray(self._heading)))
         return self._plan[1]
 
     def _states(self) -> RobotStates:
@@ -167,18 +168,7 @@ class ControlLoop:
         return ControllerMode.COAST, self._braking.plan(last, height, np.asarray(self._heading), self._ground)
 
 
-_NO_PLAN = MotionPlan(
-    time_ns=0,
-    step=0,
-    status=PlanStatus.STAND,
-    stepping_frequency_hz=1.0,
-    velocity_x=0.0,
-    velocity_z=0.0,
-    pitch_rate=0.0,
-    foot_residual_front=np.zeros(3),
-    foot_residual_rear=np.zeros(3),
-    reason="no plan yet",
-)
+_NO_PLAN = plan_message(REST, PlanStatus.STAND, reason="no plan yet")
 
 
 def _all_finite(reading: Reading) -> bool:

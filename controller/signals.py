@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
+from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace
 from saltus.kinematics import foot_kinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
-from saltus.wire.messages import MotionPlan
 
 _OUTWARD = Constant(np.stack([np.ones(4), go1.SIDE, np.ones(4)], -1))
 
@@ -52,49 +52,17 @@ class Body:
     """Foot Jacobians, base frame [m/rad], shape (..., 4, 3, 3)."""
 
 
-def plan_from_values(
-    *,
-    stepping_frequency: Array,
-    velocity_x: Array,
-    velocity_z: Array,
-    pitch_rate: Array,
-    foot_residual_front: Array,
-    foot_residual_rear: Array,
-    heading: Array,
-) -> Plan:
-    """Builds a plan from the values of a motion policy.
-
-    Args:
-        stepping_frequency: [Hz], shape (...), as the four scalars that follow.
-        velocity_x: forward, yaw frame [m/s].
-        velocity_z: upward [m/s].
-        pitch_rate: nose down positive [rad/s].
-        foot_residual_front: yaw frame with y outward [m], shape (..., 3): mirrored between left and right.
-        foot_residual_rear: the same for the rear feet.
-        heading: yaw to hold [rad], shape (...).
-    """
-    xp = namespace(velocity_x)
-    zero = xp.zeros_like(velocity_x)
-    front, rear = foot_residual_front, foot_residual_rear
+def plan_from_action(action: Action, heading: Array) -> Plan:
+    """The reference that an action stands for, mirrored between left and right; `heading` is the yaw to hold [rad]."""
+    xp = namespace(action.velocity_x)
+    zero = xp.zeros_like(action.velocity_x)
+    front, rear = action.foot_residual_front, action.foot_residual_rear
     return Plan(
-        stepping_frequency=stepping_frequency,
-        velocity=xp.stack([velocity_x, zero, velocity_z], -1),
-        angular_velocity=xp.stack([zero, pitch_rate, zero], -1),
-        foot_residual=xp.stack([front, front, rear, rear], -2) * _OUTWARD.like(velocity_x),
+        stepping_frequency=action.stepping_frequency_hz,
+        velocity=xp.stack([action.velocity_x, zero, action.velocity_z], -1),
+        angular_velocity=xp.stack([zero, action.pitch_rate, zero], -1),
+        foot_residual=xp.stack([front, front, rear, rear], -2) * _OUTWARD.like(action.velocity_x),
         heading=heading,
-    )
-
-
-def plan_from_message(message: MotionPlan, heading: float) -> Plan:
-    """Turns a plan as it travels on the bus into one for a single robot; `heading` is the yaw to hold [rad]."""
-    return plan_from_values(
-        stepping_frequency=np.asarray(message.stepping_frequency_hz, dtype=np.float64),
-        velocity_x=np.asarray(message.velocity_x, dtype=np.float64),
-        velocity_z=np.asarray(message.velocity_z, dtype=np.float64),
-        pitch_rate=np.asarray(message.pitch_rate, dtype=np.float64),
-        foot_residual_front=np.asarray(message.foot_residual_front, dtype=np.float64),
-        foot_residual_rear=np.asarray(message.foot_residual_rear, dtype=np.float64),
-        heading=np.asarray(heading, dtype=np.float64),
     )
 
 

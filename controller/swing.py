@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
 from saltus.kinematics import inverse_kinematics
@@ -73,8 +73,8 @@ class SwingLegs:
             hip * self._horizontal.like(liftoff) + (base_height[..., None] * self._down.like(liftoff))[..., None, :]
         )
         t = progress[..., None]
-        first = _smooth(xp.clip(2.0 * t, 0.0, 1.0))
-        second = _smooth(xp.clip(2.0 * t - 1.0, 0.0, 1.0))
+        first = smooth_step(2.0 * t)
+        second = smooth_step(2.0 * t - 1.0)
         return liftoff + (middle - liftoff) * first + step * second
 
     def capture_point(self, body: Body, height: float) -> Array:
@@ -106,7 +106,3 @@ class SwingLegs:
         angles = xp.clip(inverse_kinematics(foot_base), self._joint_low.like(target), self._joint_high.like(target))
         step = self.config.joint_step_rad
         return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)
-
-
-def _smooth(t: Array) -> Array:
-    return t * t * (3.0 - 2.0 * t)  # t^3 + 3 t^2 (1 - t): at rest at both ends

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from saltus import go1
+from saltus.action import Action
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.model_file import ModelFile
-from saltus.policy.action import Action
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.features import LAYOUT, SIZE, features
 from saltus.policy.observation import Observation
@@ -38,15 +38,7 @@ class PolicyActor:
         _check(file)
 
     def step(self, observation: Observation, heights: Floats) -> Action:
-        """Plans the next 10 ms.
-
-        Args:
-            observation: of the robots, leading dimensions (...).
-            heights: Terrain relative to the base [m], shape (..., 30).
-
-        Returns:
-            The action, within its bounds.
-        """
+        """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
         return action_from_values(self.values(features(observation, heights)))
 
     def values(self, given: Floats) -> Floats:

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
-from saltus.policy.action import Action
 
 ACTIONS = (
     "stepping_frequency_hz",

@@ -6,10 +6,10 @@ from typing import Protocol
 import numpy as np
 
 from saltus import go1
+from saltus.action import Action
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
-from saltus.policy.action import Action
 from saltus.policy.observation import Observation, observe
 from saltus.resources import resource
 from saltus.states import standing_state

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.policy.action import Action
+from saltus.action import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
@@ -103,26 +103,4 @@ class PlannerProcess:
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
             action = self._planner.step(observe(state), heights)
-        return MotionPlan(
-            time_ns=state.time_ns,
-            step=state.step,
-            status=self._status,
-            stepping_frequency_hz=float(action.stepping_frequency_hz),
-            velocity_x=float(action.velocity_x),
-            velocity_z=float(action.velocity_z),
-            pitch_rate=float(action.pitch_rate),
-            foot_residual_front=action.foot_residual_front,
-            foot_residual_rear=action.foot_residual_rear,
-            reason=self._reason,
-        )
-
-
-REST = Action(
-    stepping_frequency_hz=np.asarray(2.0),  # pace of the last steps of a landing
-    velocity_x=np.zeros(()),
-    velocity_z=np.zeros(()),
-    pitch_rate=np.zeros(()),
-    foot_residual_front=np.zeros(3),
-    foot_residual_rear=np.zeros(3),
-)
-"""A plan that goes nowhere, sent along with STAND and STOP."""
+        return plan_message(action, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)

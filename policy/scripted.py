@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus import go1
-from saltus.arrays import Array, Constant, namespace
+from saltus.action import Action
+from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.policy.action import Action
 from saltus.policy.observation import Observation
@@ -23,6 +24,18 @@ FRONT, REAR = 0, 2  # a leg of each pair
 HIP_X = tuple(float(x) for x in go1.HIP_ANCHOR[:, 0])
 # The controller's model of the body: its gain from velocity errors to accelerations, its inertia, its force limit.
 VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
+
+# Bounds of the action: original, but for the residual's lower bound in z, which is 0 there: the nominal swing stays at
+# the height of the feet that stand, and on stairs the rear feet must land below the front feet, by at most 0.38 m
+# times the slope of the steepest stairs that the course knows at low difficulty (0.3).
+FREQUENCY_RANGE_HZ = (0.5, 4.0)
+VELOCITY_X_LIMIT = 3.0
+VELOCITY_Z_LIMIT = 3.0
+PITCH_RATE_LIMIT = 6.0
+RESIDUAL_LOW = (-0.2, -0.07, -0.12)
+RESIDUAL_HIGH = (0.2, 0.07, 0.4)
+
+_LOW, _HIGH = Constant(RESIDUAL_LOW), Constant(RESIDUAL_HIGH)
 
 Value = float | Array
 """A number, or one for each robot of a batch, shape (n,): planner randomisation of training data."""
@@ -113,15 +126,7 @@ class ScriptedPlanner:
         self.parameters = parameters or ScriptedParameters()
 
     def step(self, observation: Observation, heights: Array) -> Action:
-        """Plans the next 10 ms.
-
-        Args:
-            observation: of the robots, leading dimensions (...).
-            heights: Terrain relative to the base [m], shape (..., 30).
-
-        Returns:
-            The action, within its bounds.
-        """
+        """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
         p = self.parameters
         ground = _filled(heights, observation.base_height)
         offset = self._offset(observation, ground)[..., None]
@@ -129,14 +134,15 @@ class ScriptedPlanner:
         incline = slope(ground, SLOPE_FROM, SLOPE_TO)
         velocity_z, pitch_rate = self._body(observation, incline)
         same = 0.0 * observation.pitch  # spreads a number over the batch
-        return Action(
+        action = Action(
             stepping_frequency_hz=p.stepping_frequency_hz + same,
             velocity_x=p.velocity_x + same,
             velocity_z=velocity_z,
             pitch_rate=pitch_rate,
             foot_residual_front=self._residual(observation, heights, ground, FRONT, p.front_landing_x),
             foot_residual_rear=self._residual(observation, heights, ground, REAR, p.rear_landing_x),
-        ).bounded()
+        )
+        return bounded(action)
 
     def _body(self, observation: Observation, incline: Array) -> tuple[Array, Array]:
         """References of vertical velocity and pitch rate, each of shape (...)."""
@@ -200,7 +206,7 @@ class ScriptedPlanner:
         neutral = HIP_X[leg] * xp.cos(observation.pitch) + step + shift + travel
         foot_x = xp.mean(observation.foot[..., leg : leg + 2, 0], axis=-1)
         # How far the foot already is from its nominal path; that path leaves the hip at half time.
-        begun = foot_x - (neutral - travel - step * (1.0 - _smooth(2.0 * swing - 1.0)))
+        begun = foot_x - (neutral - travel - step * (1.0 - smooth_step(2.0 * swing - 1.0)))
         resolve = COMMITMENT * xp.clip((swing - COMMIT_FROM) / (COMMIT_UNTIL - COMMIT_FROM), 0.0, 1.0)
         detour = self._detour(observation, heights, neutral, begun, resolve)
         landing = neutral + detour
@@ -208,8 +214,8 @@ class ScriptedPlanner:
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
         over = highest_between(ground, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
         down = height_at(ground, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
-        up = _smooth(swing / p.lift_until)
-        low = _smooth((swing - p.lower_from) / (1.0 - p.lower_from))
+        up = smooth_step(swing / p.lift_until)
+        low = smooth_step((swing - p.lower_from) / (1.0 - p.lower_from))
         lift = up * (over + (down - over) * low)
         residual = xp.stack([shift + detour, 0.0 * lift, lift], axis=-1)
         return xp.where(observation.contact[..., leg, None], 0.0 * residual, residual)
@@ -237,14 +243,22 @@ class ScriptedPlanner:
         return candidates[xp.argmin(cost, axis=-1)]
 
 
+def bounded(action: Action) -> Action:
+    """The nearest action within the bounds."""
+    xp = namespace(action.velocity_x)
+    low, high = _LOW.like(action.velocity_x), _HIGH.like(action.velocity_x)
+    return Action(
+        stepping_frequency_hz=xp.clip(action.stepping_frequency_hz, *FREQUENCY_RANGE_HZ),
+        velocity_x=xp.clip(action.velocity_x, -VELOCITY_X_LIMIT, VELOCITY_X_LIMIT),
+        velocity_z=xp.clip(action.velocity_z, -VELOCITY_Z_LIMIT, VELOCITY_Z_LIMIT),
+        pitch_rate=xp.clip(action.pitch_rate, -PITCH_RATE_LIMIT, PITCH_RATE_LIMIT),
+        foot_residual_front=xp.clip(action.foot_residual_front, low, high),
+        foot_residual_rear=xp.clip(action.foot_residual_rear, low, high),
+    )
+
+
 def _filled(heights: Array, base_height: Array) -> Array:
     """Heights with trenches filled up to the ground in stance: the body crosses them as if they were not there."""
     xp = namespace(heights)
     level = -base_height[..., None]
     return xp.where(heights < level - TRENCH_DEPTH, level, heights)
-
-
-def _smooth(t: Array) -> Array:
-    """From 0 to 1, at rest at both ends."""
-    t = namespace(t).clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -38,6 +38,12 @@ def namespace(array: Array) -> Any:
     return found
 
 
+def smooth_step(t: Array) -> Array:
+    """From 0 to 1 while `t` goes from 0 to 1, at rest at both ends; any shape."""
+    t = namespace(t).clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
 class Constant:
     """A fixed array that takes the library, dtype and device of whatever it meets; each conversion happens once."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
 from saltus.effects.frame_drop import FrameDrop
@@ -23,7 +24,6 @@ from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.data.stereo_images import stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.policy.action import Action
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner

@@ -134,7 +134,7 @@ class DeviceRollouts:
 
     def proprioception(self) -> Tensor:
         """What the robots feel now, see `saltus.heightmap.service.features`, shape (n, some)."""
-        vector: Tensor = proprioception_of_states(self._env.states)
+        vector: Tensor = proprioception_of_states(self._env.states())
         return vector
 
     def true_heights(self) -> Tensor:

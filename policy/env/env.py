@@ -17,6 +17,7 @@ from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
 from saltus.controller.law import LawState, LegController
+from saltus.controller.signals import plan_from_action
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.profile import load_profile
@@ -29,11 +30,11 @@ from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import blank_memory, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.env.states import LiveStates
 from saltus.policy.env.views import Views
-from saltus.policy.reference import reference
+from saltus.policy.evaluation.states import engine_states
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
+from saltus.states import RobotStates
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode, JointCommand
 
@@ -89,8 +90,6 @@ class JumpEnv:
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
-        self.states = LiveStates(engine, self.memory)
-        """What the robots know now."""
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
         self._output = torch.zeros(self.count, len(ACTIONS), device=self.device)
@@ -170,8 +169,8 @@ class JumpEnv:
 
     @torch.no_grad()
     def _control(self) -> None:
-        memory, states = self.memory, self.states
-        plan = reference(action_from_values(self._obeyed()), memory.heading)
+        memory, states = self.memory, self.states()
+        plan = plan_from_action(action_from_values(self._obeyed()), memory.heading)
         command, state, seen = self._law.step(plan, states, self._law_state(), ControllerMode.RUN)
         torque, line = self._drives.step(
             self._or_stand(command),
@@ -227,9 +226,10 @@ class JumpEnv:
     @torch.no_grad()
     def _sense(self) -> None:
         memory = self.memory
-        rotation = rotation_matrix(self.states.quaternion_base_in_world)
+        states = self.states()
+        rotation = rotation_matrix(states.quaternion_base_in_world)
         old = EstimatorState(mean=memory.estimate, variance=memory.variance)
-        new = self._estimator.step(self.states, memory.trusted, old)
+        new = self._estimator.step(states, memory.trusted, old)
         touching = torch.as_tensor(self._engine.touching())
         terms = reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
         store(
@@ -274,6 +274,10 @@ class JumpEnv:
         self.views.set_goals(self.episodes.done)
         self.episodes.disturb()
         self.views.observe(self.episodes.draws)
+
+    def states(self) -> RobotStates:
+        """What the robots know now."""
+        return engine_states(self._engine, self.memory)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""

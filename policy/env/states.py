@@ -1,80 +1,28 @@
 """What the robots of a training know of themselves."""
 
 import torch
-from torch import Tensor
 
 from saltus.constants import GRAVITY
 from saltus.policy.env.memory import Memory
 from saltus.rotations import rotation_matrix
 from saltus.sim.engine import Engine
+from saltus.states import RobotStates
 
 
-class LiveStates:
-    """A `saltus.states.Proprioception` read from the live tensors of engine and environment: what is read holds now.
-
-    Args:
-        engine: The physics; its positions and velocities are those that IMU and encoders say.
-        memory: Estimates and schedule.
-    """
-
-    def __init__(self, engine: Engine, memory: Memory) -> None:
-        self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
-        self._qacc = torch.as_tensor(engine.qacc)
-        self._memory = memory
-
-    @property
-    def quaternion_base_in_world(self) -> Tensor:
-        """(w, x, y, z), shape (n, 4)."""
-        return self._qpos.float()[:, 3:7]
-
-    @property
-    def angular_velocity_base(self) -> Tensor:
-        """[rad/s], shape (n, 3)."""
-        return self._qvel.float()[:, 3:6]
-
-    @property
-    def acceleration_base(self) -> Tensor:
-        """Specific force [m/s^2], shape (n, 3)."""
-        force = self._qacc[:, :3].float() + self._qpos.new_tensor([0.0, 0.0, GRAVITY]).float()
-        specific: Tensor = rotation_matrix(self.quaternion_base_in_world).mT @ force[..., None]
-        return specific[..., 0]
-
-    @property
-    def joint_position(self) -> Tensor:
-        """[rad], shape (n, 12)."""
-        return self._qpos.float()[:, 7:]
-
-    @property
-    def joint_velocity(self) -> Tensor:
-        """[rad/s], shape (n, 12)."""
-        return self._qvel.float()[:, 6:]
-
-    @property
-    def velocity_base_in_world(self) -> Tensor:
-        """Estimate [m/s], shape (n, 3)."""
-        return self._memory.estimate[:, :3]
-
-    @property
-    def base_height(self) -> Tensor:
-        """Estimate [m], shape (n,)."""
-        return self._memory.estimate[:, 3]
-
-    @property
-    def leg_contact(self) -> Tensor:
-        """Scheduled, bool, shape (n, 4)."""
-        return self._memory.contact
-
-    @property
-    def leg_progress(self) -> Tensor:
-        """Of stance or swing, shape (n, 4)."""
-        return self._memory.progress
-
-    @property
-    def leg_trusted(self) -> Tensor:
-        """Bool, shape (n, 4)."""
-        return self._memory.trusted
-
-    @property
-    def cycle(self) -> Tensor:
-        """Of the present goal, shape (n,)."""
-        return self._memory.cycle
+def engine_states(engine: Engine, memory: Memory) -> RobotStates:
+    """IMU and encoders as the engine's positions and velocities say, estimates and schedule as remembered; tensors."""
+    qpos, qvel = torch.as_tensor(engine.qpos).float(), torch.as_tensor(engine.qvel).float()
+    force = torch.as_tensor(engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, GRAVITY])
+    return RobotStates(
+        quaternion_base_in_world=qpos[:, 3:7],
+        angular_velocity_base=qvel[:, 3:6],
+        acceleration_base=(rotation_matrix(qpos[:, 3:7]).mT @ force[..., None])[..., 0],
+        joint_position=qpos[:, 7:],
+        joint_velocity=qvel[:, 6:],
+        velocity_base_in_world=memory.estimate[:, :3],
+        base_height=memory.estimate[:, 3],
+        leg_contact=memory.contact,
+        leg_progress=memory.progress,
+        leg_trusted=memory.trusted,
+        cycle=memory.cycle,
+    )

@@ -1,5 +1,7 @@
 """What policy and critic are shown of a training environment, and the goal of each jump."""
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -25,12 +27,14 @@ class Views:
     Args:
         memory: Of the environment.
         config: The task.
-        states: What the robots know.
+        states: Says what the robots know now.
         qpos: The engine's positions.
         qvel: The engine's velocities.
     """
 
-    def __init__(self, memory: Memory, config: EnvConfig, states: Proprioception, qpos: Tensor, qvel: Tensor) -> None:
+    def __init__(
+        self, memory: Memory, config: EnvConfig, states: Callable[[], Proprioception], qpos: Tensor, qvel: Tensor
+    ) -> None:
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self.points = LINE.size
@@ -63,7 +67,7 @@ class Views:
         """Writes what policy and critic see now; `draws` has the noise of the heights in its last columns."""
         memory = self._memory
         qpos = self._qpos.float()
-        seen = observe(self._states)
+        seen = observe(self._states())
         rotation = rotation_matrix(qpos[:, 3:7])
         _, _, yaw = roll_pitch_yaw(rotation)
         shift = memory.height_shift

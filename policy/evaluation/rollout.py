@@ -13,21 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Plan
+from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.profile import GO1, Profile
 from saltus.effects.torque_gain import TorqueGain
-from saltus.policy.action import Action
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
-from saltus.policy.reference import reference
 from saltus.robots.loading import load_robot
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
@@ -139,7 +138,7 @@ class Rollout:
 
         # 2. plan
         action = self.planner.step(observe(states), heights)
-        self._plans.appendleft(reference(action, self._heading))
+        self._plans.appendleft(plan_from_action(action, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 
         # 3. track it

@@ -7,6 +7,7 @@ import pytest
 import torch
 from samples import ROBOT
 
+from saltus.action import REST, plan_message
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.braking import Braking, BrakingState
@@ -15,32 +16,16 @@ from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import GO1
 from saltus.policy.observation import observe
-from saltus.policy.process import REST
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.wire.messages import ControllerMode, PlanStatus
 
 BRAKING = Braking()
 LAW = LegController()
 PLANNER = ScriptedPlanner()
 CYCLE_S = 1.0 / float(PLANNER.parameters.stepping_frequency_hz)
 PHASES = np.arange(0.0, 1.0, 0.1)
-
-
-def message(action, status):
-    return MotionPlan(
-        time_ns=0,
-        step=0,
-        status=status,
-        stepping_frequency_hz=float(action.stepping_frequency_hz),
-        velocity_x=float(action.velocity_x),
-        velocity_z=float(action.velocity_z),
-        pitch_rate=float(action.pitch_rate),
-        foot_residual_front=action.foot_residual_front,
-        foot_residual_rear=action.foot_residual_rear,
-        reason="",
-    )
 
 
 def run_until(robot, loop, end_s):
@@ -51,7 +36,7 @@ def run_until(robot, loop, end_s):
         late = tick % POLICY_STEPS
         if late == 0:
             heights = robot.truth(0, 0).height
-            plan = message(PLANNER.step(observe(loop.state(0, 0)), heights), PlanStatus.GO)
+            plan = plan_message(PLANNER.step(observe(loop.state(0, 0)), heights), PlanStatus.GO)
         robot.write(loop.act(plan, late * PHYSICS_DT))
     return plan
 
@@ -77,7 +62,7 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent
     assert robot.state.velocity_base_in_world[0] > 1.2
     robot.take_trunk_contact()
 
-    modes = stop(robot, loop, plan if silent else message(REST, PlanStatus.STOP), 2.4)  # landing 1.1 s, blend 1 s
+    modes = stop(robot, loop, plan if silent else plan_message(REST, PlanStatus.STOP), 2.4)  # landing 1.1 s, blend 1 s
 
     order = [ControllerMode.LANDING, ControllerMode.STOPPED]
     assert list(modes) == ([ControllerMode.RUN, ControllerMode.COAST, *order] if silent else order)

@@ -5,10 +5,11 @@ import pytest
 import torch
 
 from saltus import go1
+from saltus.action import Action, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.law import LegController
-from saltus.controller.signals import plan_from_message
-from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
+from saltus.controller.signals import plan_from_action
+from saltus.wire.messages import ControllerMode, PlanStatus
 
 LAW = LegController()
 COMMAND = ("position", "velocity", "kp", "kd", "torque")
@@ -143,19 +144,15 @@ def test_yaw_is_turned_back_to_the_heading_the_short_way(draw, side):
 
 
 def test_residuals_are_mirrored_outward():
-    message = MotionPlan(
-        time_ns=0,
-        step=0,
-        status=PlanStatus.GO,
-        stepping_frequency_hz=2.0,
-        velocity_x=1.0,
-        velocity_z=0.5,
-        pitch_rate=0.1,
+    action = Action(
+        stepping_frequency_hz=np.asarray(2.0),
+        velocity_x=np.asarray(1.0),
+        velocity_z=np.asarray(0.5),
+        pitch_rate=np.asarray(0.1),
         foot_residual_front=np.array([0.1, 0.05, 0.2]),
         foot_residual_rear=np.array([-0.1, 0.02, 0.3]),
-        reason="",
     )
-    plan = plan_from_message(message, heading=0.0)
+    plan = plan_from_action(action_of(plan_message(action, PlanStatus.GO)), np.asarray(0.0))
     expected = [[0.1, -0.05, 0.2], [0.1, 0.05, 0.2], [-0.1, -0.02, 0.3], [-0.1, 0.02, 0.3]]
     np.testing.assert_allclose(plan.foot_residual, expected)
     np.testing.assert_allclose(plan.velocity, [1.0, 0.0, 0.5])

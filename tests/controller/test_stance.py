@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-import quadprog
 import torch
 
+from benchmarks.qp import independent, row
 from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
@@ -24,28 +24,12 @@ def problems(draw):
     return body, STANCE.build_qp(body, acceleration, contact)
 
 
-def independent(hessian, gradient, contact):
-    """The same problem with all twelve forces, feet in the air held at zero by equations, by another solver."""
-    rows, bounds, equations = [], [], []
-    low, high = CONFIG.force_z_range_n
-    for leg in range(4):
-        x, y, z = np.eye(12)[3 * leg : 3 * leg + 3]
-        if contact[leg]:
-            rows += [z, -z] + [CONFIG.friction * z + sign * t for t in (x, y) for sign in (1.0, -1.0)]
-            bounds += [low, -high, 0.0, 0.0, 0.0, 0.0]
-        else:
-            equations += [x, y, z]
-    constraints = np.array(equations + rows).T
-    right = np.array([0.0] * len(equations) + bounds)
-    return quadprog.solve_qp(hessian, -gradient, constraints, right, len(equations))[0]
-
-
 def test_forces_equal_an_independent_solver(problems):
     _, qp = problems
     force = SOLVER.solve(qp)
     worst = 0.0
     for k in range(PROBLEMS):
-        worst = max(worst, np.abs(force[k] - independent(qp.hessian[k], qp.gradient[k], qp.contact[k])).max())
+        worst = max(worst, np.abs(force[k] - independent(row(qp, k))).max())
     assert worst < 1e-3
 
 

@@ -1,19 +1,17 @@
 """The planner process on a bus."""
 
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from stage import Stage
 
 from saltus.config import Pace, PlannerName, RunConfig
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.__main__ import body
-from saltus.runtime.process import ProcessContext
 from saltus.states import standing_state
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus
 
 STEP_NS = 10_000_000
@@ -31,32 +29,13 @@ HEIGHTMAP = Heightmap(
 )
 
 
-class Stage:
-    """A planner in a thread, and the others' end of its bus."""
-
+class PlannerStage(Stage):
     def __init__(self, pace: Pace, tmp_path: Path, planner: PlannerName = "scripted") -> None:
-        hub = MemoryHub()
         self.epoch_ns = time.monotonic_ns()
-        config = RunConfig(pace=pace, planner=planner, epoch_ns=self.epoch_ns)
-        self.context = ProcessContext("policy", config, tmp_path, MemoryBus("robot/0", hub))
-        self.others = MemoryBus("robot/0", hub)
+        super().__init__("policy", body, RunConfig(pace=pace, planner=planner, epoch_ns=self.epoch_ns), tmp_path)
         self.states = self.others.publisher("controller/state")
         self.heightmaps = self.others.publisher("heightmap/heightmap")
         self.plans = self.others.latest("policy/plan")
-        self.done = self.others.latest("done", "policy")
-        self.events = self.others.latest("event", "policy")
-        self.status = self.others.latest("status", "policy")
-        self.thread = threading.Thread(target=body, args=(self.context,), daemon=True)
-
-    def __enter__(self) -> "Stage":
-        self.thread.start()
-        assert self.status.wait(timeout_s=10.0) is not None  # subscribed
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.context.stopped = True
-        self.thread.join(timeout=5.0)
-        assert not self.thread.is_alive()
 
     def now_ns(self) -> int:
         return time.monotonic_ns() - self.epoch_ns
@@ -66,7 +45,7 @@ class Stage:
 def test_lockstep_waits_for_the_heightmap_of_each_step(
     tmp_path: Path, planner: PlannerName, heightmap_first: bool
 ) -> None:
-    with Stage("lockstep", tmp_path, planner) as stage:
+    with PlannerStage("lockstep", tmp_path, planner) as stage:
         for step in range(70):
             state = replace(STATE, step=step, time_ns=step * STEP_NS)
             heightmap = replace(HEIGHTMAP, step=step, time_ns=step * STEP_NS)
@@ -91,7 +70,7 @@ def test_lockstep_waits_for_the_heightmap_of_each_step(
 
 
 def test_real_time_plans_without_a_heightmap_and_says_when_they_end(tmp_path: Path) -> None:
-    with Stage("realtime", tmp_path) as stage:
+    with PlannerStage("realtime", tmp_path) as stage:
         start_ns = stage.now_ns()
         for step in range(200):
             now_ns = stage.now_ns()

@@ -6,11 +6,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from saltus.action import Action
 from saltus.config import TerrainConfig
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.profile import GO1
 from saltus.grid import HEIGHTMAP_X
-from saltus.policy.action import Action
 from saltus.policy.evaluation.rollout import Rollout, exact_heights
 from saltus.policy.observation import Observation
 from saltus.policy.scripted import ScriptedPlanner

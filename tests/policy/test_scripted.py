@@ -8,14 +8,18 @@ import pytest
 import torch
 
 from saltus import go1
+from saltus.action import Action
 from saltus.grid import HEIGHTMAP_X
-from saltus.policy.action import (
+from saltus.kinematics import quaternion_from_roll_pitch_yaw
+from saltus.policy.observation import Observation, observe
+from saltus.policy.profile import height_at, highest_between, slope
     PITCH_RATE_LIMIT,
     RESIDUAL_HIGH,
     RESIDUAL_LOW,
     VELOCITY_X_LIMIT,
     VELOCITY_Z_LIMIT,
-    Action,
+    ScriptedParameters,
+    ScriptedPlanner,
 )
 from saltus.policy.observation import Observation, observe
 from saltus.policy.profile import height_at, highest_between, slope

@@ -41,7 +41,7 @@ def other(value: Any) -> Any:
         return tuple(other(item) for item in value)
     if isinstance(value, str):
         return "ideal"
-    return value + 1 if isinstance(value, int) else 0.875 * value or 0.5
+    return value + 1 if isinstance(value, int) else 0.875 * value or 0.001
 
 
 def at(config: Any, path: tuple[str, ...]) -> Any:

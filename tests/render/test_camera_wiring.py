@@ -1,20 +1,16 @@
 """The camera process on a bus."""
 
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from stage import Stage
 
 from saltus import go1
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.render.__main__ import body
-from saltus.runtime.process import ProcessContext
-from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done, GroundTruth
-
-ROBOT = "robot/0"
 
 
 def truth(step: int, time_ns: int) -> GroundTruth:
@@ -31,32 +27,15 @@ def truth(step: int, time_ns: int) -> GroundTruth:
     )
 
 
-class Stage:
-    """A camera in a thread, and the plant's end of its bus."""
-
+class CameraStage(Stage):
     def __init__(self, pace: Pace, tmp_path: Path) -> None:
-        hub = MemoryHub()
         config = RunConfig(pace=pace, terrain=TerrainConfig(terrain="stairs"), epoch_ns=time.monotonic_ns(), seed=4)
-        self.context = ProcessContext("render", config, tmp_path, MemoryBus(ROBOT, hub))
-        self.plant = MemoryBus(ROBOT, hub)
-        self.truths = self.plant.publisher("plant/truth")
-        self.frames = self.plant.latest("camera/depth")
-        self.done = self.plant.latest("done", "render")
-        self.status = self.plant.latest("status", "render")
-        self.thread = threading.Thread(target=body, args=(self.context,), daemon=True)
-
-    def __enter__(self) -> "Stage":
-        self.thread.start()
-        assert self.status.wait(timeout_s=10.0) is not None  # subscribed
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.context.stopped = True
-        self.thread.join(timeout=5.0)
-        assert not self.thread.is_alive()
+        super().__init__("render", body, config, tmp_path)
+        self.truths = self.others.publisher("plant/truth")
+        self.frames = self.others.latest("camera/depth")
 
 
-def answered(stage: Stage, step: int) -> tuple[Done, DepthFrame | None]:
+def answered(stage: CameraStage, step: int) -> tuple[Done, DepthFrame | None]:
     stage.truths.put(truth(step, step * 10_000_000))
     done = stage.done.wait(timeout_s=5.0)
     assert done is not None
@@ -65,7 +44,7 @@ def answered(stage: Stage, step: int) -> tuple[Done, DepthFrame | None]:
 
 
 def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
-    with Stage("lockstep", tmp_path) as stage:
+    with CameraStage("lockstep", tmp_path) as stage:
         newest = -1
         for step in range(30):
             done, frame = answered(stage, step)
@@ -82,7 +61,7 @@ def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("steps", [40])
 def test_realtime_publishes_by_the_clock(tmp_path: Path, steps: int) -> None:
-    with Stage("realtime", tmp_path) as stage:
+    with CameraStage("realtime", tmp_path) as stage:
         clock, ages = stage.context.clock, []
         begin_ns = clock.now_ns()
         for step in range(steps):

@@ -1,0 +1,67 @@
+"""What a planner decides ten milliseconds at a time, for any number of robots; `MotionPlan` is it on the bus."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saltus.arrays import Array
+from saltus.wire.messages import MotionPlan, PlanStatus
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Action:
+    """The values of a motion plan, numpy or torch; meaning and frames as in `MotionPlan`."""
+
+    stepping_frequency_hz: Array
+    """Shape (...)."""
+    velocity_x: Array
+    """[m/s], shape (...)."""
+    velocity_z: Array
+    """[m/s], shape (...)."""
+    pitch_rate: Array
+    """[rad/s], shape (...)."""
+    foot_residual_front: Array
+    """[m], shape (..., 3), y outward."""
+    foot_residual_rear: Array
+    """[m], shape (..., 3), y outward."""
+
+
+def action_of(message: MotionPlan) -> Action:
+    """The action of one robot that a message brings."""
+    return Action(
+        stepping_frequency_hz=np.asarray(message.stepping_frequency_hz, dtype=np.float64),
+        velocity_x=np.asarray(message.velocity_x, dtype=np.float64),
+        velocity_z=np.asarray(message.velocity_z, dtype=np.float64),
+        pitch_rate=np.asarray(message.pitch_rate, dtype=np.float64),
+        foot_residual_front=np.asarray(message.foot_residual_front, dtype=np.float64),
+        foot_residual_rear=np.asarray(message.foot_residual_rear, dtype=np.float64),
+    )
+
+
+def plan_message(
+    action: Action, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = ""
+) -> MotionPlan:
+    """The message that brings the action of one robot."""
+    return MotionPlan(
+        time_ns=time_ns,
+        step=step,
+        status=status,
+        stepping_frequency_hz=float(action.stepping_frequency_hz),
+        velocity_x=float(action.velocity_x),
+        velocity_z=float(action.velocity_z),
+        pitch_rate=float(action.pitch_rate),
+        foot_residual_front=action.foot_residual_front,
+        foot_residual_rear=action.foot_residual_rear,
+        reason=reason,
+    )
+
+
+REST = Action(
+    stepping_frequency_hz=np.asarray(2.0),  # pace of the last steps of a landing
+    velocity_x=np.zeros(()),
+    velocity_z=np.zeros(()),
+    pitch_rate=np.zeros(()),
+    foot_residual_front=np.zeros(3),
+    foot_residual_rear=np.zeros(3),
+)
+"""Goes nowhere; sent along with STAND and STOP."""
