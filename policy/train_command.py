@@ -1,6 +1,7 @@
 """The command line of a training: `saltus policy train`, and `python -m saltus.policy.training.train` under torchrun."""
 
 import math
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -76,6 +77,9 @@ class Train:
         load_profile(self.training.env.profile)
         start, folder = self._start(), self.out or new_folder("policy-train")
         self._check_networks(start)
+        if os.environ.get("RANK", "0") != "0":  # one of several that learn together: the first one writes
+            self._train(folder, "")
+            return 0
         self._check_folder(folder)
         self._train(folder, _note(start, self.training, "the resumed training" if self.resume else "the defaults"))
         print(folder / CHECKPOINT)  # noqa: T201
@@ -101,7 +105,7 @@ class Train:
         except MemoryError as error:
             raise SaltusError(f"robots = {self.training.robots}: too many for the memory of this computer") from error
         except KeyboardInterrupt:
-            if not (folder / CHECKPOINT).exists():
+            if note and not (folder / CHECKPOINT).exists():
                 print("interrupted before anything was learned", file=sys.stderr)  # noqa: T201
             raise
 
