@@ -14,7 +14,6 @@ from saltus import go1
 from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
-from saltus.policy.action import Action
 from saltus.policy.observation import Observation
 from saltus.policy.profile import height_at, highest_between, slope
 

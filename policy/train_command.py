@@ -1,4 +1,4 @@
-"""The command line of a training: `saltus policy train`, and `python -m saltus.policy.training.train` under torchrun."""
+"""The command line of a training: `saltus policy train`, and `saltus.policy.training.train` under torchrun."""
 
 import math
 import os

@@ -30,8 +30,8 @@ from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import blank_memory, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.states import engine_states
 from saltus.policy.env.views import Views
-from saltus.policy.evaluation.states import engine_states
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.states import RobotStates

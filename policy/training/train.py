@@ -1,4 +1,4 @@
-"""Trains the motion policy, on a CPU or on GPUs, resumable at any time: `python -m saltus.policy.training.train --help`.
+"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.policy.training.train`).
 
 The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `log.txt`,
 `progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m

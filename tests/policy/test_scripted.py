@@ -10,9 +10,9 @@ import torch
 from saltus import go1
 from saltus.action import Action
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import quaternion_from_roll_pitch_yaw
 from saltus.policy.observation import Observation, observe
 from saltus.policy.profile import height_at, highest_between, slope
+from saltus.policy.scripted import (
     PITCH_RATE_LIMIT,
     RESIDUAL_HIGH,
     RESIDUAL_LOW,
@@ -21,9 +21,6 @@ from saltus.policy.profile import height_at, highest_between, slope
     ScriptedParameters,
     ScriptedPlanner,
 )
-from saltus.policy.observation import Observation, observe
-from saltus.policy.profile import height_at, highest_between, slope
-from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 from saltus.wire.messages import Floats
