@@ -8,16 +8,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import gains
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 
-DELAYS_S = np.linspace(0.0, 0.04, 21)
-"""Delays of the command packet that are tried [s]: each row of a 500 Hz log, beyond the 25 ms that published methods
-look for."""
+DELAYS_S = np.linspace(0.0, 0.04, 41)
+"""Delays of the command packet that are tried [s]: each row of a 500 Hz log and halfway between two, beyond the 25 ms
+that published methods look for."""
+STEP_PARTS_S = (0.0005, 0.0015)
+"""Times within a drive's step of 2 ms at which its command is looked up: a packet that arrives halfway counts for half
+of the step."""
 FEEDFORWARD_DELAYS_S = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025)
 """Delays of the feed-forward torque behind the packet [s]. All of them are columns of one regression."""
 ROWS = 3000
@@ -101,14 +103,13 @@ def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_F
     dq = np.gradient(joints.q, joints.time_s, axis=0) if joints.dq is None else joints.dq
     best: dict[int, _Fit] = {}
     for delay in DELAYS_S:
-        held = _rows_in_force(joints.time_s, joints.time_s[rows] - delay)
-        error = joints.q_des[held] - joints.q[rows]
-        rate = -dq[rows] if joints.dq_des is None else joints.dq_des[held] - dq[rows]
+        sent_s = joints.time_s[rows] - delay
+        error = _in_force(joints, joints.q_des, sent_s) - joints.q[rows]
+        rate = -dq[rows] if joints.dq_des is None else _in_force(joints, joints.dq_des, sent_s) - dq[rows]
         # backlash shifts what the drive sees by half its width, to the side to which it pushes
         columns = [error, rate, np.tanh((kp * error + kd * rate) / SIGN_TORQUE_NM), np.ones_like(error)]
         if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
-            late = [_rows_in_force(joints.time_s, joints.time_s[rows] - delay - d) for d in FEEDFORWARD_DELAYS_S]
-            columns += [joints.tau_ff[index] for index in late]
+            columns += [_in_force(joints, joints.tau_ff, sent_s - late) for late in FEEDFORWARD_DELAYS_S]
         for joint in range(torque.shape[1]):
             fit = _regress([column[:, joint] for column in columns], torque[rows, joint])
             if joint not in best or fit.explained > best[joint].explained:
@@ -116,9 +117,10 @@ def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_F
     return [best[joint] for joint in range(torque.shape[1])]
 
 
-def _rows_in_force(time_s: Floats, when_s: Floats) -> NDArray[np.intp]:
-    """Rows of the commands in force at given times."""
-    return np.clip(np.searchsorted(time_s, when_s, side="right") - 1, 0, len(time_s) - 1)
+def _in_force(joints: JointTable, commands: Floats, when_s: Floats) -> Floats:
+    """Mean of the commands in force over the step of a drive that begins at given times."""
+    rows = [np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S]
+    return np.asarray(np.mean([commands[np.clip(row, 0, len(commands) - 1)] for row in rows], axis=0))
 
 
 def _regress(columns: list[Floats], torque: Floats) -> _Fit:

@@ -69,18 +69,20 @@ def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> Run
 
 def _simulate(rig: Rig, time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
     """Readings of q, rate and the torque that the drive believes; half a millisecond a step."""
-    late = round(rig.delay_s / DT)
+    whole, part = divmod(round(rig.delay_s / DT, 6), 1.0)
+    sent = np.maximum(np.arange(len(time_s)) - int(whole), 0)
+    late = (1.0 - part) * q_des[sent] + part * q_des[np.maximum(sent - 1, 0)]
     steps = 4
     q, dq = q_des[0].copy(), np.zeros(12)
     rows = np.empty((3, len(time_s), 12))
     side = np.zeros(12)
     for row in range(len(time_s)):
         reading = q + rig.bias + rig.play * side
-        torque = rig.kp * (q_des[max(0, row - late)] - reading) - rig.kd * dq
+        torque = rig.kp * (late[row] - reading) - rig.kd * dq
         rows[:, row] = reading, dq, torque
         side = np.clip(side + np.sign(torque) * 0.1, -0.5, 0.5)
         for _ in range(steps):
-            torque = rig.kp * (q_des[max(0, row - late)] - q - rig.bias - rig.play * side) - rig.kd * dq
+            torque = rig.kp * (late[row] - q - rig.bias - rig.play * side) - rig.kd * dq
             friction = rig.viscous * dq + rig.coulomb * np.tanh(dq / 0.05)
             dq = dq + DT / steps / INERTIA * (rig.gain * torque - friction - WEIGHT * np.sin(q) - HIP_WEIGHT)
             q = q + DT / steps * dq

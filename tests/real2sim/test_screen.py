@@ -46,6 +46,12 @@ def test_strong_effects_are_no_damage(rig: Rig) -> None:
     assert screen(replace(log, joints=bare)) == []
 
 
+def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain() -> None:
+    rig = Rig(delay_s=0.011, viscous=0.4, kp=40.0, kd=1.5)
+    log = joints_log(rig)
+    assert screen(replace(log, meta={**log.meta, "kp": rig.kp, "kd": rig.kd})) == []
+
+
 def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(log: RunLog, body: RunLog) -> None:
     meta = {**log.meta, "control_dt": 0.004}
     assert screen(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2)))) == []
