@@ -27,7 +27,8 @@ from saltus.errors import SaltusError
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
-from saltus.real2sim.results import Judgement, Progress
+from saltus.real2sim.progress import Progress
+from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 
 FIRST = "joint_tour"

@@ -13,16 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from saltus.effects.profile import IDEAL, Profile
-from saltus.errors import RecordingError
+from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import in_sequence, load_rigs, shifts_s
 from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.progress import ComparisonProgress, Progress
 from saltus.real2sim.rebased import Rebased
 from saltus.real2sim.resolve import resolved
-from saltus.real2sim.results import Compared, Examined, Judgement, Progress
+from saltus.real2sim.results import Compared, Examined, Judgement
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.findings import FoundEffect
@@ -33,9 +34,6 @@ from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked import Stacked, stackable
 from saltus.real2sim.verdict import merge
 from saltus.recordings.run_log import RunLog
-
-SIMULATIONS = 250
-"""Sets of unknowns that a search of an ordinary log tries, for the progress bar."""
 
 
 def find(
@@ -72,6 +70,8 @@ def find(
 
             texts["report.html"] = report_page(judgement, profile=profile, seed=seed)
         _write(texts, out)
+    if progress is not None:
+        progress("done", 1.0)
     return judgement
 
 
@@ -108,19 +108,26 @@ def examine_together(
 
     Nothing is compared where a log is damaged.
     """
-    tell = progress or (lambda _stage, _share: None)
-    tell("screen", 0.0)
+    if progress is not None:
+        progress("screen", 0.0)
     found = [_screened(log) for log in logs]
     if any(each.is_bad for each in found):
         return tuple(found)
     found = [replace(each, offsets=align(each.log)) for each in found]
     posed = [sensor for sensor in SENSORS if not all(sensor.lacks(log) for log in logs)]
-    for index, sensor in enumerate(posed):
-        tell(sensor.name, index / len(posed))
-        simulating = _counted(tell, sensor.name, index, len(posed))
-        for own, problem in _problems(sensor, found, profile, without):
-            found[own[0]] = _added(found[own[0]], sensor, problem, [logs[i] for i in own], seed, simulating)
-        tell(sensor.name, (index + 1.0) / len(posed))
+    shown = ComparisonProgress(progress, posed)
+    for sensor in posed:
+        shown.begin(f"{sensor.name}: prepare")
+        problems = _problems(sensor, found, profile, without)
+        shown.end(sensor.prepare_s)
+        for own, problem in problems:
+            seconds = sensor.search_s / len(problems)
+            searched = shown.search(f"{sensor.name}: search", seconds)
+            found[own[0]] = _added(found[own[0]], sensor, problem, [logs[i] for i in own], seed, searched)
+            shown.end(seconds)
+        if not problems:
+            shown.end(sensor.search_s)
+    shown.begin("conclude")
     return tuple(found)
 
 
@@ -172,21 +179,10 @@ def _added(
 
 def _failed(examined: Examined, sensor: Sensor, error: Exception) -> Examined:
     logging.getLogger(__name__).info("the %s could not be compared", sensor.name, exc_info=error)
-    text = f"the {sensor.name} could not be compared: {type(error).__name__}: {error}"
+    said = str(error).partition("\n")[0] if isinstance(error, SaltusError) else repr(error)
+    text = f"the {sensor.name} could not be compared: {said}"
     untestable = examined.untestable | dict.fromkeys(sensor.effects, text)
     return replace(examined, failures=(*examined.failures, text), untestable=untestable)
-
-
-def _counted(tell: Progress, name: str, index: int, count: int) -> Callable[[str, int], None]:
-    """Turns the search's count of simulations into a share of all problems."""
-    done = 0
-
-    def simulating(_stage: str, simulations: int) -> None:
-        nonlocal done
-        done += simulations
-        tell(name, (index + min(0.95, done / SIMULATIONS)) / count)
-
-    return simulating
 
 
 def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[str]) -> Problem:

@@ -1,6 +1,5 @@
 """What came of comparing run logs with the simulator: by sensor, by log, and in the end."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from saltus.real2sim.patch import Evidence, Patch
@@ -10,9 +9,6 @@ from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings
 from saltus.real2sim.verdict import Verdict
 from saltus.recordings.run_log import RunLog
-
-Progress = Callable[[str, float], None]
-"""Told the name of a stage and the share of all that is done."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

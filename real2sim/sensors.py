@@ -24,6 +24,10 @@ class Sensor:
     lacks: Callable[[RunLog], str]
     """Why a log poses no problem of this kind; empty where it does."""
     problem: Callable[[RunLog], Problem]
+    prepare_s: float
+    """What posing its problem typically takes [s], for the progress bar."""
+    search_s: float
+    """What the search in it typically takes [s]."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -90,9 +94,9 @@ def _imu(log: RunLog) -> Problem:
 
 
 SENSORS = (
-    Sensor(name="joints", part="actuator", lacks=_no_held_base, problem=_joints),
-    Sensor(name="camera", part="camera", lacks=_no_images, problem=_camera),
-    Sensor(name="body", part="body", lacks=_no_free_base, problem=_body),
-    Sensor(name="imu", part="imu", lacks=_no_imu, problem=_imu),
+    Sensor(name="joints", part="actuator", lacks=_no_held_base, problem=_joints, prepare_s=1.0, search_s=30.0),
+    Sensor(name="camera", part="camera", lacks=_no_images, problem=_camera, prepare_s=1.0, search_s=4.0),
+    Sensor(name="body", part="body", lacks=_no_free_base, problem=_body, prepare_s=15.0, search_s=10.0),
+    Sensor(name="imu", part="imu", lacks=_no_imu, problem=_imu, prepare_s=0.1, search_s=0.5),
 )
 """In the order in which they are compared; what one needs is imported when a log asks for it."""

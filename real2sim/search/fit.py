@@ -36,9 +36,11 @@ class Evaluator:
         if not len(unknowns):
             return np.zeros((0, unknowns.shape[1], len(self._problem.time_s)))
         self.evaluations += len(unknowns)
-        if self._progress is not None:
-            self._progress(stage, len(unknowns))
-        batches = [self._problem.residuals(unknowns[i : i + BATCH]) for i in range(0, len(unknowns), BATCH)]
+        batches = []
+        for batch in np.split(unknowns, range(BATCH, len(unknowns), BATCH)):
+            batches.append(self._problem.residuals(batch))
+            if self._progress is not None:
+                self._progress(stage, len(batch))
         return np.concatenate(batches)
 
 

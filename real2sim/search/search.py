@@ -43,7 +43,7 @@ def search(problem: Problem, *, progress: Callable[[str, int], None] | None = No
 
     Args:
         problem: The problem.
-        progress: Called with the name of a stage and how many simulations it is about to run.
+        progress: Called with the name of a stage and how many simulations it has made since the last call.
         seed: Of the bootstrap.
     """
     if not len(problem.time_s):
