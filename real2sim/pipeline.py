@@ -6,7 +6,6 @@ Problems of different sensors know nothing of each other: one that fails does no
 import json
 import logging
 import math
-import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError, SaltusError
+from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
 from saltus.real2sim.problem.camera.image_pixels import to_images
@@ -57,7 +57,7 @@ def find(
         progress: Told what is being done.
 
     Raises:
-        RecordingError: a log that cannot be read or compared with anything, or a folder that cannot be written.
+        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
     """
     logs = load_rigs(runs)
     with _results_folder(out):
@@ -239,12 +239,7 @@ def _range(examined: tuple[Examined, ...]) -> Applicability:
 def _results_folder(out: Path) -> Iterator[None]:
     """Makes the folder for results before the long work, and takes it away again where nothing came of that."""
     is_new = not out.exists()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"cannot make the folder {out} ({error.strerror}): name another with --out") from error
-    if not os.access(out, os.W_OK):
-        raise RecordingError(f"cannot write into the folder {out}: name another with --out")
+    ask_for_room(out)
     try:
         yield
     except BaseException:

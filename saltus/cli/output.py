@@ -18,18 +18,13 @@ if TYPE_CHECKING:
 PROGRESS_PERIOD_S = 0.2
 
 
-def run_path(command: str, out: Path | None) -> Path:
-    """The folder of this run: `out`, or a new `runs/<date>-<command>`."""
-    return out or new_folder(command)
-
-
 def run_directory(command: str, out: Path | None) -> Path:
-    """The folder of this run, as `run_path` has it; made here.
+    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here.
 
     Raises:
         SaltusError: it cannot be made.
     """
-    path = run_path(command, out)
+    path = out or new_folder(command)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

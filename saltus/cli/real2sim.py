@@ -10,30 +10,42 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from saltus.cli.output import print_json, run_directory, run_path
+from saltus.cli.flags import Flag, shown
+from saltus.cli.output import print_json
 from saltus.errors import ConfigError
+from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
     from saltus.real2sim.experiments.menu import Experiment
 
-Json = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+NEW_FOLDER = shown("PATH", "a new one under runs/")
+LARGEST_LATENCY_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Find:
-    """Says what the simulator lacks to explain run logs; writes verdict.json, patch.toml and report.html."""
+    """Finds which effects the simulator lacks to explain run logs; writes verdict.json, patch.toml and report.html.
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of run logs; those that claim the same rig are read as one."""
-    out: Path | None = None
-    """Folder for the results; a new one under runs/ where it is not given."""
+    For example:
+      saltus real2sim find logs/monday logs/tuesday
+      saltus real2sim find logs/monday --profile mine --out runs/again
+      saltus real2sim find logs/monday --no-report --json
+    """
+
+    runs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(metavar="LOG [LOG ...]", help_behavior_hint="(at least one)"),
+    ]
+    """Folders of run logs. Those that claim the same rig are read as one log."""
+    out: Annotated[Path | None, NEW_FOLDER] = None
+    """Folder for the results."""
     profile: str = "ideal"
-    """Effects that the simulator has already, e.g. those of an earlier patch."""
+    """Effects that the simulator has already: ideal, go1, one of your own, or a TOML file."""
     seed: int = 0
-    """Of bootstraps."""
+    """Seed of the bootstrap, which gives the intervals of the compared models."""
     report: bool = True
-    """Write report.html."""
-    json: Json = False
+    """Write report.html, which takes two seconds more."""
+    json: Flag = False
     """Print the verdict as one JSON object on the last line."""
 
     def run(self) -> int:
@@ -43,7 +55,7 @@ class Find:
         from saltus.real2sim.reporting.words import sentence
 
         profile = load_profile(self.profile)
-        directory = run_path("real2sim", self.out)
+        directory = self.out or new_folder("real2sim")
         with Bar() as bar:
             judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
@@ -82,15 +94,20 @@ class Bar:
 
 @dataclass(frozen=True, kw_only=True)
 class Apply:
-    """Adds the effects of a patch to a profile of your own, which every command then takes with --profile."""
+    """Adds the effects of a patch to a profile of your own, which other commands then take with --profile.
+
+    For example:
+      saltus real2sim apply runs/found/patch.toml --profile mine
+      saltus real2sim apply runs/found/patch.toml --profile mine --base go1
+    """
 
     patch: tyro.conf.Positional[Path]
-    """patch.toml, as `saltus real2sim find` writes it."""
-    profile: str
-    """Name of the profile; where there is one of this name, the patch is added to it."""
+    """File patch.toml, as `saltus real2sim find` writes it."""
+    profile: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """Name of the profile, written to profiles/NAME.toml. If there is one of this name, the patch is added to it."""
     base: str = "ideal"
-    """Profile to begin with where there is none of this name: ideal, go1, or one of your own."""
-    json: Json = False
+    """Profile to begin with if there is none of this name yet: ideal, go1, one of your own, or a TOML file."""
+    json: Flag = False
     """Print one JSON object on the last line."""
 
     def run(self) -> int:
@@ -113,21 +130,28 @@ class Apply:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiments:
-    """Lists motions that make effects visible, or runs one on the simulated robot and writes a run log."""
+    """Lists motions that make effects visible, or runs one on the simulated robot and writes a run log.
 
-    list: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Say what there is; so does the command without anything."""
-    run_: Annotated[str | None, tyro.conf.arg(name="run")] = None
+    For example:
+      saltus real2sim experiments
+      saltus real2sim experiments --run joint_tour --profile mine --out runs/tour
+    """
+
+    list: Flag = False
+    """Print what there is, as the command without flags does."""
+    run_: Annotated[
+        str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
+    ] = None
     """Name of an experiment to run."""
     profile: str = "go1"
     """Effects of the robot's hardware: ideal, go1, one of your own, or a TOML file."""
     camera_latency: float = 0.05
-    """Latency that is claimed of the camera [s]."""
+    """Latency that the log claims of the camera [s], 0 to 1; for experiments with a camera."""
     seed: int = 0
-    """Of the sensors' noise."""
-    out: Path | None = None
-    """Folder of the run log; a new one under runs/ where it is not given."""
-    json: Json = False
+    """Seed of the sensors' noise and of what effects draw."""
+    out: Annotated[Path | None, NEW_FOLDER] = None
+    """Folder of the run log; one that holds a log already is refused."""
+    json: Flag = False
     """Print one JSON object on the last line."""
 
     def run(self) -> int:
@@ -155,10 +179,14 @@ class Experiments:
         from saltus.effects.profile import load_profile
         from saltus.real2sim.experiments.footage import Camera
         from saltus.real2sim.experiments.run import run
-        from saltus.recordings.run_log import write_run_log
+        from saltus.recordings.run_log import refuse_run_log, write_run_log
 
+        if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
+            raise ConfigError(f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s")
         profile = load_profile(self.profile)
-        directory = run_directory(experiment.name, self.out)
+        directory = self.out or new_folder(experiment.name)
+        refuse_run_log(directory)
+        ask_for_room(directory)
         log = run(experiment, profile, seed=self.seed, camera=Camera(latency_s=self.camera_latency))
         write_run_log(log, directory)
         seconds = float(log.joints.time_s[-1] - log.joints.time_s[0])
@@ -184,13 +212,16 @@ def _described(experiment: "Experiment") -> dict[str, object]:
 
 @dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Hides an effect in a robot, finds it in a log of an experiment, adds it to the simulator and looks again."""
+    """Hides an effect in a simulated robot, finds it in a log, adds it to the simulator and looks again.
+
+    For example: saltus real2sim demo --seed 3
+    """
 
     seed: int = 0
-    """Which effect, where and how large."""
-    out: Path | None = None
-    """Folder for logs, verdicts, patch and profile; a new one under runs/ where it is not given."""
-    json: Json = False
+    """Decides which effect is hidden, where and how large it is."""
+    out: Annotated[Path | None, NEW_FOLDER] = None
+    """Folder for logs, verdicts, patch and profile."""
+    json: Flag = False
     """Print one JSON object on the last line."""
 
     def run(self) -> int:
@@ -199,7 +230,8 @@ class Demo:
         from saltus.real2sim.demonstration import demonstrate
         from saltus.real2sim.reporting.words import sentence
 
-        directory = run_directory("real2sim-demo", self.out)
+        directory = self.out or new_folder("real2sim-demo")
+        ask_for_room(directory)
         with Bar() as bar:
             shown = demonstrate(directory, seed=self.seed, progress=bar.at)
         print(f"hidden:\n{profile_to_toml(shown.hidden)}")

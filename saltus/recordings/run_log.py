@@ -96,8 +96,7 @@ def write_run_log(log: RunLog, directory: Path) -> None:
     Raises:
         RecordingError: the directory cannot be written, or holds a run log already.
     """
-    if (directory / "meta.json").exists():
-        raise RecordingError(f"{directory} holds a run log already: name another folder")
+    refuse_run_log(directory)
     signals = [name for name in JOINT_SIGNALS if getattr(log.joints, name) is not None]
     columns = [f"{name}_{joint}" for name in signals for joint in log.meta["joints"]]
     values = np.concatenate([getattr(log.joints, name) for name in signals], axis=1)
@@ -118,6 +117,16 @@ def write_run_log(log: RunLog, directory: Path) -> None:
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
     except OSError as error:
         raise RecordingError(f"cannot write {directory}: {error.strerror or error}") from error
+
+
+def refuse_run_log(directory: Path) -> None:
+    """Keeps a run log from being written over.
+
+    Raises:
+        RecordingError: the directory holds one.
+    """
+    if (directory / "meta.json").exists():
+        raise RecordingError(f"{directory} holds a run log already: name another folder")
 
 
 def read_run_log(directory: Path) -> RunLog:

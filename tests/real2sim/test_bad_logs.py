@@ -281,9 +281,9 @@ PLACES: dict[str, tuple[list[str], str]] = {
     "a table": (["log/joints.csv"], "is a file"),
     "the same twice": (["log", "./log"], "twice"),
     "one good, one missing": (["log", "other"], "other"),
-    "out is a file": (["log", "--out", "log/meta.json"], "--out"),
-    "out is below a file": (["log", "--out", "log/meta.json/out"], "--out"),
-    "out cannot be made": (["log", "--out", "/proc/nothing/here"], "--out"),
+    "out is a file": (["log", "--out", "log/meta.json"], "log/meta.json"),
+    "out is below a file": (["log", "--out", "log/meta.json/out"], "log/meta.json/out"),
+    "out cannot be made": (["log", "--out", "/proc/nothing/here"], "/proc/nothing/here"),
 }
 
 

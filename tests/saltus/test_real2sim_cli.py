@@ -21,6 +21,10 @@ BAD = {
     "no such patch": (["real2sim", "apply", "missing.toml", "--profile", "mine"], "missing.toml"),
     "unknown experiment": (["real2sim", "experiments", "--run", "joint_chrip"], "joint_chirp"),
     "list and run": (["real2sim", "experiments", "--list", "--run", "drop"], "--list"),
+    "negative latency": (["real2sim", "experiments", "--run", "drop", "--camera-latency", "-1"], "--camera-latency"),
+    "latency not a number": (["real2sim", "experiments", "--run", "drop", "--camera-latency", "nan"], "0 to 1 s"),
+    "negative seed": (["real2sim", "find", "missing", "--seed", "-1"], "seed"),
+    "out is below a file": (["real2sim", "experiments", "--run", "drop", "--out", "/dev/null/log"], "/dev/null/log"),
 }
 
 
@@ -90,3 +94,23 @@ def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
     with pytest.raises(ConfigError, match="mine"):
         load_profile("mien")
+
+
+@pytest.mark.parametrize("command", ["find", "apply", "experiments", "demo"])
+def test_the_help_shows_an_example_and_what_holds_without_a_flag(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["real2sim", command, "--help"])
+    said = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert said.count(f"saltus real2sim {command} ") >= 2, "beside the usage"
+    assert "None" not in said
+
+
+def test_an_experiment_is_not_written_over_a_run_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "meta.json").write_text("{}")
+    assert main(["real2sim", "experiments", "--run", "drop", "--out", "log"]) == 2
+    assert "another folder" in capsys.readouterr().err
+    assert (tmp_path / "log" / "meta.json").read_text() == "{}"
