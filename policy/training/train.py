@@ -1,14 +1,14 @@
-"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.policy.training.train`).
+"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.policy.training.command`).
 
 The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`, `log.txt`,
 `progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun --nproc_per_node N -m
-saltus.policy.training.train ...` N GPUs learn together.
+saltus.policy.training.command ...` N GPUs learn together.
 """
 
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,6 @@ import torch
 from tqdm import tqdm
 
 from saltus.config import DEFAULT_ROBOT
-from saltus.errors import SaltusError
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.training.learner import Learner
@@ -156,20 +155,3 @@ def device_of_this_process(device: str) -> Rank:
     if world > 1:
         torch.distributed.init_process_group(backend="nccl")
     return Rank(rank=int(os.environ.get("RANK", "0")), world=world, device=f"cuda:{local}")
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Trains as the command line says; errors are one line. Returns the exit code."""
-    from saltus.policy.train_command import parse  # which imports this module where it begins to train
-
-    try:
-        return parse(arguments).run()
-    except SaltusError as error:
-        print(error, file=sys.stderr)  # noqa: T201
-        return 2
-    except KeyboardInterrupt:
-        return 130
-
-
-if __name__ == "__main__":
-    sys.exit(main())

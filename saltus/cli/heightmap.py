@@ -18,7 +18,7 @@ from saltus.cli.serve import Peer, serve
 from saltus.config import Camera, RunConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import DeliveryName
-from saltus.policy.train_command import TRAINING
+from saltus.policy.training.command import TRAINING
 
 if TYPE_CHECKING:
     from saltus.heightmap.data.shards import ShardRecord

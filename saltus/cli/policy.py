@@ -16,7 +16,7 @@ from saltus.config import PlannerName, TerrainConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import new_folder
-from saltus.policy.train_command import TRAINING, Train
+from saltus.policy.training.command import TRAINING, Train
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 MAX_DIFFERENCE = 1e-5  # of an action's range, between torch and the exported file

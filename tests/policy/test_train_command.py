@@ -18,8 +18,8 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
 from saltus.policy.tables import read_table
-from saltus.policy.train_command import parse
 from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
+from saltus.policy.training.command import parse
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
 RESUMED = replace(for_cpu(), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003))

@@ -1,4 +1,4 @@
-"""The command line of a training: `saltus policy train`, and `saltus.policy.training.train` under torchrun."""
+"""The command line of a training: `saltus policy train`, and this module under torchrun."""
 
 import math
 import os
@@ -45,7 +45,7 @@ class Train:
     config: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML file with what is to differ from the resumed training, or from the defaults."""
     device: Literal["auto", "cpu"] = "auto"
-    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.train."""
+    """auto: a GPU where there is one. Several GPUs: torchrun --nproc_per_node N -m saltus.policy.training.command."""
     evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
@@ -150,3 +150,18 @@ def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
 
 def _is_same_file(one: Path, other: Path) -> bool:
     return one.samefile(other) or one.read_bytes() == other.read_bytes()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Trains as the command line says; errors are one line. Returns the exit code."""
+    try:
+        return parse(arguments).run()
+    except SaltusError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
