@@ -4,7 +4,7 @@ import numpy as np
 
 from saltus.controller.robot.backend import Reading, RobotBackend
 from saltus.effects.profile import Profile
-from saltus.grid import LINE
+from saltus.grid import LINE, HeightGrid
 from saltus.robots.robot import Robot
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
@@ -21,10 +21,11 @@ class MujocoRobot(RobotBackend):
         terrain: What it stands on.
         trial: Start pose, friction, payload and seed.
         profile: Its effects, with what the trial says already in them.
+        grid: Of the heights in the true state.
     """
 
-    def __init__(self, robot: Robot, terrain: Terrain, trial: Trial, profile: Profile) -> None:
-        self.terrain = terrain
+    def __init__(self, robot: Robot, terrain: Terrain, trial: Trial, profile: Profile, grid: HeightGrid = LINE) -> None:
+        self.terrain, self._grid = terrain, grid
         self._trial = trial
         self._plant = Plant(
             robot,
@@ -79,5 +80,5 @@ class MujocoRobot(RobotBackend):
             angular_velocity_base=state.angular_velocity_base,
             joint_position=state.joint_position,
             foot_force=state.foot_force,
-            height=self.terrain.height_at(*LINE.points_in_world(position, yaw)) - position[2],
+            height=self.terrain.height_at(*self._grid.points_in_world(position, yaw)) - position[2],
         )

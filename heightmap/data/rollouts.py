@@ -12,7 +12,7 @@ from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.effects.camera import ViewChain
-from saltus.grid import LINE
+from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.shards import Episode, ShardRecord, write_shard
@@ -84,10 +84,10 @@ def episodes(
         yield episode_of(trajectory, mount, camera=camera)
 
 
-def true_heights(terrain: Terrain, position: Floats, quaternion: Floats) -> Floats:
-    """The profile relative to the base along its yaw. Shapes (..., 3), (..., 4) -> (..., 30)."""
+def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: HeightGrid = LINE) -> Floats:
+    """The terrain relative to the base. Shapes (..., 3), (..., 4) -> (..., grid.size)."""
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
-    return terrain.height_at(*LINE.points_in_world(position, yaw)) - position[..., 2:]
+    return terrain.height_at(*grid.points_in_world(position, yaw)) - position[..., 2:]
 
 
 def episode_of(

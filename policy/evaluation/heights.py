@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.grid import LINE
+from saltus.grid import LINE, HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -37,19 +37,26 @@ class TrueHeights:
         terrains: Terrain of each robot.
         shift_x: How far ahead of the right place the heights are read [m], shape (n,).
         shift_z: How much too high they come out [m], shape (n,).
+        grid: Of the heights.
     """
 
-    def __init__(self, terrains: TerrainStack, shift_x: Floats | float = 0.0, shift_z: Floats | float = 0.0) -> None:
+    def __init__(
+        self,
+        terrains: TerrainStack,
+        shift_x: Floats | float = 0.0,
+        shift_z: Floats | float = 0.0,
+        grid: HeightGrid = LINE,
+    ) -> None:
         count = len(terrains.terrains)
-        self._terrains = terrains
+        self._terrains, self._grid = terrains, grid
         self._x = np.broadcast_to(shift_x, (count,))
         self._z = np.broadcast_to(shift_z, (count,))[:, None]
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """Reads the terrain along the yaw of each robot; shape (n, 30)."""
+        """Reads the terrain on the grid of each robot; shape (n, grid.size)."""
         del states, fresh
         _, _, yaw = roll_pitch_yaw(rotation_matrix(truth.quaternion_base_in_world))
         position = truth.position_base_in_world
-        points = LINE.points_in_world(position, yaw, ahead=self._x)
+        points = self._grid.points_in_world(position, yaw, ahead=self._x)
         heights: Floats = self._terrains.height_at(*points) - position[:, 2:] + self._z
         return heights

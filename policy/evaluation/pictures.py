@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.policy.evaluation.trace import Trace
 from saltus.robots.loading import load_robot
 from saltus.sim.video import render_run
@@ -31,7 +31,7 @@ def picture_strip(terrain: Terrain, trace: Trace) -> str:
                 np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
                 trace.pose[rows].astype(np.float64),
                 trace.joint_position[rows].astype(np.float64),
-                HEIGHTMAP_X,
+                LINE,
                 trace.heights[rows].astype(np.float64),
                 size=SIZE,
                 fps=1,

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE
 from saltus.recordings.recording import Recording
 from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
@@ -27,7 +27,7 @@ def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
-    frames = render_run(recording.robot, terrain, data.time_s, base_pose, joint_position, HEIGHTMAP_X, _heights(data))
+    frames = render_run(recording.robot, terrain, data.time_s, base_pose, joint_position, LINE, _heights(data))
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
     moments: list[np.ndarray] = []
     kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)
@@ -50,5 +50,5 @@ def _heights(data: RunData) -> np.ndarray:
     for truth in data.truths:
         heightmap = data.heightmaps.get(truth.step)
         usable = heightmap is not None and heightmap.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
-        rows.append(heightmap.height if heightmap is not None and usable else np.full(len(HEIGHTMAP_X), np.nan))
+        rows.append(heightmap.height if heightmap is not None and usable else np.full(LINE.size, np.nan))
     return np.array(rows)

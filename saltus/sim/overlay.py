@@ -5,6 +5,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
+from saltus.grid import HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
@@ -19,28 +20,32 @@ SHADOW_PIECE = 0.05  # length of a piece on boxes that are no columns [m]
 LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
 
 
-def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, x: Floats, height: Floats) -> None:
-    """Adds a ball for each finite point of a heightmap and a line between neighbours.
+def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid, height: Floats) -> None:
+    """Adds a ball for each finite point of a heightmap and lines between those that follow each other in x or in y.
 
     Args:
         shapes: What is drawn; shapes are added to it.
         base_pose: Position and quaternion of the base, shape (7,).
-        x: Distance ahead of the base along its yaw [m], shape (points,).
-        height: Relative to the base [m], shape (points,).
+        grid: Of the heightmap.
+        height: Relative to the base [m], shape (grid.size,).
     """
-    points = heightmap_in_world(base_pose, x, height)
-    points = points[np.isfinite(points).all(axis=1)]
-    for point in points:
+    points = heightmap_in_world(base_pose, grid, height).reshape(*grid.shape, 3)
+    for point in _finite(points.reshape(-1, 3)):
         _add(shapes, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, POINT_RADIUS), point, HEIGHTMAP_RGBA)
-    for start, end in pairwise(points):
-        line = _add(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), HEIGHTMAP_RGBA)
-        mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
+    for along in (*points.swapaxes(0, 1), *points):
+        for start, end in pairwise(_finite(along)):
+            line = _add(shapes, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), HEIGHTMAP_RGBA)
+            mujoco.mjv_connector(line, mujoco.mjtGeom.mjGEOM_CAPSULE, LINE_RADIUS, start, end)
 
 
-def heightmap_in_world(base_pose: Floats, x: Floats, height: Floats) -> Floats:
-    """Points of a heightmap in the world [m], shape (points, 3); arguments as for `draw_heightmap`."""
-    ahead = np.stack([x, np.zeros_like(x), height], axis=-1).astype(np.float64)
-    return base_pose[:3] + ahead @ _heading(base_pose).T
+def heightmap_in_world(base_pose: Floats, grid: HeightGrid, height: Floats) -> Floats:
+    """Points of a heightmap in the world [m], shape (grid.size, 3); arguments as for `draw_heightmap`."""
+    local = np.concatenate([grid.points, np.asarray(height, dtype=np.float64)[:, None]], axis=1)
+    return base_pose[:3] + local @ _heading(base_pose).T
+
+
+def _finite(points: Floats) -> Floats:
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.errors import SaltusError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import LINE, HeightGrid
 from saltus.robots.robot import LEGS, Robot
 from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
@@ -31,7 +31,7 @@ ENCODING = ["-preset", "veryfast", "-movflags", "+faststart"]  # the index first
 AZIMUTH_DEG, ELEVATION_DEG, DISTANCE_M = 62.0, -17.0, 1.75
 LOOK_AHEAD_M = 0.35
 SMOOTHING_S = 0.4  # the camera follows the mean of the trunk over this time to either side, not every bounce
-MAX_SHAPES = 1000
+MAX_SHAPES = 5000  # enough for a heightmap of 40 x 40 points
 
 
 def render_run(
@@ -40,7 +40,7 @@ def render_run(
     time_s: Floats,
     base_pose: Floats,
     joint_position: Floats,
-    heightmap_x: Floats,
+    grid: HeightGrid,
     heightmap: Floats,
     *,
     size: tuple[int, int] = SIZE,
@@ -54,8 +54,8 @@ def render_run(
         time_s: Of the samples, rising [s], shape (n,).
         base_pose: Position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7).
         joint_position: [rad], shape (n, 12).
-        heightmap_x: Distance ahead of the base along its yaw [m], shape (points,).
-        heightmap: Height relative to the base [m], shape (n, points); NaN where there was none.
+        grid: Of the heightmaps.
+        heightmap: Height relative to the base [m], shape (n, grid.size); NaN where there was none.
         size: Width and height [px].
         fps: Frames per second of simulated time.
 
@@ -86,7 +86,7 @@ def render_run(
             camera.lookat[:] = aim[i]
             mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, shapes)
             overlay.draw_shadow(shapes, robot.trunk_size, terrain, base_pose[i], data.geom_xpos[feet])
-            overlay.draw_heightmap(shapes, base_pose[i], heightmap_x, heightmap[i])
+            overlay.draw_heightmap(shapes, base_pose[i], grid, heightmap[i])
             mujoco.mjr_render(mujoco.MjrRect(0, 0, *drawn), shapes, context)
             picture = read_pixels(context, *drawn)
             yield cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
@@ -120,8 +120,8 @@ def test_frame(robot: Robot) -> Frame:
     terrain = stairs.make(steps=5, rise_m=0.06, run_m=0.25)
     x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
     pose = standing_pose(robot, terrain, x, zero, zero, clearance=0.0)
-    heights = terrain.height_at(pose[0] + HEIGHTMAP_X, 0.0) - pose[2]
-    return next(render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], HEIGHTMAP_X, heights[None]))
+    heights = terrain.height_at(*LINE.points_in_world(pose[:2], zero)) - pose[2]
+    return next(render_run(robot, terrain, np.zeros(1), pose[None, :7], pose[None, 7:], LINE, heights[None]))
 
 
 def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:

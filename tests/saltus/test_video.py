@@ -4,14 +4,16 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from random_terrain import random_terrain
 from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
-from saltus.grid import HEIGHTMAP_X
+from saltus.grid import HEIGHTMAP_X, LINE, HeightGrid
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.overlay import heightmap_in_world
+from saltus.sim.plant import standing_pose
 from saltus.sim.video import render_run, write_video
 from saltus.sim.video import test_frame as draw_test_frame
 from saltus.terrain.curriculum import TABLE, make_terrain
@@ -28,7 +30,7 @@ def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0,
     height = np.tile(terrain.height_at(x + HEIGHTMAP_X, 0.0) - 0.285, (len(time_s), 1))
     joints = np.tile(go1.STAND_POSE, (len(time_s), 1))
     shown = height if heightmap else np.full_like(height, np.nan)
-    return np.stack(list(render_run(ROBOT, terrain, time_s, pose, joints, HEIGHTMAP_X, shown, size=SIZE)))
+    return np.stack(list(render_run(ROBOT, terrain, time_s, pose, joints, LINE, shown, size=SIZE)))
 
 
 def pink(pictures: np.ndarray) -> int:
@@ -48,6 +50,19 @@ def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
     top, bottom = pictures[:, 0].mean(axis=(0, 1)), pictures[:, -1].mean(axis=(0, 1))
     assert top[2] > top[0] + 30.0  # sky above, ground below
     assert abs(bottom[2] - bottom[0]) < 40.0
+
+
+def test_turned_boxes_and_a_wide_heightmap_can_be_drawn() -> None:
+    terrain = random_terrain(3)
+    grid = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 12)), y=(-0.3, 0.0, 0.3))
+    pose = standing_pose(terrain, np.asarray(1.0), np.asarray(0.4), np.zeros(()))[None]
+    height = terrain.height_at(*grid.points_in_world(pose[0, :2], np.asarray(0.4))) - pose[0, 2]
+    shown, without = (
+        next(render_run(terrain, np.zeros(1), pose[:, :7], pose[:, 7:], grid, heights[None], size=SIZE))
+        for heights in (height, np.full_like(height, np.nan))
+    )
+    assert pink(shown[None]) > pink(frames("flat", count=1))
+    assert pink(without[None]) == 0
 
 
 def test_frames_repeat_and_follow_the_robot() -> None:
@@ -74,7 +89,7 @@ def test_the_environment_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_heightmap_lies_on_the_terrain_along_the_yaw() -> None:
     yaw = 0.7
     turn = quaternion_from_roll_pitch_yaw(np.asarray(0.2), np.asarray(-0.3), np.asarray(yaw))
-    points = heightmap_in_world(np.concatenate([[1.0, 2.0, 0.3], turn]), HEIGHTMAP_X, np.full(30, -0.3))
+    points = heightmap_in_world(np.concatenate([[1.0, 2.0, 0.3], turn]), LINE, np.full(30, -0.3))
     np.testing.assert_allclose(points[:, 2], 0.0, atol=1e-12)
     np.testing.assert_allclose(points[:, 0], 1.0 + np.cos(yaw) * HEIGHTMAP_X)
     np.testing.assert_allclose(points[:, 1], 2.0 + np.sin(yaw) * HEIGHTMAP_X)
@@ -95,7 +110,7 @@ def test_a_run_without_samples_has_no_video() -> None:
     terrain = make_terrain(TerrainConfig())
     none = np.zeros((0, 1))
     with pytest.raises(SaltusError, match="at least one sample"):
-        next(render_run(ROBOT, terrain, np.zeros(0), none, none, HEIGHTMAP_X, none))
+        next(render_run(ROBOT, terrain, np.zeros(0), none, none, LINE, none))
 
 
 def test_the_test_picture_shows_what_it_should() -> None:
