@@ -55,10 +55,10 @@ def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
 def test_turned_boxes_and_a_wide_heightmap_can_be_drawn() -> None:
     terrain = random_terrain(3)
     grid = HeightGrid(x=tuple(np.linspace(-0.4, 0.8, 12)), y=(-0.3, 0.0, 0.3))
-    pose = standing_pose(terrain, np.asarray(1.0), np.asarray(0.4), np.zeros(()))[None]
+    pose = standing_pose(ROBOT, terrain, np.asarray(1.0), np.asarray(0.4), np.zeros(()))[None]
     height = terrain.height_at(*grid.points_in_world(pose[0, :2], np.asarray(0.4))) - pose[0, 2]
     shown, without = (
-        next(render_run(terrain, np.zeros(1), pose[:, :7], pose[:, 7:], grid, heights[None], size=SIZE))
+        next(render_run(ROBOT, terrain, np.zeros(1), pose[:, :7], pose[:, 7:], grid, heights[None], size=SIZE))
         for heights in (height, np.full_like(height, np.nan))
     )
     assert pink(shown[None]) > pink(frames("flat", count=1))
@@ -114,6 +114,6 @@ def test_a_run_without_samples_has_no_video() -> None:
 
 
 def test_the_test_picture_shows_what_it_should() -> None:
-    picture = draw_test_frame()
+    picture = draw_test_frame(ROBOT)
     assert picture.shape == (480, 640, 3)
     assert pink(picture) > 200
