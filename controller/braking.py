@@ -60,7 +60,7 @@ class BrakingConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BrakingState:
-    """Memory of the ground."""
+    """What is known of the ground."""
 
     foothold: Array
     """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw frame [m], (..., 4, 3).

@@ -36,7 +36,7 @@ class EstimatorConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatorState:
-    """Memory of the filter."""
+    """State of the filter between ticks."""
 
     mean: Array
     """Velocity in the world [m/s] and height [m], shape (..., 4)."""

@@ -24,7 +24,7 @@ class GaitConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitState:
-    """Memory of the gait."""
+    """State of the gait between ticks."""
 
     phase: Array
     """Cycles since the start, shape (...)."""

@@ -59,7 +59,7 @@ class LegControllerConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawState:
-    """Memory of the law."""
+    """State of the law between ticks."""
 
     gait: GaitState
     liftoff: Array
@@ -75,7 +75,7 @@ class LawState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnostics:
-    """What others want to know about a step."""
+    """Details of a step: for estimator, braking, training and benchmarks."""
 
     gait: GaitSignal
     """With contacts as they are used: all four legs when standing."""
@@ -148,7 +148,7 @@ class LegController:
             mode: what to do; a change of mode starts its blend or its landing.
 
         Returns:
-            The command, the next state, and what is worth knowing about this step.
+            The command, the next state, and the details of this step.
         """
         body = observe(sensed)
         state = self._entered(state, mode, sensed)
@@ -194,7 +194,7 @@ class LegController:
     def _land(
         self, sensed: Proprioception, plan: Plan, body: Body, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        """All legs as springs that reach for the ground at the capture point, whoever touches it first.
+        """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
         The plan's foot residual is added, so that legs can follow a slope.
 

@@ -46,7 +46,7 @@ class Lockstep:
         return self._ask(lambda: self._states.put(message), lambda wait_s: self._planned(step, wait_s), step)
 
     def _ask(self, send: Callable[[], None], answer: Callable[[float], str], step: int) -> bool:
-        """Sends until nobody is owed for any more; `answer` names the process that is."""
+        """Sends until all have answered; `answer` names a process that has not."""
         begin = sent = time.monotonic()
         send()
         while (silent := answer(POLL_S)) and not self._context.stopped:

@@ -1,4 +1,4 @@
-"""The newest plan and its age, and the word that goes out when plans stop coming."""
+"""The newest plan and its age, and the event that is sent when plans stop coming."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ class Plans:
         return self._plan, age_s
 
     def reason(self, now_ns: int) -> str:
-        """Why the mode may just have changed, for a person."""
+        """Why the mode may just have changed, for people."""
         if self._plan is None:
             return "no plan yet"
         detail = f": {self._plan.reason}" if self._plan.reason else ""

@@ -67,7 +67,7 @@ def plan_from_action(action: Action, heading: Array) -> Plan:
 
 
 def observe(sensed: Proprioception) -> Body:
-    """Attitude, velocities and feet of the robot in the frames in which the controller thinks."""
+    """Attitude, velocities and feet of the robot in the frames that the controller uses."""
     xp = namespace(sensed.joint_position)
     rotation = rotation_matrix(sensed.quaternion_base_in_world)
     roll, pitch, yaw = roll_pitch_yaw(rotation)

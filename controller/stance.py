@@ -26,7 +26,7 @@ class StanceConfig:
     """Model, weights and gains of the stance legs; original where nothing else is said."""
 
     mass_kg: float = go1.MASS
-    """With what the controller is told of a payload."""
+    """Of the robot; the controller assumes no payload."""
     inertia_kg_m2: tuple[float, float, float] = (0.21, 0.525, 0.525)
     """Of the whole robot about x, y, z of the base: (0.14, 0.35, 0.35) x 1.5."""
     acceleration_weight: tuple[float, ...] = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
@@ -137,7 +137,7 @@ class StanceLegs:
 
 
 class StanceSolver(Protocol):
-    """Whatever solves stance problems."""
+    """Solves stance problems."""
 
     def solve(self, qp: StanceQP) -> Array:
         """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""

@@ -24,7 +24,7 @@ class WatchdogConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchdogInput:
-    """What the decision rests on."""
+    """Inputs of the decision."""
 
     plan_age_s: float
     """Age of the newest plan; infinite where there is none."""
@@ -43,7 +43,7 @@ class WatchdogInput:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchdogState:
-    """Memory of the watchdog."""
+    """State of the watchdog between ticks."""
 
     mode: ControllerMode = ControllerMode.STAND
     mode_time_s: float = 0.0

@@ -40,7 +40,7 @@ class PlannerLoop:
     def _answer(self, sample: Sample) -> Sample | None:
         """Answers one state; returns a newer one that came while it waited for the heightmap of this one."""
         state: RobotState = sample.message
-        if sample.envelope.boot_id != self._robot:  # another robot, or one that has started anew
+        if sample.envelope.boot_id != self._robot:  # another robot, or a restarted one
             self._robot = sample.envelope.boot_id
             self._process = PlannerProcess(self._planner)
             self._newest_step = -1

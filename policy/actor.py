@@ -1,4 +1,4 @@
-"""The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded, without memory."""
+"""The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded; it keeps no state."""
 
 from pathlib import Path
 
@@ -49,7 +49,7 @@ class PolicyActor:
 
 
 def _check(file: ModelFile) -> None:
-    """Refuses a policy whose meaning differs from what this program would feed, read and track."""
+    """Refuses a policy that was made for other features, actions or limits than this program has."""
     expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
     for name, value in expected.items():
         found = file.field(name)
@@ -71,7 +71,7 @@ def _check(file: ModelFile) -> None:
 
 
 def _check_bounds(path: Path, low: Floats, high: Floats) -> None:
-    """Whatever the policy may ask for, the leg controller must take from the bus."""
+    """The leg controller must accept every plan within the policy's bounds."""
     fields = {field.name: field for field in FIELDS[MotionPlan]}
     scalars = [fields[name] for name in ACTIONS[:4]]
     allowed = [*scalars, *3 * [fields["foot_residual_front"]], *3 * [fields["foot_residual_rear"]]]

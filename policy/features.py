@@ -1,4 +1,4 @@
-"""What the learned policy is shown: one vector, in SI units, made from an observation and a heightmap.
+"""What the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
 
 Everything in it is known to a robot without its position: attitude from the IMU, velocity and height from the
 estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.

@@ -1,4 +1,4 @@
-"""Whatever plans: the rules made by hand, or the learned policy."""
+"""Planners by name: rules made by hand, or the learned policy."""
 
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +17,7 @@ from saltus.wire.messages import Floats
 
 
 class Planner(Protocol):
-    """Plans for any batch of robots, without memory."""
+    """Plans for any batch of robots; keeps no state."""
 
     def step(self, observation: Observation, heights: Floats) -> Action:
         """Plans the next 10 ms.
@@ -51,5 +51,5 @@ def make_planner(name: PlannerName, model: Path | None = None) -> Planner:
 
 
 def warm_up(planner: Planner) -> None:
-    """Plans once for a robot that stands on level ground: what is made on a first call is made before it counts."""
+    """Plans once for a robot that stands on level ground, as a first call takes longer than the others."""
     planner.step(observe(standing_state()), np.full(len(HEIGHTMAP_X), -go1.STAND_HEIGHT))

@@ -14,13 +14,13 @@ STAND_NS = 500_000_000
 """Time that the robot stands before the first jump: ten images, and the estimator settles."""
 LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
 """Without a heightmap for this long the planner is blind. One policy step less than the greatest age of a heightmap:
-the planner looks every 10 ms, and must have said so 110 ms after the last arrival."""
+the planner looks every 10 ms, and must report it within 110 ms of the last arrival."""
 _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
-    """What a person should be told, once."""
+    """An event for people, reported once."""
 
     code: str
     detail: str
@@ -30,8 +30,8 @@ class PlannerProcess:
     """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
-    When the heightmaps end, are invalid, or come from a memory that has started over: STOP, which is final; but STAND
-    while the robot has not moved yet, as on a computer that is still busy with starting.
+    STOP, which is final, when heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while
+    the robot has not moved yet, as on a computer that is still busy with starting.
 
     Args:
         planner: Decides how to bound while the robot goes.

@@ -33,7 +33,7 @@ def highest_between(heights: Array, start: Array, end: Array) -> Array:
     low, high = xp.minimum(start, end)[..., None], xp.maximum(start, end)[..., None]
     grid = _GRID.like(heights)
     ends = height_at(heights, xp.concat([low, high], axis=-1))
-    # Outside, the end stands in for the height: it is no higher than what is looked for.
+    # Points outside of the interval are replaced by its start, which is no higher than the result.
     inside = xp.where((low <= grid) & (high >= grid), heights, ends[..., :1])
     return xp.maximum(xp.max(ends, axis=-1), xp.max(inside, axis=-1))
 

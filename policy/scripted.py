@@ -161,7 +161,7 @@ class ScriptedPlanner:
         )
         # At the start all legs stand: the body only gathers speed.
         bounding = xp.astype(~(front & rear), incline.dtype)
-        # The height is felt over the standing feet, which on a slope are above or below the ground under the base.
+        # The height is measured over the standing feet, which on a slope are above or below the ground under the base.
         stance_x = xp.where(front, 0.0 * incline + HIP_X[FRONT], 0.0 * incline + HIP_X[REAR])
         height = observation.base_height + p.lever * stance_x * incline
         rise = p.height_gain * (p.height_m - height)
@@ -173,7 +173,7 @@ class ScriptedPlanner:
         return velocity_z, bounding * pitch_rate + p.pitch_gain * pitch_error
 
     def _rate_of_support(self, observation: Observation, velocity_z: Array) -> Array:
-        """Pitch rate that the controller must be asked for lest it takes weight off the feet to hold the pitch."""
+        """Pitch rate to ask for, so that the controller does not take weight off the feet to hold the pitch."""
         xp = namespace(velocity_z)
         x = xp.mean(xp.reshape(observation.foot[..., 0], (*velocity_z.shape, 2, 2)), axis=-1)
         stance_x = xp.where(observation.contact[..., FRONT], x[..., 0], x[..., 1])
@@ -182,15 +182,15 @@ class ScriptedPlanner:
         return observation.angular_velocity[..., 1] + acceleration / VELOCITY_GAIN
 
     def _offset(self, observation: Observation, heights: Array) -> Array:
-        """What to add to the heights so that the ground under the standing feet is where those feet feel it."""
+        """What to add to the heights so that the ground under the standing feet is where those feet are."""
         xp = namespace(heights)
         standing = xp.astype(observation.contact, heights.dtype)
         count = xp.sum(standing, axis=-1)
         seen = xp.sum(height_at(heights, observation.foot[..., 0]) * standing, axis=-1)
-        felt = xp.sum((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing, axis=-1)
+        stood_on = xp.sum((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing, axis=-1)
         seen_anywhere = xp.mean(height_at(heights, observation.foot[..., 0]), axis=-1)
         offset = xp.where(
-            count > 0.0, (felt - seen) / xp.clip(count, 1.0, None), -observation.base_height - seen_anywhere
+            count > 0.0, (stood_on - seen) / xp.clip(count, 1.0, None), -observation.base_height - seen_anywhere
         )
         return (1.0 - self.parameters.height_trust) * offset
 

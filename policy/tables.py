@@ -1,4 +1,4 @@
-"""Tables that a training writes row by row, and that the training that goes on from it continues: CSV with a header."""
+"""Tables that a training writes row by row, and a resumed training continues: CSV with a header."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 from saltus.errors import SaltusError
 
 MISSING = "nan"
-"""In columns that a row has nothing for: a training that goes on may know other terrains."""
+"""In columns for which a row has no value: a resumed training may have other terrains."""
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -39,7 +39,7 @@ def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
 def carry_on(source: Path, target: Path, iteration: int) -> None:
     """Begins a table with the rows of another one until `iteration`; without that one, nothing is written.
 
-    What a training wrote after the checkpoint that is gone on from happens again.
+    Rows after the resumed checkpoint are left out: those iterations are trained again.
 
     Raises:
         SaltusError: the table cannot be written.

@@ -46,15 +46,15 @@ class Transition:
     """What a step returns; nothing in it changes with the next step."""
 
     actor: Tensor
-    """What the policy is shown, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
+    """What the policy sees, after resets. Shape (n, `saltus.policy.features.SIZE`)."""
     critic: Tensor
-    """What only training knows of it, shape (n, `Views.privileged_size`)."""
+    """What only the critic sees, shape (n, `Views.privileged_size`)."""
     reward: Tensor
     """Shape (n,)."""
     done: Tensor
     """The episode is over and the next has begun, bool, shape (n,)."""
     timed_out: Tensor
-    """It is over for a reason that says nothing about its worth: time, or the end of the course. Bool, shape (n,)."""
+    """It ended at the time limit or at the end of the course, which is no failure. Bool, shape (n,)."""
 
 
 class JumpEnv:
@@ -63,7 +63,7 @@ class JumpEnv:
     Args:
         engine: Simulates them.
         config: The task.
-        seed: Of everything that is drawn.
+        seed: Of all random draws.
         device: Of all tensors; that of the engine.
         solver: Of the stance forces; by default the batched one.
     """
@@ -126,7 +126,7 @@ class JumpEnv:
         )
 
     def crowded_share(self) -> float:
-        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        """Share of the robots for which the physics left out contacts since the last call, as there was no room."""
         return float(torch.as_tensor(self._engine.crowded()).float().mean())
 
     def set_levels(self, level: Tensor) -> None:

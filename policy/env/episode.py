@@ -47,7 +47,7 @@ class Episodes:
         count, device = engine.count, memory.phase.device
         self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS]
         self.draws = torch.zeros(count, sum(self._parts) + len(HEIGHTMAP_X), device=device)
-        """Uniform numbers for the next `reset`, `disturb` and observation; whoever steps fills them."""
+        """Uniform numbers for the next `reset`, `disturb` and observation; the environment fills them."""
         self.reward = torch.zeros(count, device=device)
         self.done = torch.zeros(count, dtype=torch.bool, device=device)
         self.timed_out = torch.zeros(count, dtype=torch.bool, device=device)

@@ -1,4 +1,4 @@
-"""What a training environment remembers of its robots: tensors that are changed in place, one row for each robot."""
+"""The state of a training environment beside the physics: tensors that are changed in place, one row for each robot."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields

@@ -108,7 +108,7 @@ class TrainConfig:
     robots: int = 4096
     """Of each process."""
     seed: int = 0
-    """Of everything that is drawn."""
+    """Of all random draws."""
     env: EnvConfig = field(default_factory=EnvConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
 

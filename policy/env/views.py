@@ -1,4 +1,4 @@
-"""What policy and critic are shown of a training environment, and the goal of each jump."""
+"""What policy and critic see of a training environment, and the goal of each jump."""
 
 from collections.abc import Callable
 
@@ -82,7 +82,7 @@ class Views:
         self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
 
     def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
-        """What the critic is told besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
+        """What the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""
         memory, config = self._memory, self._config
         position, velocity = self._qpos[:, :3].float(), self._qvel[:, :3].float()
         scalars = [
@@ -114,4 +114,4 @@ class Views:
 
 
 PRIVILEGED = 14 + 3 + 3 + 2 + 4 + 10 + len(FAR_X)
-"""Length of what the critic is told besides the policy's vector."""
+"""Length of what the critic sees besides the policy's vector."""

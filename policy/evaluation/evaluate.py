@@ -21,7 +21,7 @@ from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import Listener, in_order, tell
 
 BATCH = 10  # robots a process runs at once: enough that numpy's overhead is shared
-TELL_STEPS = 25  # policy steps between two words about how far a batch is
+TELL_STEPS = 25  # policy steps between two reports of progress
 
 MOST_TRIALS = 100_000
 MAX_PLAN_DELAY_S = 0.1
@@ -42,7 +42,7 @@ class Evaluation:
     profile: str = "go1"
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
-    """From a state to its plan being obeyed: what a computer takes that is not waited for."""
+    """From a state to its plan being obeyed: what the computer of a real robot takes."""
 
     def __post_init__(self) -> None:
         check_between(self, trials=(1, MOST_TRIALS), seed=(0, 2**32))
@@ -64,7 +64,7 @@ class TrialResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EvaluationResult:
-    """The trials in the order of their seeds, and what they amount to."""
+    """The trials in the order of their seeds, and their statistics."""
 
     seeds: tuple[int, ...]
     trials: tuple[TrialResult, ...]
@@ -148,7 +148,7 @@ def run_batch(
 
 
 def _telling(rollout: Rollout, terrains: Sequence[Terrain]) -> Iterator[RolloutStep]:
-    """The steps of a roll-out; on the way, tells how many trials are done, those that go on by their share of it."""
+    """The steps of a roll-out; reports progress in trials, of running ones their share of the way."""
     finish_x, done = np.array([terrain.finish_x for terrain in terrains]), np.zeros(rollout.count)
     for index, step in enumerate(rollout.run()):
         yield step

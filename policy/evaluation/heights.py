@@ -22,7 +22,7 @@ class HeightSource(Protocol):
         Args:
             states: What the robots know.
             truth: What is; a predictor renders its images from it and reads nothing else of it.
-            fresh: Robots that have just been put back to the start, bool, shape (n,): memories of them are void.
+            fresh: Robots that were just put back to the start, bool, shape (n,): their hidden states are void.
 
         Returns:
             [m], shape (n, 30).
@@ -31,7 +31,7 @@ class HeightSource(Protocol):
 
 
 class TrueHeights:
-    """The terrain itself, read at a place that may be off, by an amount that stays for the trial.
+    """The terrain itself, read with a shift that stays the same for the whole trial.
 
     Args:
         terrains: Terrain of each robot.

@@ -148,7 +148,7 @@ class Rollout:
             touched |= self._substep(self._plans[min(ago, len(self._plans) - 1)], mode)
         self._index += 1
 
-        # 4. judge; whoever is done starts again
+        # 4. judge; robots that are done start again
         self._fresh = self._judge(touched)
         if self._fresh.any():
             self._restart(self._fresh)
@@ -163,7 +163,7 @@ class Rollout:
         return np.asarray(now.trunk_contact, dtype=np.bool_)
 
     def _judge(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Feeds the monitors; returns which robots are at their end."""
+        """Feeds the monitors; returns which robots are done."""
         now = self._plant.state
         position, quaternion = now.position_base_in_world, now.quaternion_base_in_world
         time_s = self._index * POLICY_DT

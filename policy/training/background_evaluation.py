@@ -60,7 +60,7 @@ class BackgroundEvaluation:
         )
 
     def finished(self) -> list[Row]:
-        """The rows of an evaluation that has ended since the last call; none where it failed, which it says itself."""
+        """The rows of an evaluation that has ended since the last call; none where it failed."""
         if self._process is None or self._process.poll() is None:
             return []
         self._process = None

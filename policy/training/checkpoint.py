@@ -1,4 +1,4 @@
-"""The file of a training: everything that is needed to go on from it, or to export its policy."""
+"""The checkpoint of a training: everything that is needed to resume it, or to export its policy."""
 
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
         state = torch.load(path, map_location=device, weights_only=True)
     except OSError as error:
         raise SaltusError(f"cannot read checkpoint {path}: {error.strerror or 'it is damaged'}") from error
-    except Exception as error:  # what a file that is something else makes of its unpickling
+    except Exception as error:  # unpickling another kind of file raises anything
         raise SaltusError(f"{path} is no checkpoint: torch cannot read it") from error
     if not isinstance(state, dict) or not state.keys() >= NEEDED:
         raise SaltusError(f"{path} is no checkpoint of a motion policy")

@@ -110,7 +110,7 @@ class Train:
             raise
 
     def _start(self) -> TrainConfig:
-        """What flags and file change."""
+        """The settings without flags and file: those of the resumed training, or of the device."""
         try:
             from saltus.policy.training.checkpoint import config_of, read_checkpoint
             from saltus.policy.training.train import has_gpu

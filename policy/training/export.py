@@ -20,7 +20,7 @@ from saltus.policy.training.learner import make_actor
 
 
 class DeployedPolicy(nn.Module):
-    """The actor's mean action as values of a plan: scaling of the observation before, bounds behind the network.
+    """The actor's mean action as values of a plan: observation scaled before the network, actions bounded after it.
 
     Args:
         checkpoint: What `saltus.policy.training.learner.Learner.save` wrote.

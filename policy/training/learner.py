@@ -166,7 +166,7 @@ def _observation(transition: Transition) -> TensorDict:
 
 
 def _levels(old_kind: torch.Tensor, old_level: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
-    """Levels for robots of the given kinds, dealt out as they were distributed over robots of those kinds."""
+    """Levels for robots of the given kinds, with the distribution that the old robots of each kind had."""
     level = torch.zeros(len(kind), device=kind.device)
     for k in range(len(KINDS)):
         known = old_level[old_kind == k].float().sort().values

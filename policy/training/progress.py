@@ -1,4 +1,4 @@
-"""What a training says about itself: one line for people, a table for programs, curves for tensorboard."""
+"""Progress of a training: one line for people, a table for programs, curves for tensorboard."""
 
 from pathlib import Path
 

@@ -70,7 +70,7 @@ def train(
         iterations: Where to stop before the time is over; counted from the very first.
         evaluate_minutes: Time between evaluations with the deployed stack, which run beside the training; 0 for none.
         code: Which code trains, where this machine cannot tell.
-        note: What people should be told before it begins.
+        note: A line for people before it begins.
 
     Raises:
         KeyboardInterrupt: it was interrupted; what was learned is saved.

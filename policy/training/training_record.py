@@ -26,7 +26,7 @@ LOG, RESULTS = "log.txt", "evaluation.csv"
 
 
 class TrainingRecord:
-    """Writes everything, as often as it is due.
+    """Writes checkpoints, reports and curves when they are due.
 
     Args:
         folder: For the results; made where it is missing.
@@ -36,8 +36,8 @@ class TrainingRecord:
         commit: Which code trains.
         start_s: When the run began, on the monotonic clock; less what the checkpoint had cost from which it goes on.
         evaluate_s: Time between evaluations with the deployed stack; 0 for none.
-        say: Told lines for people; they go into log.txt as well.
-        resumed: Checkpoint that the training goes on from; log and tables beside it are continued.
+        say: Prints a line for people; log.txt gets it as well.
+        resumed: Checkpoint that the training resumes; log and tables beside it are continued.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class TrainingRecord:
         if resumed is not None:
             _carry_on(resumed.parent, folder, learner.iteration)
         self.checkpoint = folder / "checkpoint.pt"
-        """What the training goes on from."""
+        """Where the checkpoint lies."""
         self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
         self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"])
@@ -71,7 +71,7 @@ class TrainingRecord:
     def say(self, line: str) -> None:
         """Tells people, and the log."""
         self._say(line)
-        with contextlib.suppress(OSError), self._log.open("a") as log:  # a full disk ends no training for a line
+        with contextlib.suppress(OSError), self._log.open("a") as log:  # a line of the log is not worth the training
             log.write(line + "\n")
 
     def step(self, losses: dict[str, float]) -> None:
@@ -121,7 +121,7 @@ class TrainingRecord:
 
 
 def _carry_on(before: Path, folder: Path, iteration: int) -> None:
-    """Brings what the training that is gone on from told and measured until its checkpoint."""
+    """Continues log and tables of the resumed training, as far as its checkpoint."""
     before, folder = before.resolve(), folder.resolve()
     for table in (PROGRESS, RESULTS):
         carry_on(before / table, folder / table, iteration)
