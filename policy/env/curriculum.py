@@ -17,7 +17,7 @@ class CurriculumConfig:
     stepping_stones: float = 0.15
     step: float = 0.25
     gap: float = 0.15
-    """Share of the robots on each kind of terrain; a robot stays on its kind."""
+    """Share of the robots on each kind of terrain, relative to the others; a robot stays on its kind."""
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0
@@ -29,9 +29,9 @@ class CurriculumConfig:
     """Less than this leads to an easier course; original."""
 
     def __post_init__(self) -> None:
-        share = (0.0, 1.0)
-        check_between(self, flat=share, stairs=share, stepping_stones=share, step=share, gap=share, hardest=share)
-        check_between(self, levels=(1, 255), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
+        weight = (0.0, 1e6)
+        check_between(self, flat=weight, stairs=weight, stepping_stones=weight, step=weight, gap=weight)
+        check_between(self, levels=(1, 255), hardest=(0.0, 2.0), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
         if not any((self.flat, self.stairs, self.stepping_stones, self.step, self.gap)):
             raise ConfigError("the shares of all kinds of terrain are 0: one must be more")
 

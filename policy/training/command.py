@@ -2,6 +2,7 @@
 
 import math
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -154,6 +155,9 @@ def _is_same_file(one: Path, other: Path) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Trains as the command line says; errors are one line. Returns the exit code."""
+    for number in (signal.SIGTERM, signal.SIGHUP):  # of torchrun, schedulers and terminals: saves as Ctrl-C does
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
     try:
         return parse(arguments).run()
     except SaltusError as error:

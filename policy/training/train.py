@@ -83,15 +83,15 @@ def train(
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
     record: TrainingRecord | None = None
-    if rank.rank == 0:
-        record = TrainingRecord(
-            folder, config, env, learner, commit=code or commit(), start_s=start - before_s,
-            evaluate_s=60.0 * evaluate_minutes, say=_say, resumed=resume,
-        )  # fmt: skip
-        if note:
-            record.say(note)
-        record.say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
     try:
+        if rank.rank == 0:
+            record = TrainingRecord(
+                folder, config, env, learner, commit=code or commit(), start_s=start - before_s,
+                evaluate_s=60.0 * evaluate_minutes, say=_say, resumed=resume,
+            )  # fmt: skip
+            if note:
+                record.say(note)
+            record.say(f"ready after {time.monotonic() - start:.0f} s: {config.robots} robots on {rank.device}")
         for _ in _iterations(learner, start, minutes, iterations, rank):
             learner.collect()
             losses = learner.learn()

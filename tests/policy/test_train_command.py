@@ -154,14 +154,18 @@ def replace_iteration(path: Path, old: str, new: str) -> int:
     return len(rows) - 1
 
 
-def test_an_interruption_saves_and_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("program", "number"),
+    [("saltus.cli.main policy train", signal.SIGINT), ("saltus.policy.training.train", signal.SIGTERM)],
+)
+def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "saltus.cli.main", "policy", "train", *TINY, "--minutes", "5", "--out", str(out)]
+    command = [sys.executable, "-m", *program.split(), *TINY, "--minutes", "5", "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     while "ready" not in (line := process.stdout.readline()):
         assert line
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     said, error = process.communicate(timeout=60)
     assert process.returncode == 130
     (line,) = [line for line in said.splitlines() if "interrupted" in line]
