@@ -16,7 +16,7 @@ from typing import Any
 
 from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.log import load
-from saltus.real2sim.results import Examined
+from saltus.real2sim.results import Examination
 from saltus.real2sim.search.decide import REMAINDER_RMS
 
 LARGE = 3.0
@@ -59,15 +59,15 @@ def _searched(log: Path, effect: str) -> dict[str, Any]:
         "without": effect,
         "outcome": outcome,
         "named": ", ".join(dict.fromkeys([e.name for e in verdict.effects] + [n for s in verdict.sets for n in s])),
-        "remainder_sigma": max((each.findings.remainder for each in examined.compared), default=0.0),
+        "remainder_sigma": max((each.findings.remainder for each in examined.comparisons), default=0.0),
     }
 
 
-def _remains(examined: Examined) -> bool:
+def _remains(examined: Examination) -> bool:
     """Whether a sensor whose gap was explained keeps structure above what right simulations differ by."""
     return any(
         each.findings.remainder > REMAINDER_RMS * each.problem.samples_per_residual**0.5
-        for each in examined.compared
+        for each in examined.comparisons
         if each.findings.verdict in ("named", "set")
     )
 

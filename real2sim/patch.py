@@ -133,10 +133,10 @@ def load_patch(path: Path) -> Patch:
 
 def supported(effects: Sequence[FoundEffect]) -> tuple[FoundEffect, ...]:
     """The effects that a profile may have: with values that the effect can have, and a size that is not null."""
-    return tuple(effect for effect in effects if effect.name not in EFFECTS or _is_told(effect))
+    return tuple(effect for effect in effects if effect.name not in EFFECTS or _is_certain(effect))
 
 
-def _is_told(found: FoundEffect) -> bool:
+def _is_certain(found: FoundEffect) -> bool:
     known = {f.name: f.metadata for f in fields(EFFECTS[found.name])}
     crosses = []
     for name, interval in found.params.items():

@@ -21,17 +21,17 @@ from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import in_sequence, load_rigs, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
-from saltus.real2sim.rebased import Rebased
+from saltus.real2sim.rebased import RebasedProblem
 from saltus.real2sim.resolve import resolved
-from saltus.real2sim.results import Compared, Examined, Judgement
+from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.findings import FoundEffect
-from saltus.real2sim.search.narrowed import Narrowed
+from saltus.real2sim.search.narrowed import NarrowedProblem
 from saltus.real2sim.search.saturation_curve import with_curves
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
-from saltus.real2sim.stacked import Stacked, stackable
+from saltus.real2sim.stacked import StackedProblem, stackable
 from saltus.real2sim.verdict import merge
 from saltus.recordings.run_log import RunLog
 
@@ -61,8 +61,8 @@ def find(
     """
     logs = load_rigs(runs)
     with _results_folder(out):
-        examined = examine_together(logs, profile=profile, seed=seed, progress=progress)
-        judgement = judge(examined, tuple(evidence_of(run) for run in runs))
+        examinations = examine_together(logs, profile=profile, seed=seed, progress=progress)
+        judgement = judge(examinations, tuple(evidence_of(run) for run in runs))
         texts: dict[str, str | None] = dict(_texts(judgement))
         texts["report.html"] = None  # that of an earlier look would not belong to this verdict
         if report:
@@ -82,7 +82,7 @@ def examine(
     without: Collection[str] = (),
     seed: int = 0,
     progress: Progress | None = None,
-) -> Examined:
+) -> Examination:
     """Compares one log with the simulator, sensor by sensor.
 
     Args:
@@ -92,8 +92,8 @@ def examine(
         seed: As in `find`.
         progress: As in `find`.
     """
-    (examined,) = examine_together([log], profile=profile, without=without, seed=seed, progress=progress)
-    return examined
+    (examination,) = examine_together([log], profile=profile, without=without, seed=seed, progress=progress)
+    return examination
 
 
 def examine_together(
@@ -103,7 +103,7 @@ def examine_together(
     without: Collection[str] = (),
     seed: int = 0,
     progress: Progress | None = None,
-) -> tuple[Examined, ...]:
+) -> tuple[Examination, ...]:
     """Compares logs of one robot on several rigs with the simulator, sensor by sensor; arguments as `examine`.
 
     Nothing is compared where a log is damaged.
@@ -131,16 +131,16 @@ def examine_together(
     return tuple(found)
 
 
-def _screened(log: RunLog) -> Examined:
-    examined = Examined(log=log, faults=tuple(screen(log)), untestable={})
-    if examined.is_bad:  # nothing else can be read off it
-        return examined
+def _screened(log: RunLog) -> Examination:
+    examination = Examination(log=log, faults=tuple(screen(log)), untestable={})
+    if examination.is_bad:  # nothing else can be read off it
+        return examination
     untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
-    return replace(examined, untestable=untestable)
+    return replace(examination, untestable=untestable)
 
 
 def _problems(
-    sensor: Sensor, found: list[Examined], profile: Profile, without: Collection[str]
+    sensor: Sensor, found: list[Examination], profile: Profile, without: Collection[str]
 ) -> list[tuple[list[int], Problem]]:
     """The problems of one kind of sensor and which logs pose each; those that cannot be posed are told in `found`."""
     own: list[int] = []
@@ -154,35 +154,37 @@ def _problems(
         except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
             found[i] = _failed(each, sensor, error)
     if len(problems) > 1 and stackable(problems):
-        return [(own, Stacked(problems, shifts_s([found[i].log for i in own])))]
+        return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
     return [([i], problem) for i, problem in zip(own, problems, strict=True)]
 
 
 def _added(
-    examined: Examined,
+    examination: Examination,
     sensor: Sensor,
     problem: Problem,
     logs: Sequence[RunLog],
     seed: int,
     progress: Callable[[str, int], None],
-) -> Examined:
+) -> Examination:
     """With what the search makes of one more problem."""
     try:
         findings = search(problem, progress=progress, seed=seed)
         if isinstance(problem, JointProblem):
             findings = with_curves(problem, findings)
     except Exception as error:  # as above
-        return _failed(examined, sensor, error)
+        return _failed(examination, sensor, error)
     log = logs[0] if len(logs) == 1 else in_sequence(logs, [str(number + 1) for number in range(len(logs))])
-    return replace(examined, compared=(*examined.compared, Compared(problem=problem, findings=findings, log=log)))
+    return replace(
+        examination, comparisons=(*examination.comparisons, Comparison(problem=problem, findings=findings, log=log))
+    )
 
 
-def _failed(examined: Examined, sensor: Sensor, error: Exception) -> Examined:
+def _failed(examination: Examination, sensor: Sensor, error: Exception) -> Examination:
     logging.getLogger(__name__).info("the %s could not be compared", sensor.name, exc_info=error)
     said = str(error).partition("\n")[0] if isinstance(error, SaltusError) else repr(error)
     text = f"the {sensor.name} could not be compared: {said}"
-    untestable = examined.untestable | dict.fromkeys(sensor.effects, text)
-    return replace(examined, failures=(*examined.failures, text), untestable=untestable)
+    untestable = examination.untestable | dict.fromkeys(sensor.effects, text)
+    return replace(examination, failures=(*examination.failures, text), untestable=untestable)
 
 
 def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[str]) -> Problem:
@@ -190,46 +192,46 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[st
     if profile != IDEAL:
         if "camera" in log.meta:
             profile = to_images(profile, float(log.meta["camera"]["fx"]))
-        problem = Rebased(problem, profile)
-    return Narrowed(problem, without) if without else problem
+        problem = RebasedProblem(problem, profile)
+    return NarrowedProblem(problem, without) if without else problem
 
 
-def judge(examined: tuple[Examined, ...], evidence: tuple[Evidence, ...]) -> Judgement:
+def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...]) -> Judgement:
     """One verdict for all logs, and the patch that follows from it.
 
     Raises:
         RecordingError: no sensor of any log could be compared.
     """
-    bad = [fault.text for each in examined for fault in each.faults if fault.is_fatal]
-    remarks = [text for each in examined for text in (*(f.text for f in each.faults), *each.failures)]
+    bad = [fault.text for each in examinations for fault in each.faults if fault.is_fatal]
+    remarks = [text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)]
     if bad:
         verdict = merge((), log_faults=remarks)
     else:
-        findings = resolved([compared.findings for each in examined for compared in each.compared])
+        findings = resolved([comparison.findings for each in examinations for comparison in each.comparisons])
         if not findings:
             raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or ["no sensor data"]))
         verdict = replace(merge(findings), log_faults=tuple(remarks))
         testable = {name for f in findings for name in (*f.minimum_detectable, *_names(f.effects), *_names(f.rivals))}
-        lacking = {name: why for each in examined for name, why in each.untestable.items()}
+        lacking = {name: why for each in examinations for name, why in each.untestable.items()}
         untestable = {name: why for name, why in (lacking | verdict.untestable).items() if name not in testable}
         rivals = [rival for f in findings for rival in (*f.rivals, *f.effects)]
         verdict = replace(
             verdict,
             untestable=untestable,
-            next_experiment=next_experiment(verdict.sets, rivals, [each.log.meta for each in examined]),
+            next_experiment=next_experiment(verdict.sets, rivals, [each.log.meta for each in examinations]),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
-    patch = Patch(effects=supported(verdict.effects), evidence=evidence, range=_range(examined))
-    return Judgement(verdict=verdict, patch=patch, examined=examined, evidence=evidence)
+    patch = Patch(effects=supported(verdict.effects), evidence=evidence, range=_range(examinations))
+    return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence)
 
 
 def _names(effects: Sequence[FoundEffect]) -> list[str]:
     return [effect.name for effect in effects]
 
 
-def _range(examined: tuple[Examined, ...]) -> Applicability:
+def _range(examinations: tuple[Examination, ...]) -> Applicability:
     """What all logs together reach to."""
-    reaches = [vars(applicability(each.log)) for each in examined if not each.is_bad]
+    reaches = [vars(applicability(each.log)) for each in examinations if not each.is_bad]
     names = {name for reach in reaches for name in reach}
     farthest = {name: [reach[name] for reach in reaches if reach[name] is not None] for name in names}
     return Applicability(**{name: max(values) for name, values in farthest.items() if values})
@@ -251,7 +253,7 @@ def _results_folder(out: Path) -> Iterator[None]:
 
 def _texts(judgement: Judgement) -> dict[str, str]:
     """The results by file; baselines are what simpler ways would have said, for the benchmark."""
-    findings = [compared.findings for each in judgement.examined for compared in each.compared]
+    findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     baselines = {
         way: sorted({name for each in findings for name in getattr(each.baselines, way)})
         for way in ("threshold", "lowest_training_error")

@@ -22,7 +22,7 @@ STEP = 0.02
 """Relative step of derivatives."""
 
 
-class Rebased(WrappedProblem):
+class RebasedProblem(WrappedProblem):
     """`inner` with unknowns counted from where they have the values of a profile.
 
     Args:

@@ -12,7 +12,7 @@ from saltus.recordings.run_log import RunLog
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Compared:
+class Comparison:
     """What became of the problem of one sensor."""
 
     problem: Problem
@@ -22,13 +22,13 @@ class Compared:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Examined:
+class Examination:
     """All that was found in runs that are read as one log."""
 
     log: RunLog
     faults: tuple[Fault, ...]
     offsets: tuple[ClockOffset, ...] = ()
-    compared: tuple[Compared, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
     """What several logs show together is told with the first of them."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
@@ -47,5 +47,5 @@ class Judgement:
 
     verdict: Verdict
     patch: Patch
-    examined: tuple[Examined, ...]
+    examinations: tuple[Examination, ...]
     evidence: tuple[Evidence, ...]

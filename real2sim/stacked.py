@@ -20,7 +20,7 @@ Place = tuple[str, str]
 """Effect and where; the effect of a nuisance bears the number of its log."""
 
 
-class Stacked(Problem):
+class StackedProblem(Problem):
     """One problem whose residuals are those of several.
 
     Args:
@@ -37,7 +37,7 @@ class Stacked(Problem):
         self._problems = tuple(problems)
         self.name, self.blocks, self.places = first.name, first.blocks, first.places
         self.samples_per_residual = max(problem.samples_per_residual for problem in problems)
-        self.simulation_doubt = max(problem.simulation_doubt for problem in problems)
+        self.simulator_disagreement = max(problem.simulator_disagreement for problem in problems)
         self.untestable = {
             name: why for name, why in first.untestable.items() if all(name in p.untestable for p in problems)
         }
@@ -177,7 +177,7 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
         starts=tuple(dict.fromkeys(starts)),
         model_error=max(c.model_error for c in same),
         resolution=max(c.resolution for c in same),
-        faithful=min(c.faithful for c in same),
+        closable_share=min(c.closable_share for c in same),
     )
 
 

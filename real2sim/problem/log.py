@@ -101,6 +101,15 @@ def robot_of(meta: dict[str, Any]) -> Robot | Path:
     return load_robot(name) if name in shipped_robots() else Path(name)
 
 
+def commanded(log: RunLog) -> Floats:
+    """Part of the drives' torque that commands make: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
+    (kp, kd), joints = gains(log.meta), log.joints
+    torque = kp * joints.q_des
+    if joints.dq_des is not None:
+        torque = torque + kd * joints.dq_des
+    return torque if joints.tau_ff is None else torque + joints.tau_ff
+
+
 def boxes_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
     """Boxes of the claimed terrain; none on flat ground."""
     terrain = meta.get("terrain")

@@ -63,7 +63,7 @@ class Candidate:
     resolution: float = 0.0
     """The same for its first parameter in the parameter's unit, however small the effect: what two right simulations
     without any effect would disagree by."""
-    faithful: float = 1.0
+    closable_share: float = 1.0
     """Share of its gap that a right model of the effect closes; less where chance decides, as when a drive hunts."""
 
     def __post_init__(self) -> None:
@@ -132,7 +132,7 @@ class Problem(ABC):
     untestable: dict[str, str]
     samples_per_residual: float = 1.0
     """Samples of the log that a residual averages: by its square root an effect stands out more than in one sample."""
-    simulation_doubt: float = 1.0
+    simulator_disagreement: float = 1.0
     """How much two right simulations of one effect differ, in units of what they do where robots have drives and
     contacts."""
 
@@ -199,7 +199,10 @@ class WrappedProblem(Problem):
         self.name, self.blocks, self.places, self.candidates = inner.name, inner.blocks, inner.places, inner.candidates
         self.segments, self.segment = inner.segments, inner.segment
         self.signals, self.signal, self.time_s = inner.signals, inner.signal, inner.time_s
-        self.samples_per_residual, self.simulation_doubt = inner.samples_per_residual, inner.simulation_doubt
+        self.samples_per_residual, self.simulator_disagreement = (
+            inner.samples_per_residual,
+            inner.simulator_disagreement,
+        )
         self.untestable = inner.untestable
 
     def drivers(self) -> tuple[Driver, ...]:

@@ -11,7 +11,7 @@ from saltus.real2sim.problem.problem import Driver
 from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import TIME
 from saltus.real2sim.reporting.text import LEAST_NATS
-from saltus.real2sim.search.findings import Confusion, Rung, SignalGap
+from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
 from saltus.recordings.report import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
@@ -165,20 +165,20 @@ def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -
     return _sized(figure, 330)
 
 
-def ladder_figure(ladder: Sequence[Rung], chosen: tuple[str, ...]) -> go.Figure:
+def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> go.Figure:
     """Held-out gain of every model that gains anything, best first; the one with the chosen effects in green."""
-    rungs = [rung for rung in ladder if rung.effects and rung.gain >= LEAST_NATS]
-    gains = np.array([rung.gain for rung in rungs])
-    low, high = (np.array([rung.gain_ci90[i] for rung in rungs]) for i in (0, 1))
+    ranked = [model for model in ranking if model.effects and model.gain >= LEAST_NATS]
+    gains = np.array([model.gain for model in ranked])
+    low, high = (np.array([model.gain_ci90[i] for model in ranked]) for i in (0, 1))
     figure = go.Figure()
     figure.add_scatter(
-        x=gains, y=[" + ".join(rung.effects) for rung in rungs], mode="markers+text", showlegend=False,
-        marker={"color": [GREEN if rung.effects == chosen else BLUE for rung in rungs], "size": 10},
+        x=gains, y=[" + ".join(model.effects) for model in ranked], mode="markers+text", showlegend=False,
+        marker={"color": [GREEN if model.effects == chosen else BLUE for model in ranked], "size": 10},
         error_x={
             "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
         },
-        text=[f" {max(0.0, rung.closed):.0%} closed" for rung in rungs], textposition="top right",
+        text=[f" {max(0.0, model.closed):.0%} closed" for model in ranked], textposition="top right",
         customdata=np.stack([gains, low, high], axis=1),
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
@@ -188,7 +188,7 @@ def ladder_figure(ladder: Sequence[Rung], chosen: tuple[str, ...]) -> go.Figure:
         title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
-    return _sized(figure, 90 + 34 * len(rungs))
+    return _sized(figure, 90 + 34 * len(ranked))
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:

@@ -14,7 +14,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver
 
 CHUNKS = 20  # parts of a log whose disagreement tells how sure a statement is
-MIN_SURE = 3.0  # jackknife standard errors
+MIN_T = 3.0  # jackknife standard errors
 MIN_SHARE = 0.1  # of a residual's power: less is not worth a sentence
 MIN_CONTRAST = 1.5  # RMS beyond a threshold, over that on this side
 QUANTILES = np.linspace(0.1, 0.9, 17)  # where thresholds are looked for
@@ -42,7 +42,7 @@ class Statement:
     driver: str
     share: float
     """Of the residual's power that it explains, or that lies in the regime beyond what is elsewhere."""
-    sure: float
+    t_statistic: float
     """In jackknife standard errors."""
     text: str
 
@@ -55,7 +55,7 @@ class _Clue:
     driver: Driver
     kind: str
     share: float
-    sure: float
+    t_statistic: float
     slope: float
     """Of the residual on the driver [sigma per unit]; RMS beyond a threshold."""
     threshold: float
@@ -86,7 +86,7 @@ def _clues(channel: Channel) -> list[_Clue]:
         [_proportional(channel, driver) for driver in channel.drivers if not driver.is_regime],
         [_beyond(channel, driver) for driver in channel.drivers if driver.unit or driver.is_regime],
     ):
-        told = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.sure > MIN_SURE]
+        told = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T]
         if told:
             found.append(max(told, key=lambda clue: clue.share))
     return found
@@ -100,10 +100,10 @@ def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
     slope = float(product.sum() / power.sum())
     share = slope * float(product.sum()) / max(float(np.sum(channel.residual**2)), 1e-30)
     without = _but_one(product) / np.maximum(_but_one(power), 1e-30)
-    sure = abs(slope) / max(_error(without), 1e-30)
+    t_statistic = abs(slope) / max(_error(without), 1e-30)
     return _Clue(
-        channel=channel, driver=driver, kind="proportional", share=share, sure=sure, slope=slope, threshold=0.0,
-        elsewhere=0.0,
+        channel=channel, driver=driver, kind="proportional", share=share, t_statistic=t_statistic, slope=slope,
+        threshold=0.0, elsewhere=0.0,
     )  # fmt: skip
 
 
@@ -128,10 +128,10 @@ def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
         return None
     share = (inside**2 - outside**2) * float(above.sum()) / max(float(power.sum()), 1e-30)
     means = [_but_one(_sums(power * a)) / np.maximum(_but_one(_sums(a.astype(float))), 1) for a in (above, ~above)]
-    sure = (inside**2 - outside**2) / max(_error(means[0] - means[1]), 1e-30)
+    t_statistic = (inside**2 - outside**2) / max(_error(means[0] - means[1]), 1e-30)
     return _Clue(
-        channel=channel, driver=driver, kind="beyond", share=share, sure=sure, slope=inside, threshold=best[1],
-        elsewhere=outside,
+        channel=channel, driver=driver, kind="beyond", share=share, t_statistic=t_statistic, slope=inside,
+        threshold=best[1], elsewhere=outside,
     )  # fmt: skip
 
 
@@ -168,9 +168,8 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
         size = f"|{driver.name}|" if np.any(driver.values < 0.0) else driver.name
         regime = driver.name if driver.is_regime else f"where {size} is above {threshold:.3g}{unit}"
         text = f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
-    return Statement(
-        signal=signal, places=named, driver=driver.name, share=share, sure=min(c.sure for c in clues), text=text
-    )
+    least = min(clue.t_statistic for clue in clues)
+    return Statement(signal=signal, places=named, driver=driver.name, share=share, t_statistic=least, text=text)
 
 
 def in_words(named: Sequence[str], places: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.reporting import figures, text
 from saltus.real2sim.reporting.localise import Channel, localise
 from saltus.real2sim.reporting.regimes import channels_of
-from saltus.real2sim.results import Compared, Examined, Judgement
+from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.recordings.report import STYLE
 from saltus.recordings.run_log import RunLog
@@ -35,12 +35,12 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
         seed: Of the bootstraps.
     """
     verdict = judgement.verdict
-    findings = [compared.findings for each in judgement.examined for compared in each.compared]
+    findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     rivals = [rival for each in findings for rival in each.rivals]
     parts = [text.headline(verdict), text.effects_table(verdict.effects, rivals)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
-    parts += [_examined(each, is_alone=len(judgement.examined) == 1) for each in judgement.examined]
+    parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]
     parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
@@ -51,16 +51,16 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
     )
 
 
-def _examined(examined: Examined, *, is_alone: bool) -> str:
+def _examination(examination: Examination, *, is_alone: bool) -> str:
     """What was found in the runs of one rig."""
-    clocks = text.clocks(examined)
+    clocks = text.clocks(examination)
     parts = ["<h2>Clocks</h2>", clocks] if clocks else []
-    return "".join([*parts, *(_compared(compared, is_alone) for compared in examined.compared)])
+    return "".join([*parts, *(_comparison(comparison, is_alone) for comparison in examination.comparisons)])
 
 
-def _compared(compared: Compared, is_alone: bool) -> str:
+def _comparison(comparison: Comparison, is_alone: bool) -> str:
     """The evidence of one sensor."""
-    problem, findings, log = compared.problem, compared.findings, compared.log
+    problem, findings, log = comparison.problem, comparison.findings, comparison.log
     which = "" if is_alone else f" of {', '.join(problem.blocks)}"
     parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
     if findings.residuals is not None:
@@ -71,14 +71,14 @@ def _compared(compared: Compared, is_alone: bool) -> str:
             _note("Root mean square in units of noise; 1 is noise alone."),
             figures.figure_html(figures.gap_figure(findings.gaps)),
         ]
-    return "".join([*parts, *_comparison(findings)])
+    return "".join([*parts, *_models(findings)])
 
 
-def _comparison(findings: Findings) -> list[str]:
+def _models(findings: Findings) -> list[str]:
     """What was fitted, and what looks alike."""
     parts = []
     chosen = findings.residuals.effects if findings.residuals is not None else ()
-    if any(rung.effects and rung.gain >= text.LEAST_NATS for rung in findings.ladder):
+    if any(model.effects and model.gain >= text.LEAST_NATS for model in findings.ranking):
         parts += [
             "<h3>Models that were compared</h3>",
             _note(
@@ -87,8 +87,8 @@ def _comparison(findings: Findings) -> list[str]:
                 "that no larger one beats by more than chance, and whose effects are all larger than what two correct "
                 "simulations differ by."
             ),
-            figures.figure_html(figures.ladder_figure(findings.ladder, chosen)),
-            text.idle_models(findings.ladder),
+            figures.figure_html(figures.ranking_figure(findings.ranking, chosen)),
+            text.idle_models(findings.ranking),
         ]
     if len(findings.confusion.effects) > 1:
         parts += [

@@ -11,8 +11,8 @@ from saltus.effects.profile import Profile, profile_to_toml
 from saltus.provenance import commit, package_version
 from saltus.real2sim.reporting.localise import Statement
 from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Examined, Judgement
-from saltus.real2sim.search.findings import FoundEffect, Rung
+from saltus.real2sim.results import Examination, Judgement
+from saltus.real2sim.search.findings import FoundEffect, RankedModel
 from saltus.real2sim.verdict import Gap, Verdict
 
 MEANING = {
@@ -116,21 +116,21 @@ def detectable_table(verdict: Verdict) -> str:
     )
 
 
-def idle_models(ladder: Sequence[Rung]) -> str:
+def idle_models(ranking: Sequence[RankedModel]) -> str:
     """The models that gain nothing on data held out."""
-    names = [" + ".join(rung.effects) for rung in ladder if rung.effects and rung.gain < LEAST_NATS]
+    names = [" + ".join(model.effects) for model in ranking if model.effects and model.gain < LEAST_NATS]
     return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
 
 
-def clocks(examined: Examined) -> str:
+def clocks(examination: Examination) -> str:
     """How late streams are against each other."""
-    return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examined.offsets)
+    return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examination.offsets)
 
 
 def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
     """Logs by their contents, code by its commit, and what was claimed."""
     logs = _table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], text=True)
-    runs = sum(compared.findings.evaluations for each in judgement.examined for compared in each.compared)
+    runs = sum(comparison.findings.evaluations for each in judgement.examinations for comparison in each.comparisons)
     lines = [
         f"commit = {commit()}",
         f"seed = {seed}",
@@ -143,7 +143,7 @@ def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
     ]
     claims = [
         "\n".join(["# claimed by the log", *(f"{name} = {json.dumps(value)}" for name, value in claimed.items())])
-        for claimed in (_claims(each.log.meta) for each in judgement.examined)
+        for claimed in (_claims(each.log.meta) for each in judgement.examinations)
     ]
     return logs + "".join(f"<pre>{_text(part)}</pre>" for part in ("\n".join(lines), *claims))
 

@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
+from saltus.real2sim.problem.log import commanded, gains
 from saltus.recordings.run_log import RunLog, Table
 
 SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
@@ -26,7 +27,7 @@ MIN_BLOCKS = 3
 MIN_POWER = 1e-3  # of the best block; a block at rest tells nothing
 MIN_CORRELATION = 0.5  # below it, the two streams do not show the same motion
 DEPTH_GRID = 8  # rows and columns of an image that are compared
-TOLD_DRIFT = 1e-5  # 1 ms in two minutes; quartz clocks differ by more
+LEAST_DRIFT = 1e-5  # 1 ms in two minutes; quartz clocks differ by more
 POSES_S = 0.01  # between poses at which images are foretold; the motion of a body is slower
 MIN_VALID = 0.8  # of the images of a pixel
 NEAR_RANGE = 0.9  # of the camera's range
@@ -56,7 +57,7 @@ class ClockOffset:
         low, high = self.drift_ci90
         drifts = (
             f", drifts by {1e3 * self.drift:.2f} ms per s"
-            if (low > 0 or high < 0) and abs(self.drift) > TOLD_DRIFT
+            if (low > 0 or high < 0) and abs(self.drift) > LEAST_DRIFT
             else ""
         )
         return late + drifts + (" (clock and latency cannot be told apart)" if self.is_relative else "")
@@ -114,15 +115,15 @@ def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> Clock
     trend = _trend(np.sum(slope**2, axis=1), np.sum(error * slope, axis=1), time_s, blocks)
     if trend is None:
         return None
-    (mean, spread), (drift, drift_spread) = trend
-    drift_spread += reference.held_s / float(time_s[-1] - time_s[0])
+    (mean, half_width), (drift, drift_half_width) = trend
+    drift_half_width += reference.held_s / float(time_s[-1] - time_s[0])
     return ClockOffset(
         stream=stream.name,
         reference=reference.name,
         offset_s=float(offset) + mean,
-        ci90_s=(float(offset) + mean - spread - reference.held_s, float(offset) + mean + spread),
+        ci90_s=(float(offset) + mean - half_width - reference.held_s, float(offset) + mean + half_width),
         drift=drift,
-        drift_ci90=(drift - drift_spread, drift + drift_spread),
+        drift_ci90=(drift - drift_half_width, drift + drift_half_width),
         is_relative=is_relative,
     )
 
@@ -162,7 +163,7 @@ def _trend(
     """Line through the offsets of blocks, each weighed by how much it tells.
 
     Returns:
-        Mean and half the width of its 90 % interval [s], slope and half the width of its interval [s/s].
+        Mean and half of its 90 % interval [s], slope and half of its 90 % interval [s/s].
     """
     count = int(blocks[-1]) + 1
     power = np.bincount(blocks, power, count).astype(np.float64)
@@ -190,10 +191,7 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
     joints = log.joints
     if joints.tau_est is None or joints.dq is None:
         return None
-    kp, kd = (np.broadcast_to(np.asarray(log.meta[key], float), joints.q.shape[1:]) for key in ("kp", "kd"))
-    command = kp * joints.q_des
-    for signal, gain in ((joints.dq_des, kd), (joints.tau_ff, 1.0)):
-        command = command if signal is None else command + gain * signal
+    (kp, kd), command = gains(log.meta), commanded(log)
     moved = np.ptp(command, axis=0) > 0
     if not moved.any():
         return None

@@ -47,16 +47,16 @@ def _values(log: RunLog) -> list[Fault]:
 
 
 def _names(log: RunLog) -> list[Fault]:
-    slow = _Slow(log)
+    slow = _SlowMotion(log)
     return [*_swapped(slow), *_limits(log), *_misnamed(slow)]
 
 
 def _motions(log: RunLog) -> list[Fault]:
-    slow = _Slow(log)
+    slow = _SlowMotion(log)
     return [*_signs(slow), *_ratio(slow), *_rates(log)]
 
 
-class _Slow:
+class _SlowMotion:
     """What a position-controlled joint must follow: states and commands without what is faster than 1.5 Hz."""
 
     def __init__(self, log: RunLog) -> None:
@@ -140,7 +140,7 @@ def _limits(log: RunLog) -> Iterator[Fault]:
         )
 
 
-def _swapped(slow: _Slow) -> Iterator[Fault]:
+def _swapped(slow: _SlowMotion) -> Iterator[Fault]:
     """Pairs q and q_des anew so that they lie closest, and compares with the pairing by names."""
     apart = np.sqrt(np.mean((slow.q[:, :, None] - slow.q_des[:, None, :]) ** 2, axis=0))
     _, best = linear_sum_assignment(apart**2)
@@ -156,7 +156,7 @@ def _swapped(slow: _Slow) -> Iterator[Fault]:
         yield Fault(name="swapped_joints", text=f"{pairs} ({other_off:.2f} rad apart, {own_off:.2f} from its own)")
 
 
-def _misnamed(slow: _Slow) -> Iterator[Fault]:
+def _misnamed(slow: _SlowMotion) -> Iterator[Fault]:
     """A leg whose joints stand as joints of another kind do in the other legs: all columns under wrong names."""
     legs: dict[str, list[int]] = {}
     for index, name in enumerate(slow.joints):
@@ -175,7 +175,7 @@ def _misnamed(slow: _Slow) -> Iterator[Fault]:
             yield Fault(name="swapped_joints", text=text)
 
 
-def _signs(slow: _Slow) -> Iterator[Fault]:
+def _signs(slow: _SlowMotion) -> Iterator[Fault]:
     correlation, _ = _follow(slow)
     wrong = slow.moves & (correlation < FLIPPED)
     if wrong.any():
@@ -184,7 +184,7 @@ def _signs(slow: _Slow) -> Iterator[Fault]:
         yield Fault(name="flipped_sign", text=text)
 
 
-def _ratio(slow: _Slow) -> Iterator[Fault]:
+def _ratio(slow: _SlowMotion) -> Iterator[Fault]:
     """A joint that follows, but by a constant factor: a gear or linkage ratio counted twice or not at all."""
     correlation, slope = _follow(slow)
     low, high = RATIO_RANGE
@@ -196,7 +196,7 @@ def _ratio(slow: _Slow) -> Iterator[Fault]:
         yield Fault(name="wrong_ratio", text=text)
 
 
-def _follow(slow: _Slow) -> tuple[Floats, Floats]:
+def _follow(slow: _SlowMotion) -> tuple[Floats, Floats]:
     """Correlation and slope of slow response on slow command, per joint."""
     q, q_des = slow.q - slow.q.mean(axis=0), slow.q_des - slow.q_des.mean(axis=0)
     power, product = np.sum(q_des**2, axis=0), np.sum(q * q_des, axis=0)

@@ -8,20 +8,28 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Estimate, Problem
 from saltus.real2sim.search import bootstrap, decide, estimates, signature
 from saltus.real2sim.search.cells import Cells
-from saltus.real2sim.search.decide import Court, Scored
-from saltus.real2sim.search.findings import Baselines, Findings, FoundEffect, ProblemRuling, Residuals, Rung, SignalGap
+from saltus.real2sim.search.decide import ModelComparison, ScoredFit
+from saltus.real2sim.search.findings import (
+    Baselines,
+    Findings,
+    FoundEffect,
+    ProblemRuling,
+    RankedModel,
+    Residuals,
+    SignalGap,
+)
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic
-from saltus.real2sim.search.reported import reported
+from saltus.real2sim.search.reported import stated_model
 
-LADDER = 12
+RANKED = 12
 """Models that the report lists."""
 
 
 def findings(
     problem: Problem,
-    court: Court,
+    comparison: ModelComparison,
     evaluate: Evaluator,
     fits: dict[Model, Fit],
     library: Callable[[Model], Quadratic],
@@ -30,23 +38,23 @@ def findings(
 
     Args:
         problem: The problem.
-        court: Split and thresholds.
+        comparison: Split and thresholds.
         evaluate: For the last simulations: those of the reported values.
         fits: By model; () among them.
         library: Quadratic with the unknowns of all effects around a fit.
     """
-    scored = [court.score(each) for each in fits.values()]
-    dispersion = _dispersion(court, scored)
-    chosen = decide.choose(court, scored, dispersion)
+    scored = [comparison.score(each) for each in fits.values()]
+    dispersion = _dispersion(comparison, scored)
+    chosen = decide.choose(comparison, scored, dispersion)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
-    chosen = court.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
-    confusion = signature.confusion(court.layout, around, chosen.fit.model)
-    alike = decide.ambiguities(court, chosen, scored, confusion, dispersion, problem.collinear)
-    told = reported(problem, court, evaluate, null, chosen)
+    chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
+    confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
+    alike = decide.ambiguities(comparison, chosen, scored, confusion, dispersion, problem.collinear)
+    told = stated_model(problem, comparison, evaluate, null, chosen)
     final = told.residuals
-    tested = Cells.of(problem, ~court.split.is_fit)
-    ruling = _rule(problem, court, tested, null, chosen, alike, final)
+    tested = Cells.of(problem, ~comparison.split.is_fit)
+    ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
     is_told = ruling in ("named", "set")
     effects = {name: _state(problem, name, groups) for name, groups in told.groups.items()} if is_told else {}
     return Findings(
@@ -56,9 +64,9 @@ def findings(
         sets=_sets(alike) if is_told else (),
         rivals=(
             *(one for name, stated in effects.items() if alike[name] for one in stated),
-            *(_instead(problem, court, fits, chosen.fit.model, alike) if is_told else ()),
+            *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_told else ()),
         ),
-        ladder=_ladder(court, scored, null),
+        ranking=_ranking(comparison, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
         residuals=Residuals(
@@ -66,20 +74,22 @@ def findings(
             after=final,
             unknowns=told.unknowns,
             effects=chosen.fit.model,
-            is_test=~court.split.is_fit,
+            is_test=~comparison.split.is_fit,
         ),
         remainder=tested.largest_rms(tested.structure(final)),
-        minimum_detectable=_minimum_detectable(problem, court, library(()), fits[()], dispersion),
+        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], dispersion),
         untestable=problem.untestable,
-        baselines=_baselines(court, around, scored),
+        baselines=_baselines(comparison, around, scored),
         evaluations=evaluate.evaluations,
     )
 
 
-def _dispersion(court: Court, scored: Sequence[Scored]) -> float:
+def _dispersion(comparison: ModelComparison, scored: Sequence[ScoredFit]) -> float:
     """Of the best model, whose residuals are nearest to noise."""
     best = min(scored, key=lambda each: each.total).fit
-    return bootstrap.dispersion(best.quadratic(court.layout, court.split), np.ones(len(best.columns), dtype=bool))
+    return bootstrap.dispersion(
+        best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
+    )
 
 
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
@@ -88,7 +98,7 @@ def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list
 
 
 def _instead(
-    problem: Problem, court: Court, fits: dict[Model, Fit], chosen: Model, alike: dict[str, list[str]]
+    problem: Problem, comparison: ModelComparison, fits: dict[Model, Fit], chosen: Model, alike: dict[str, list[str]]
 ) -> list[FoundEffect]:
     """The values that other effects of a set have where they stand instead of one that was chosen."""
     found = []
@@ -96,26 +106,28 @@ def _instead(
         for other in others:
             model = model_of({*chosen, other} - {effect})
             if other not in chosen and model in fits:
-                places = estimates.places_of(problem, court, fits[model], other)
-                found += _state(problem, other, estimates.group(problem, places, court.size))
+                places = estimates.places_of(problem, comparison, fits[model], other)
+                found += _state(problem, other, estimates.group(problem, places, comparison.size))
     return found
 
 
 def _rule(
     problem: Problem,
-    court: Court,
+    comparison: ModelComparison,
     tested: Cells,
-    null: Scored,
-    chosen: Scored,
+    null: ScoredFit,
+    chosen: ScoredFit,
     alike: dict[str, list[str]],
     final: Floats,
 ) -> ProblemRuling:
     """Named, a set, unexplained or no gap."""
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
-    is_gap = court.cells.largest_rms(null.structure) > least
+    is_gap = comparison.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
         return "unexplained" if is_gap else "no_gap"
-    is_closed = _closed(court, tested, null.fit.residuals, final) >= decide.explained_share(court, chosen.fit.model)
+    is_closed = _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
+        comparison, chosen.fit.model
+    )
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth closely, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:
@@ -123,10 +135,10 @@ def _rule(
     return "set" if any(alike.values()) else "named"
 
 
-def _closed(court: Court, tested: Cells, before: Floats, after: Floats) -> float:
+def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:
     """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
     structure = tested.structure(before)
-    return tested.share_gone(structure, tested.structure(after), tested.shows(structure, court.size))
+    return tested.share_gone(structure, tested.structure(after), tested.shows(structure, comparison.size))
 
 
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
@@ -134,20 +146,20 @@ def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys(sets))
 
 
-def _ladder(court: Court, scored: Sequence[Scored], null: Scored) -> tuple[Rung, ...]:
-    rungs = []
-    for each in sorted(scored, key=lambda each: each.total)[:LADDER]:
-        gains = bootstrap.held_out_gains(null.held_out, each.held_out, court.split)
-        _, interval = bootstrap.spread(gains, court.rng)
-        rungs.append(
-            Rung(
+def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: ScoredFit) -> tuple[RankedModel, ...]:
+    ranked = []
+    for each in sorted(scored, key=lambda each: each.total)[:RANKED]:
+        gains = bootstrap.held_out_gains(null.held_out, each.held_out, comparison.split)
+        _, interval = bootstrap.spread(gains, comparison.rng)
+        ranked.append(
+            RankedModel(
                 effects=each.fit.model,
-                gain=court.gain(null, each),
+                gain=comparison.gain(null, each),
                 gain_ci90=interval,
-                closed=court.closed(null, null, each),
+                closed=comparison.closed(null, null, each),
             )
         )
-    return tuple(rungs)
+    return tuple(ranked)
 
 
 def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
@@ -173,16 +185,16 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
 
 
 def _minimum_detectable(
-    problem: Problem, court: Court, around: Quadratic, null: Fit, dispersion: float
+    problem: Problem, comparison: ModelComparison, around: Quadratic, null: Fit, dispersion: float
 ) -> dict[str, Estimate]:
     """Smallest size of each effect that would be found, at the place where these data show it best.
 
     It must be worth `decide.GAIN_NATS` after projection of the nuisances, as the quadratic around the model without
-    effects has it, and per residual at least `court.size` on average over a segment.
+    effects has it, and per residual at least `comparison.size` on average over a segment.
     """
-    layout = court.layout
+    layout = comparison.layout
     nuisances = np.flatnonzero(around.where(layout.nuisances))
-    segments = max(1, len(np.unique(court.split.segment)))
+    segments = max(1, len(np.unique(comparison.split.segment)))
     sizes: dict[str, tuple[float, int]] = {}
     for index, candidate in enumerate(layout.candidates):
         if candidate.is_nuisance or candidate.effect in problem.untestable:
@@ -193,16 +205,18 @@ def _minimum_detectable(
             if power <= 0.0:
                 continue
             rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
-            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), court.size * np.sqrt(rows / power))
+            size = max(np.sqrt(2.0 * decide.GAIN_NATS * dispersion / power), comparison.size * np.sqrt(rows / power))
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
-    return {effect: _physical_size(problem, court, around, *found) for effect, found in sizes.items()}
+    return {effect: _physical_size(problem, comparison, around, *found) for effect, found in sizes.items()}
 
 
-def _physical_size(problem: Problem, court: Court, around: Quadratic, size: float, index: int) -> Estimate:
-    columns = court.layout.of_candidate(index)
+def _physical_size(
+    problem: Problem, comparison: ModelComparison, around: Quadratic, size: float, index: int
+) -> Estimate:
+    columns = comparison.layout.of_candidate(index)
     values = around.point[0, columns].copy()
-    values[0] = min(size, float(court.layout.high[columns[0]]))
+    values[0] = min(size, float(comparison.layout.high[columns[0]]))
     return next(iter(problem.physical(problem.candidates[index], values).values()))
 
 
@@ -215,9 +229,9 @@ def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
     return float(hessian[column, column] - cross @ inverse @ cross)
 
 
-def _baselines(court: Court, around: Quadratic, scored: Sequence[Scored]) -> Baselines:
+def _baselines(comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]) -> Baselines:
     """Fit everything and threshold; take the best fit."""
-    layout = court.layout
+    layout = comparison.layout
     named = set()
     for block in range(len(around.cost)):
         value = around.point[block] + around.solve(block, np.ones(len(around.columns), dtype=bool))
@@ -227,7 +241,7 @@ def _baselines(court: Court, around: Quadratic, scored: Sequence[Scored]) -> Bas
             columns = columns[~layout.is_shape[columns]]
             if not candidate.is_nuisance and np.any(np.abs(value[columns]) > 3.0 * error[columns]):
                 named.add(candidate.effect)
-    seen = court.split.is_fit
+    seen = comparison.split.is_fit
     singles = [each.fit for each in scored if len(each.fit.model) == 1]
     lowest = min(singles, key=lambda each: float(np.sum(each.residuals[:, seen] ** 2)), default=None)
     return Baselines(threshold=tuple(sorted(named)), lowest_training_error=lowest.model if lowest else ())

@@ -49,7 +49,7 @@ SET_SIZE = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scored:
+class ScoredFit:
     """A fit and what it is worth.
 
     Attributes:
@@ -69,7 +69,7 @@ class Scored:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Court:
+class ModelComparison:
     """What every comparison needs."""
 
     layout: Layout
@@ -81,29 +81,29 @@ class Court:
     further_share: float = FURTHER_SHARE
     """Share of the whole gap that a further effect must close at least."""
 
-    def score(self, fit: Fit) -> Scored:
+    def score(self, fit: Fit) -> ScoredFit:
         """Held-out cost and remainder of a fit."""
         quadratic = fit.quadratic(self.layout, self.split)
         held_out = quadratic.held_out_cost(np.ones(len(fit.columns), dtype=bool))
         held_out[:, self.split.fold == TEST] = 0.0
-        return Scored(fit=fit, held_out=held_out, structure=self.cells.structure(fit.residuals))
+        return ScoredFit(fit=fit, held_out=held_out, structure=self.cells.structure(fit.residuals))
 
-    def gain(self, before: Scored, after: Scored) -> float:
+    def gain(self, before: ScoredFit, after: ScoredFit) -> float:
         """Held-out gain of one model over another [nats]."""
         return 0.5 * (before.total - after.total)
 
-    def lead(self, before: Scored, after: Scored, dispersion: float) -> bool:
+    def lead(self, before: ScoredFit, after: ScoredFit, dispersion: float) -> bool:
         """Whether a gain is more than chance."""
         gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
         return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
 
-    def closed(self, null: Scored, before: Scored, after: Scored) -> float:
+    def closed(self, null: ScoredFit, before: ScoredFit, after: ScoredFit) -> float:
         """Share of the structure left by `before` that `after` removes, in the cells where any shows."""
         shows = self.cells.shows(np.maximum(null.structure, before.structure), self.size)
         return self.cells.share_gone(before.structure, after.structure, shows)
 
 
-def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
+def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
     """The model that the data support: the smallest that no larger one beats by more than chance and misfit.
 
     Starts from the model without effects; a larger model replaces the one held when it leads it, closes enough of what
@@ -114,52 +114,54 @@ def choose(court: Court, scored: Sequence[Scored], dispersion: float) -> Scored:
     for size in range(1, max(len(each.fit.model) for each in scored) + 1):
         rivals = sorted((each for each in scored if len(each.fit.model) == size), key=lambda each: each.total)
         for rival in rivals[: SET_SIZE if size > 1 else 1]:
-            if _replaces(court, scored, held, rival, dispersion):
+            if _replaces(comparison, scored, held, rival, dispersion):
                 held = rival
                 break
     return held
 
 
-def _replaces(court: Court, scored: Sequence[Scored], held: Scored, rival: Scored, dispersion: float) -> bool:
-    if not court.lead(held, rival, dispersion):
+def _replaces(
+    comparison: ModelComparison, scored: Sequence[ScoredFit], held: ScoredFit, rival: ScoredFit, dispersion: float
+) -> bool:
+    if not comparison.lead(held, rival, dispersion):
         return False
     is_clear = False
     if held.fit.model:
         null = next(each for each in scored if not each.fit.model)
-        more = court.closed(null, null, rival) - court.closed(null, null, held)
-        further = court.closed(null, held, rival)
+        more = comparison.closed(null, null, rival) - comparison.closed(null, null, held)
+        further = comparison.closed(null, held, rival)
         is_clear = further >= CLEAR_SHARE
-        if further < REMAINDER_SHARE or (more < court.further_share and not _is_whole(court, rival, further)):
+        if further < REMAINDER_SHARE or (more < comparison.further_share and not _is_whole(comparison, rival, further)):
             return False
     fits = {each.fit.model: each.fit for each in scored}
-    sizes = sorted(largest_rms(court, fits, rival.fit, effect) / court.size for effect in rival.fit.model)
+    sizes = sorted(largest_rms(comparison, fits, rival.fit, effect) / comparison.size for effect in rival.fit.model)
     if len(sizes) == 1:
         return sizes[0] >= 1.0
     return sizes[0] >= (BESIDE if is_clear else TOGETHER) and sizes[1] >= TOGETHER
 
 
-def _is_whole(court: Court, rival: Scored, further: float) -> bool:
+def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:
     """Whether a further effect explains all that was left: what two simulations differ by, no effect takes wholly."""
-    return further >= WHOLE_SHARE and court.cells.largest_rms(rival.structure) <= court.size
+    return further >= WHOLE_SHARE and comparison.cells.largest_rms(rival.structure) <= comparison.size
 
 
-def may_gain(court: Court, null: Fit, fit: Fit) -> bool:
+def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     """Whether a model with one more effect than this fit could be chosen: it leaves enough, and not far too much."""
-    before, after = court.cells.structure(null.residuals), court.cells.structure(fit.residuals)
-    if court.cells.largest_rms(after) <= court.size:
+    before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
+    if comparison.cells.largest_rms(after) <= comparison.size:
         return False
-    left = 1.0 - court.cells.share_gone(before, after, court.cells.shows(before, court.size))
-    is_left = left >= court.further_share or court.cells.largest_rms(after) > TOGETHER * court.size
+    left = 1.0 - comparison.cells.share_gone(before, after, comparison.cells.shows(before, comparison.size))
+    is_left = left >= comparison.further_share or comparison.cells.largest_rms(after) > TOGETHER * comparison.size
     return is_left and (len(fit.model) < 2 or left <= 1.0 - PROMISING_SHARE)
 
 
-def explained_share(court: Court, model: Model) -> float:
+def explained_share(comparison: ModelComparison, model: Model) -> float:
     """Share of the gap that a model must close to explain it."""
-    faithful = min(c.faithful for c in court.layout.candidates if c.effect in model)
-    return CLOSED_SHARE[len(model) - 1] * faithful
+    closable_share = min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
+    return CLOSED_SHARE[len(model) - 1] * closable_share
 
 
-def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
+def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 
     Against the fit of the model without it, where there is one: what the other effects cannot take over.
@@ -168,16 +170,16 @@ def largest_rms(court: Court, fits: dict[Model, Fit], fit: Fit, effect: str) -> 
     if rest in fits:
         trace = fit.residuals - fits[rest].residuals
     else:
-        columns = court.layout.of_effects([effect])
-        own = np.flatnonzero(np.isin(fit.columns, columns[~court.layout.is_shape[columns]]))
+        columns = comparison.layout.of_effects([effect])
+        own = np.flatnonzero(np.isin(fit.columns, columns[~comparison.layout.is_shape[columns]]))
         trace = np.einsum("bk,bkm->bm", fit.unknowns[:, fit.columns[own]], fit.jacobian[:, own])
-    return float(np.sqrt(court.cells.power(trace).max()))
+    return float(np.sqrt(comparison.cells.power(trace).max()))
 
 
 def ambiguities(
-    court: Court,
-    chosen: Scored,
-    scored: Sequence[Scored],
+    comparison: ModelComparison,
+    chosen: ScoredFit,
+    scored: Sequence[ScoredFit],
     confusion: Confusion,
     dispersion: float,
     collinear: float,
@@ -194,12 +196,12 @@ def ambiguities(
     for rival in sorted(scored, key=lambda each: each.total):
         gone = set(chosen.fit.model) - set(rival.fit.model)
         new = set(rival.fit.model) - set(chosen.fit.model)
-        if len(gone) != 1 or len(new) != 1 or court.closed(null, null, rival) < CLOSED_SHARE[0]:
+        if len(gone) != 1 or len(new) != 1 or comparison.closed(null, null, rival) < CLOSED_SHARE[0]:
             continue
         effect, other = gone.pop(), new.pop()
-        is_tied = not court.lead(rival, chosen, dispersion)
+        is_tied = not comparison.lead(rival, chosen, dispersion)
         # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
-        imitates = court.closed(null, null, rival) >= collinear**2 * court.closed(null, null, chosen)
+        imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(null, null, chosen)
         if is_tied or (imitates and confusion.between(effect, other) >= collinear):
             found[effect].append(other)
     for effect in chosen.fit.model:

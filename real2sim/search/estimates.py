@@ -8,7 +8,7 @@ from scipy import stats
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
 from saltus.real2sim.search import bootstrap
-from saltus.real2sim.search.decide import Court
+from saltus.real2sim.search.decide import ModelComparison
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.fit import Fit
 
@@ -53,9 +53,9 @@ class Group:
     covariance: Floats
 
 
-def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Place]:
+def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: str) -> list[Place]:
     """The estimates of a fitted effect at all its places."""
-    quadratic = fit.quadratic(court.layout, court.split)
+    quadratic = fit.quadratic(comparison.layout, comparison.split)
     free = np.ones(len(fit.columns), dtype=bool)
     found = []
     for block in range(len(problem.blocks)):
@@ -63,9 +63,9 @@ def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Pla
         for index, candidate in enumerate(problem.candidates):
             if candidate.effect != effect:
                 continue
-            columns = court.layout.of_candidate(index)
+            columns = comparison.layout.of_candidate(index)
             own = np.flatnonzero(np.isin(fit.columns, columns))
-            sized = own[~court.layout.is_shape[fit.columns[own]]]
+            sized = own[~comparison.layout.is_shape[fit.columns[own]]]
             trace = fit.unknowns[block, fit.columns[sized]] @ fit.jacobian[block, sized]
             found.append(
                 Place(
@@ -74,7 +74,7 @@ def places_of(problem: Problem, court: Court, fit: Fit, effect: str) -> list[Pla
                     name=problem.places[block][candidate.where],
                     value=fit.unknowns[block, columns],
                     covariance=_with_unseen(covariance[np.ix_(own, own)], candidate),
-                    rms=float(np.sqrt(court.cells.power(trace).max())),
+                    rms=float(np.sqrt(comparison.cells.power(trace).max())),
                 )
             )
     return found
@@ -180,8 +180,9 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
 
 
 def _interval(at: Estimate, error: float) -> Interval:
-    width = float(stats.norm.ppf(0.95)) * error
-    return Interval(value=float(at.value), ci90=(float(at.value - width), float(at.value + width)), unit=at.unit)
+    half_width = float(stats.norm.ppf(0.95)) * error
+    ci90 = (float(at.value - half_width), float(at.value + half_width))
+    return Interval(value=float(at.value), ci90=ci90, unit=at.unit)
 
 
 def _sized(candidate: Candidate) -> Indices:

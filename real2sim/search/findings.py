@@ -34,7 +34,7 @@ class FoundEffect:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rung:
+class RankedModel:
     """A set of effects that was fitted, and what it is worth on segments held out from its fit."""
 
     effects: tuple[str, ...]
@@ -109,7 +109,7 @@ class Findings:
     """Effects that these data cannot tell apart, at most three each."""
     rivals: tuple[FoundEffect, ...] = ()
     """The fitted values of all effects in sets."""
-    ladder: tuple[Rung, ...] = ()
+    ranking: tuple[RankedModel, ...] = ()
     """Best first."""
     confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))
     gaps: tuple[SignalGap, ...] = ()

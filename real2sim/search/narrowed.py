@@ -8,7 +8,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, WrappedProblem
 
 
-class Narrowed(WrappedProblem):
+class NarrowedProblem(WrappedProblem):
     """`inner` without some of its effects; they stay absent.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import decide, estimates, fit
-from saltus.real2sim.search.decide import Court, Scored
+from saltus.real2sim.search.decide import ModelComparison, ScoredFit
 from saltus.real2sim.search.fit import Evaluator
 from saltus.real2sim.search.quadratic import bounded_minimum
 
@@ -23,7 +23,7 @@ Groups = dict[str, list[estimates.Group]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reported:
+class StatedModel:
     """Groups of each effect of a model, all unknowns, shape (blocks, unknowns), and the residuals that those leave."""
 
     groups: Groups
@@ -31,7 +31,9 @@ class Reported:
     residuals: Floats
 
 
-def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, chosen: Scored) -> Reported:
+def stated_model(
+    problem: Problem, comparison: ModelComparison, evaluate: Evaluator, null: ScoredFit, chosen: ScoredFit
+) -> StatedModel:
     """The simplest way to state the chosen model that explains the log as the fit does.
 
     Ways, simplest first: values that places share; own values where the effect is present; own values wherever it
@@ -39,47 +41,47 @@ def reported(problem: Problem, court: Court, evaluate: Evaluator, null: Scored, 
     """
     model = chosen.fit.model
     if not model:
-        return Reported(groups={}, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
-    places = {effect: estimates.places_of(problem, court, chosen.fit, effect) for effect in model}
+        return StatedModel(groups={}, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    places = {effect: estimates.places_of(problem, comparison, chosen.fit, effect) for effect in model}
     ways: tuple[Groups, ...] = (
-        {effect: estimates.group(problem, found, court.size) for effect, found in places.items()},
-        {effect: estimates.each_alone(problem, found, court.size) for effect, found in places.items()},
-        {effect: estimates.each_trace(found, court.size) for effect, found in places.items()},
+        {effect: estimates.group(problem, found, comparison.size) for effect, found in places.items()},
+        {effect: estimates.each_alone(problem, found, comparison.size) for effect, found in places.items()},
+        {effect: estimates.each_trace(found, comparison.size) for effect, found in places.items()},
     )
-    tried = [_Tied(problem, court, chosen.fit, way).fitted(evaluate) for way in ways]
-    least = decide.explained_share(court, model)
-    lowest = min(_cost(court, one.residuals) for one in tried)
+    tried = [_TiedModel(problem, comparison, chosen.fit, way).fitted(evaluate) for way in ways]
+    least = decide.explained_share(comparison, model)
+    lowest = min(_cost(comparison, one.residuals) for one in tried)
     for one in tried:
-        closed = court.closed(null, null, replace(chosen, structure=court.cells.structure(one.residuals)))
-        if closed >= least and _is_as_good(court, one.residuals, lowest):
+        closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
+        if closed >= least and _is_as_good(comparison, one.residuals, lowest):
             return one
     # what is stated leaves more than what was fitted, but is the best there is
-    return Reported(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
+    return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 
 
-def _cost(court: Court, residuals: Floats) -> float:
-    return float(np.sum(residuals[:, court.split.is_fit] ** 2))
+def _cost(comparison: ModelComparison, residuals: Floats) -> float:
+    return float(np.sum(residuals[:, comparison.split.is_fit] ** 2))
 
 
-def _is_as_good(court: Court, residuals: Floats, lowest: float) -> bool:
+def _is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
     """Whether nothing is left that could be called a gap, or hardly more than by the best way."""
-    left = court.cells.largest_rms(court.cells.structure(residuals))
-    return left <= court.size or _cost(court, residuals) <= AS_GOOD * lowest
+    left = comparison.cells.largest_rms(comparison.cells.structure(residuals))
+    return left <= comparison.size or _cost(comparison, residuals) <= AS_GOOD * lowest
 
 
-class _Tied:
+class _TiedModel:
     """A model in which the places of a group have one value, and places of no group lack the effect.
 
     Args:
         problem: Says which numbers a verdict can only state as they are.
-        court: Split and layout.
+        comparison: Split and layout.
         start: The fit whose nuisances and shapes are kept where no group says anything.
         groups: Of each effect.
     """
 
-    def __init__(self, problem: Problem, court: Court, start: fit.Fit, groups: Groups) -> None:
-        self._court, self._start, self._groups = court, start, groups
-        layout = court.layout
+    def __init__(self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups) -> None:
+        self._comparison, self._start, self._groups = comparison, start, groups
+        layout = comparison.layout
         self._rest = start.unknowns.copy()
         sized = layout.of_effects(start.model)
         self._rest[:, sized[~layout.is_shape[sized]]] = 0.0
@@ -103,27 +105,27 @@ class _Tied:
         self._low, self._high = (np.where(np.isnan(stated), b[own], stated) for b in (layout.low, layout.high))
         self._values = np.clip(np.array(values), self._low, self._high)
 
-    def fitted(self, evaluate: Evaluator) -> Reported:
+    def fitted(self, evaluate: Evaluator) -> StatedModel:
         """Gauss-Newton; a step that does not help is the last."""
         values = self._values
         unknowns = self._unknowns(values)
         residuals = evaluate("reported values", unknowns[np.newaxis])[0]
         for _ in range(ITERATIONS):
-            if self._court.cells.largest_rms(self._court.cells.structure(residuals)) <= self._court.size:
+            if self._comparison.cells.largest_rms(self._comparison.cells.structure(residuals)) <= self._comparison.size:
                 break
             change = self._change(evaluate, values, unknowns, residuals)
             shares = 0.5 ** np.arange(1 + HALVINGS)
             trials = np.clip(values + shares[:, np.newaxis] * change, self._low, self._high)
             moved = np.array([self._unknowns(trial) for trial in trials])
             left = evaluate("reported values", moved)
-            best = int(np.argmin([_cost(self._court, each) for each in left]))
-            if _cost(self._court, left[best]) >= _cost(self._court, residuals):
+            best = int(np.argmin([_cost(self._comparison, each) for each in left]))
+            if _cost(self._comparison, left[best]) >= _cost(self._comparison, residuals):
                 break
             values, unknowns, residuals = trials[best], moved[best], left[best]
-        return Reported(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
+        return StatedModel(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
 
     def _change(self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats) -> Floats:
-        layout, seen = self._court.layout, self._court.split.is_fit
+        layout, seen = self._comparison.layout, self._comparison.split.is_fit
         columns = np.unique([column for seats in self._seats for _, column in seats])
         jacobian = fit.slopes(evaluate, layout, unknowns, residuals, columns, "reported values")[:, :, seen]
         count = len(self._seats)

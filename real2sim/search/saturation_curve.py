@@ -50,7 +50,7 @@ def with_curves(problem: JointProblem, findings: Findings) -> Findings:
             else:
                 column = problem.columns_of(EFFECT, places[j])
                 fitted = np.median(left.unknowns[pieces.blocks[j], column], axis=0)
-                params, curve = effect.params, _drawn(fitted, problem.reached[j].torque)
+                params, curve = effect.params, _drawn(fitted, problem.reach[j].torque)
             stated.append(replace(effect, where=names, params=params, curve=curve))
     return replace(findings, effects=(*(e for e in findings.effects if e.name != EFFECT), *stated))
 
@@ -71,7 +71,7 @@ class _Pieces:
         """The pieces for a model that was fitted, unknowns of shape (blocks, unknowns)."""
         blocks = tuple(unknowns[:, problem.columns_of(EFFECT, place).start] != 0.0 for place in problem.places[0])
         spacing = SPACING * problem.limit / problem.limit.max()  # at weaker joints all happens at smaller torques
-        counts = [int(np.ceil(reached.torque / dx)) for reached, dx in zip(problem.reached, spacing, strict=True)]
+        counts = [int(np.ceil(reach.torque / dx)) for reach, dx in zip(problem.reach, spacing, strict=True)]
         return cls(
             corners=spacing[:, None] * np.arange(max(counts)),
             blocks=blocks,
@@ -150,8 +150,8 @@ def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interva
     params = {}
     for name, value in knee_and_plateau(lambda torque: torque - delivered(curve, torque), limit).items():
         before = effect.params[name]
-        half = float(np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value)))
-        params[name] = Interval(value=value, ci90=(value - half, value + half), unit=before.unit)
+        half_width = float(np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value)))
+        params[name] = Interval(value=value, ci90=(value - half_width, value + half_width), unit=before.unit)
     return params
 
 

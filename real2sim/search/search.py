@@ -63,25 +63,25 @@ class _Search:
         self._fits: dict[Model, Fit] = {}
         self._libraries: dict[Model, Floats] = {}
         self._split: Split
-        self._court: decide.Court
+        self._comparison: decide.ModelComparison
 
     def run(self) -> Findings:
         """The whole search."""
         self._fit_null()
-        self._court = decide.Court(
+        self._comparison = decide.ModelComparison(
             layout=self._layout,
             split=self._split,
             cells=Cells.of(self._problem, self._split.is_fit),
             rng=np.random.default_rng(self._seed),
             size=decide.SIZE_RMS * self._problem.samples_per_residual**0.5,
-            further_share=decide.FURTHER_SHARE * self._problem.simulation_doubt,
+            further_share=decide.FURTHER_SHARE * self._problem.simulator_disagreement,
         )
         if self._is_worth_fitting():
             self._fit_singles()
             for size in range(2, LARGEST + 1):
-                if decide.may_gain(self._court, self._fits[()], self._fits[self._best(size - 1)]):
+                if decide.may_gain(self._comparison, self._fits[()], self._fits[self._best(size - 1)]):
                     self._fit_larger(self._best(size - 1), size)
-        return conclude.findings(self._problem, self._court, self._evaluate, self._fits, self._library_quadratic)
+        return conclude.findings(self._problem, self._comparison, self._evaluate, self._fits, self._library_quadratic)
 
     def _fit_null(self) -> None:
         """The model without effects, the split, and the shapes at which effects are looked for."""
@@ -199,8 +199,8 @@ class _Search:
 
         A shape at which an effect fits badly may be a minimum all the same, in some blocks or in all.
         """
-        left = self._court.cells.structure(self._fits[model].residuals)
-        if self._court.cells.largest_rms(left) <= self._court.size:
+        left = self._comparison.cells.structure(self._fits[model].residuals)
+        if self._comparison.cells.largest_rms(left) <= self._comparison.size:
             return
         layout, here = self._layout, self._fits[model]
         points, moving = [], []

@@ -20,7 +20,7 @@ from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.reporting.report import report_page
 from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Compared, Examined, Judgement
+from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.real2sim.search.search import search
@@ -55,19 +55,19 @@ def found(case: str) -> tuple[Problem, Findings]:
 def judged(case: str) -> Judgement:
     if case == "bad_log":
         faults = (Fault(name="units", text="q is in degrees & not in radians"),)
-        examined = Examined(log=rig_log(), faults=faults, untestable={})
+        examined = Examination(log=rig_log(), faults=faults, untestable={})
         verdict = merge((), [fault.text for fault in faults])
     else:
         problem, findings = found(case)
-        compared = Compared(problem=problem, findings=findings, log=rig_log())
-        examined = Examined(log=rig_log(), faults=(), untestable={}, compared=(compared,))
+        compared = Comparison(problem=problem, findings=findings, log=rig_log())
+        examined = Examination(log=rig_log(), faults=(), untestable={}, comparisons=(compared,))
         verdict = replace(merge([findings]), next_experiment=NEXT if case == "set" else None)
     return judgement(verdict, examined)
 
 
-def judgement(verdict: Verdict, examined: Examined) -> Judgement:
+def judgement(verdict: Verdict, examined: Examination) -> Judgement:
     patch = Patch(effects=verdict.effects, evidence=(LOG,), range=Applicability())
-    return Judgement(verdict=verdict, patch=patch, examined=(examined,), evidence=(LOG,))
+    return Judgement(verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,))
 
 
 def page(of: Judgement, folder: Path) -> str:
@@ -170,8 +170,8 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         before=left, after=left, unknowns=np.zeros((1, 0)), effects=(), is_test=np.ones(len(problem.signal), dtype=bool)
     )
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
-    compared = Compared(problem=problem, findings=findings, log=log)
-    examined = Examined(log=log, faults=(), untestable={}, compared=(compared,))
+    compared = Comparison(problem=problem, findings=findings, log=log)
+    examined = Examination(log=log, faults=(), untestable={}, comparisons=(compared,))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
 
 

@@ -36,13 +36,13 @@ PLACES = ("hip", "thigh", "calf")
 
 
 def commands() -> tuple[Floats, list[dict[str, Any]]]:
-    """A chirp, a slow triangle, large steps and a ladder of holds, each twice."""
+    """A chirp, a slow triangle, large steps and a ranking of holds, each twice."""
     t = np.arange(0.0, 1.5, DT)
     shapes = {
         "chirp": (np.sin(2.0 * np.pi * (0.5 * t + 3.0 * t**2)), (0.15, 0.2, 0.2)),
         "triangle": (2.0 * np.abs(((t / 0.75) % 2.0) - 1.0) - 1.0, (0.2, 0.3, 0.3)),
         "steps": (np.repeat([0.0, 1.0, -1.0], 250), (0.35, 0.9, 0.4)),
-        "ladder": (np.repeat([0.0, 0.5, 1.0, 0.5, 0.0], 150), (0.1, 0.2, 0.2)),
+        "ranking": (np.repeat([0.0, 0.5, 1.0, 0.5, 0.0], 150), (0.1, 0.2, 0.2)),
     }
     parts, segments, start = [], [], 0.0
     for name, (shape, amplitude) in shapes.items():
@@ -263,7 +263,7 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
 def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
     problem = JointProblem(noisy(motion(TorqueSaturation(curve=GO1_CURVE), kp=70.0)))
-    assert problem.reached[2].torque > 35.0
+    assert problem.reach[2].torque > 35.0
     columns = np.concatenate([np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES])
     value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)
     fitted = unknowns(problem, {})

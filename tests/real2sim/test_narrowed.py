@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.real2sim.search.narrowed import Narrowed
+from saltus.real2sim.search.narrowed import NarrowedProblem
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL")
@@ -16,7 +16,7 @@ BLOCKS = ("FR", "FL")
 def test_the_true_effect_left_out_is_unexplained(effect: str) -> None:
     inner = LinearProblem({(effect, *place): 3.0 for place in itertools.product(WHERES, BLOCKS)}, seed=3, colour=0.3)
     assert [found.name for found in search(inner).effects] == [effect]
-    narrowed = Narrowed(inner, (effect,))
+    narrowed = NarrowedProblem(inner, (effect,))
     assert {c.effect for c in narrowed.candidates} == {c.effect for c in inner.candidates} - {effect}
     findings = search(narrowed)
     assert findings.verdict == "unexplained"
@@ -25,7 +25,7 @@ def test_the_true_effect_left_out_is_unexplained(effect: str) -> None:
 
 def test_the_other_unknowns_do_what_they_did() -> None:
     inner = LinearProblem({}, seed=4)
-    narrowed = Narrowed(inner, ("e1", "e4"))
+    narrowed = NarrowedProblem(inner, ("e1", "e4"))
     rng = np.random.default_rng(5)
     full = rng.uniform(0.0, 2.0, (3, len(BLOCKS), len(inner.candidates)))
     left_out = np.array([c.effect in ("e1", "e4") for c in inner.candidates])

@@ -20,7 +20,7 @@ from saltus.real2sim.patch import load_patch
 from saltus.real2sim.pipeline import examine, find, judge
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.rebased import Rebased
+from saltus.real2sim.rebased import RebasedProblem
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import Verdict
@@ -88,19 +88,19 @@ def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(found: Found, t
 def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) -> None:
     inner = next(sensor for sensor in SENSORS if sensor.name == "joints").problem(held)
     nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
-    with_effects = Rebased(inner, STIFF)
+    with_effects = RebasedProblem(inner, STIFF)
     assert np.mean(with_effects.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.1)
     assert np.mean(inner.residuals(nothing) ** 2) > 2.0
     friction = next(c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf"))
     assert with_effects.physical(friction, np.zeros(1))["coefficient"].value == pytest.approx(0.2)
-    np.testing.assert_array_equal(Rebased(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
+    np.testing.assert_array_equal(RebasedProblem(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
 
 
 def test_a_speed_limit_in_a_profile_is_there_altogether(held: RunLog) -> None:
     inner = next(sensor for sensor in SENSORS if sensor.name == "joints").problem(held)
     robot = Profile(actuator=(TorqueSpeedLimit(corner=0.2, no_load=1.0),))
     unknowns = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
-    with_limit = Rebased(inner, robot).residuals(unknowns)
+    with_limit = RebasedProblem(inner, robot).residuals(unknowns)
     at = 0
     for candidate in inner.candidates:
         if candidate.effect == "torque_speed_limit":
@@ -141,7 +141,7 @@ def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
     examined = examine(degrees)
     judgement = judge((examined,), ())
     assert judgement.verdict.verdict == "bad_log"
-    assert not examined.compared
+    assert not examined.comparisons
     assert not judgement.patch.effects
     assert sentence(judgement.verdict).startswith("The log contradicts itself")
 

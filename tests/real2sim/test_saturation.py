@@ -11,7 +11,7 @@ from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.rebased import Rebased
+from saltus.real2sim.rebased import RebasedProblem
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
@@ -26,7 +26,7 @@ def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple
     robot = Profile(actuator=(TorqueSaturation(curve=curve),))
     inner = JointProblem(run(STEPS, robot, seed=2))
     nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
-    with_curve = Rebased(inner, robot)
+    with_curve = RebasedProblem(inner, robot)
     assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)
     assert np.mean(inner.residuals(nothing) ** 2) > 4.0
     calf = next(c for c in with_curve.candidates if (c.effect, c.where) == ("torque_saturation", "calf"))

@@ -11,7 +11,7 @@ from saltus.real2sim.problem.problem import Candidate, Estimate
 from saltus.real2sim.resolve import resolved
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.search import search
-from saltus.real2sim.stacked import Stacked, stackable
+from saltus.real2sim.stacked import StackedProblem, stackable
 
 HIDDEN = {("e1", where, block): 3.0 for where, block in itertools.product(WHERES, ("FR", "FL"))}
 LATER_S = 20.0
@@ -34,14 +34,14 @@ def test_two_logs_tell_what_one_cannot(logs: tuple[LinearProblem, LinearProblem]
     alone = search(logs[0])
     assert (alone.verdict, alone.sets) == ("set", (("e1", "e2"),))
     assert {rival.name for rival in alone.rivals} == {"e1", "e2"}
-    together = search(Stacked(logs, (0.0, LATER_S)))
+    together = search(StackedProblem(logs, (0.0, LATER_S)))
     assert together.verdict == "named"
     assert [(effect.name, effect.where) for effect in together.effects] == [("e1", "all")]
     assert together.effects[0].params["size"].value == pytest.approx(3.0, rel=0.1)
 
 
 def test_effects_are_shared_and_nuisances_are_not(logs: tuple[LinearProblem, LinearProblem]) -> None:
-    stacked = Stacked(logs, (0.0, LATER_S))
+    stacked = StackedProblem(logs, (0.0, LATER_S))
     names = [candidate.effect for candidate in stacked.candidates if candidate.is_nuisance]
     assert names == ["clock of log 1", "clock of log 2"]
     assert len(stacked.candidates) == len(logs[0].candidates) + 1
@@ -99,7 +99,7 @@ def test_who_has_a_gap_of_its_own_rules_nothing_out() -> None:
 def test_evidence_of_two_logs_decides_between_effects_that_are_alike_in_both() -> None:
     both = [LinearProblem(HIDDEN, alike=0.97, seed=seed) for seed in (0, 1)]
     assert [search(one).verdict for one in both] == ["set", "set"]
-    together = search(Stacked(both, (0.0, LATER_S)))
+    together = search(StackedProblem(both, (0.0, LATER_S)))
     assert (together.verdict, [effect.name for effect in together.effects]) == ("named", ["e1"])
     same = [LinearProblem(HIDDEN, alike=0.9999, seed=seed) for seed in (0, 1)]
-    assert search(Stacked(same, (0.0, LATER_S))).sets == (("e1", "e2"),)
+    assert search(StackedProblem(same, (0.0, LATER_S))).sets == (("e1", "e2"),)

@@ -31,7 +31,7 @@ KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
 """Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
 SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
 """Least noise of a mean over 20 ms that is believed [m, rad, m/s, rad, rad/s]: what the simulation itself repeats."""
-LARGEST_DOUBT = 10.0
+LARGEST_UNREPEATED = 10.0
 """Segments with a window in which right simulations differ by this many times the power of the noise are left out: what
 a foot does there hangs on a hair."""
 LARGEST_LASTING = 1.0
@@ -125,10 +125,10 @@ class Whitening:
     ) -> None:
         sensors = noise.sigma[KIND_OF_SIGNAL] ** 2
         self._sigma = np.sqrt(sensors + unrepeated)
-        doubt = np.mean(unrepeated / sensors, axis=(1, 2))
-        worst = np.array([doubt[segment == s].max() for s in segment])
+        unrepeated_power = np.mean(unrepeated / sensors, axis=(1, 2))
+        worst = np.array([unrepeated_power[segment == s].max() for s in segment])
         is_steady = lasting <= max(LARGEST_LASTING, float(lasting.min()))
-        self.is_reproducible = is_steady & (worst <= max(LARGEST_DOUBT, float(worst[is_steady].min())))
+        self.is_reproducible = is_steady & (worst <= max(LARGEST_UNREPEATED, float(worst[is_steady].min())))
         self._noise, self._measured = noise, measured
         plain = noise.plain(starts, self._sigma)  # (d, w, blocks, 33)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)

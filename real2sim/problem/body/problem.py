@@ -44,7 +44,7 @@ USUAL = {
     "contact_solver.give": 0.3,
 }
 """Effects of usual size, about which the error of a start is still linear."""
-HAIR = {
+SMALL_CHANGES = {
     "payload_mass.mass": 0.05,
     "com_offset.x": 0.001,
     "com_offset.y": 0.001,
@@ -80,7 +80,7 @@ class BodyProblem(Problem):
     name = "body"
     blocks = ("trunk",)
     places = ({"trunk": "trunk", "feet": "feet", "joints": "all"},)
-    simulation_doubt = 0.3
+    simulator_disagreement = 0.3
     """What right ways to compute contacts differ by is in the noise already."""
 
     def __init__(self, log: RunLog) -> None:
@@ -103,7 +103,7 @@ class BodyProblem(Problem):
         """Whitened residuals, shape (n, 1, m)."""
         rig = self._rig(unknowns[:, 0])
         fineness = unknowns[:, 0, self.names.index("contact_solver.fineness"), None, None, None]
-        whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._of_step)
+        whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._time_step_error)
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
@@ -181,27 +181,27 @@ class BodyProblem(Problem):
         draws[..., spread.is_free] = 0.0  # far off, but to no effect
         missed = self._moved(spread, draws) - np.einsum("kwd,dwbs->kwbs", draws, slopes)
         measured = -np.einsum("wd,dwbs->wbs", starts.likeliest, slopes)
-        unrepeated = np.mean(missed**2, axis=0) + self._by_a_hair() + self._of_steps()
+        unrepeated = np.mean(missed**2, axis=0) + self._from_small_changes() + self._from_time_steps()
         lasting = np.sum(noise.plain(slopes[~spread.is_free])[:, :, LATE:] ** 2, axis=0).mean(axis=(1, 2))
         return Whitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
-    def _by_a_hair(self) -> Floats:
+    def _from_small_changes(self) -> Floats:
         """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
 
         When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model can be judged by it.
         """
-        hair = np.array([HAIR.get(name, 0.0) for name in self.names])
-        change = hair * np.random.default_rng(1).standard_normal((PAIRS, len(hair)))
-        sets = self.absent + np.concatenate([0.0 * hair[None], change, -change])
+        small = np.array([SMALL_CHANGES.get(name, 0.0) for name in self.names])
+        change = small * np.random.default_rng(1).standard_normal((PAIRS, len(small)))
+        sets = self.absent + np.concatenate([0.0 * small[None], change, -change])
         error = self._errors(self._replay.states(self._rig(sets)))
         return np.asarray(np.mean((0.5 * (error[1 : PAIRS + 1] + error[PAIRS + 1 :]) - error[0]) ** 2, axis=0))
 
-    def _of_steps(self) -> Floats:
+    def _from_time_steps(self) -> Floats:
         """Square of what a finer step of time changes beyond first order, (w, BLOCKS, 33); keeps the first order."""
         rig = self._rig()
         claimed = self._errors(self._replay.states(rig))[0]
         half, quarter = (self._errors(self._replayed(way).states(rig))[0] - claimed for way in finer(self._ground))
-        self._of_step = QUARTER_TO_NONE * quarter
+        self._time_step_error = QUARTER_TO_NONE * quarter
         return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
 
     def _moved(self, spread: StartNoise, by: Floats) -> Floats:

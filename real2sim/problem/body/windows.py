@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.real2sim.problem import rotations
-from saltus.real2sim.problem.log import gains, sampled
+from saltus.real2sim.problem.log import commanded, gains, sampled
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
@@ -86,7 +86,7 @@ class Track:
 def cut_windows(log: RunLog, segments: Sequence[Segment]) -> Windows:
     """Cuts a log with a measured base."""
     kp, kd = gains(log.meta)
-    told = _told(log, kp, kd)
+    drive = commanded(log)
     starts = _starts(segments)
     tracks = {i: track(log, segments[i]) for i in {segment for segment, _ in starts}}
     parts = []
@@ -99,7 +99,7 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> Windows:
         times = now.time_s[k] + PHYSICS_DT * np.arange(-HISTORY_STEPS, WINDOW_STEPS)
         row = np.searchsorted(log.joints.time_s, times + 0.05 * PHYSICS_DT, side="right") - 1
         blocks = now.states[k : k + WINDOW_STEPS].reshape(BLOCKS, BLOCK_STEPS, -1).mean(axis=1)
-        parts.append((now.time_s[k], segment, qpos, qvel, told[np.maximum(row, 0)], blocks))
+        parts.append((now.time_s[k], segment, qpos, qvel, drive[np.maximum(row, 0)], blocks))
     columns = [np.array(column) for column in zip(*parts, strict=True)] if parts else _nothing()
     names = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
     return Windows(**dict(zip(names, columns, strict=True)), kp=kp, kd=kd)
@@ -171,15 +171,6 @@ def _state(now: Track, k: int) -> tuple[Floats, Floats]:
         bias = np.mean(now.gyro - angular_velocity(now.states[:, 3:7]), axis=0)
         rate = savgol_filter(now.gyro[part], SMOOTHING_STEPS, 2, axis=0)[k - low] - bias
     return smooth[:19], np.concatenate([smooth[VELOCITY], rate, smooth[RATES]])
-
-
-def _told(log: RunLog, kp: Floats, kd: Floats) -> Floats:
-    """What drives are told: kp q_des + kd dq_des + tau_ff of every row [Nm], shape (n, 12)."""
-    joints = log.joints
-    told = kp * joints.q_des
-    if joints.dq_des is not None:
-        told = told + kd * joints.dq_des
-    return told if joints.tau_ff is None else told + joints.tau_ff
 
 
 def _nothing() -> list[Floats]:

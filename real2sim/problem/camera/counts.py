@@ -70,11 +70,11 @@ class CountRows:
         expected[is_noise] = np.log(filtered * (quadratic * self.argument[is_noise] + constant) + (1e-3**2) / 12.0)
         value[is_noise] = self.noise.log_variances(predicted)
         residual = (value - expected) / np.where(expected > value, self.sigma_above, self.sigma)
-        residual[is_lost] = _surprise(self.value[is_lost], self.argument[is_lost], effects.drop_angle)
+        residual[is_lost] = _signed_deviance(self.value[is_lost], self.argument[is_lost], effects.drop_angle)
         return np.asarray(residual)
 
 
-def _surprise(share: Floats, due: Floats, angle: float) -> Floats:
+def _signed_deviance(share: Floats, due: Floats, angle: float) -> Floats:
     """Signed square roots of the deviance of shares of lost images: few are far from a bell curve."""
     expected = USUAL_LOSS + (1.0 - USUAL_LOSS) * math.sin(angle) ** 2
     deviance = rel_entr(share, expected) + rel_entr(1.0 - share, 1.0 - expected)

@@ -23,7 +23,7 @@ SHAPE = {1: 1.5, 2: -0.6, 3: 0.1}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Filled:
+class FilledShare:
     """Share of the pixels away from edges that are copies, and how sure that is."""
 
     share: float
@@ -54,7 +54,7 @@ def plain_pixels(predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: 
 
 def filled(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], plain: NDArray[np.bool_], clip_mm: float
-) -> Filled | None:
+) -> FilledShare | None:
     """The share of copies among plain pixels; None where noise is too small or pixels are too few to tell.
 
     Noise that is smooth in depth makes equal neighbours about as often as neighbours that differ by 1 mm. Noise that is
@@ -75,7 +75,7 @@ def filled(
     if not len(found):
         return None
     by_shape, by_distance, pairs, shape_variance, distance_variance = found.sum(axis=0)
-    return Filled(
+    return FilledShare(
         share=float(min(by_shape, by_distance) / pairs),
         deviation=float(math.sqrt(max(shape_variance, distance_variance)) / pairs),
     )

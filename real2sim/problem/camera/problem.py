@@ -38,7 +38,7 @@ class CameraProblem(Problem):
     blocks = ("camera",)
     places = ({"camera": "camera"},)
     signals = ("noise", "holes", "copies", "lost images", "usual noise", "filled holes", "end of range", "depth")
-    simulation_doubt = 0.2  # rays are exact: two ray casters differ by less than noise
+    simulator_disagreement = 0.2  # rays are exact: two ray casters differ by less than noise
 
     def __init__(self, log: RunLog) -> None:
         self._data = data = camera_data(log)

@@ -75,7 +75,7 @@ class ImuProblem(Problem):
     name = "imu"
     blocks = ("imu",)
     places = ({"imu": "imu"},)
-    simulation_doubt = 0.05
+    simulator_disagreement = 0.05
     """Turning is geometry: nothing is integrated but the rates themselves."""
 
     def __init__(self, log: RunLog) -> None:

@@ -66,19 +66,21 @@ KINDS = (
         _shape("stribeck_velocity", 0.01, 2.0, 0.02),
         starts=((0.3, 0.05), (0.3, 0.25)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
-        faithful=0.95,
+        closable_share=0.95,
     ),
     _kind("backlash", _size("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
     _kind("armature", _size("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
     _kind("encoder_bias", _size("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
-    _kind("encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), faithful=0.95),
+    _kind(
+        "encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), closable_share=0.95
+    ),
     _kind("velocity_filter", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(LOOP_RATE, _size("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reached:
+class Reach:
     """How far a log goes at one place of all legs."""
 
     speed: float
@@ -95,12 +97,12 @@ class JointCandidates:
     Args:
         places: Names of the joints of a leg, from the base outwards, e.g. ("hip", "thigh", "calf").
         limit: Torque limits of the joints [Nm], shape (branches, joints).
-        reached: What the log shows of each place, in the order of `places`.
+        reach: What the log shows of each place, in the order of `places`.
         left_out: Effects that the log cannot show.
     """
 
     def __init__(
-        self, places: Sequence[str], limit: Floats, reached: Sequence[Reached], left_out: Sequence[str] = ()
+        self, places: Sequence[str], limit: Floats, reach: Sequence[Reach], left_out: Sequence[str] = ()
     ) -> None:
         self._places, self._limit = tuple(places), limit
         self._column: dict[tuple[str, int], slice] = {}
@@ -109,7 +111,7 @@ class JointCandidates:
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
             # the loop of a leg's drives has one rate
             for joint, place in enumerate(self._places[:1] if kind.is_nuisance else self._places):
-                listed.append(replace(kind, where=place, starts=_starts(kind, reached[joint])))
+                listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint])))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
         self.listed = tuple(listed)
@@ -190,14 +192,14 @@ class JointCandidates:
         return tuple(values)
 
 
-def _starts(kind: Candidate, reached: Reached) -> tuple[tuple[float, ...], ...]:
+def _starts(kind: Candidate, reach: Reach) -> tuple[tuple[float, ...], ...]:
     match kind.effect:
         case "torque_speed_limit":
-            return tuple((weight, a * reached.speed, b * reached.speed) for weight, a, b in kind.starts)
+            return tuple((weight, a * reach.speed, b * reach.speed) for weight, a, b in kind.starts)
         case "torque_saturation":
-            return tuple((loss, corner * reached.torque, rounding) for loss, corner, rounding in kind.starts)
-        case "encoder_quantisation" if reached.steps:
-            return tuple((1.0, step) for step in reached.steps)
+            return tuple((loss, corner * reach.torque, rounding) for loss, corner, rounding in kind.starts)
+        case "encoder_quantisation" if reach.steps:
+            return tuple((1.0, step) for step in reach.steps)
     return kind.starts
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.joints.candidates import Reached
+from saltus.real2sim.problem.joints.candidates import Reach
 from saltus.real2sim.problem.joints.motion import Rows
 from saltus.recordings.run_log import RunLog
 
@@ -31,9 +31,9 @@ MOST_STEPS = 3
 MOST = 0.9995  # quantile that counts as the largest: noise has outliers
 
 
-def untestable(log: RunLog, rows: Rows, reached: Sequence[Reached]) -> dict[str, str]:
+def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str]:
     """Effects that this log cannot show, and why."""
-    torque, speed = max(r.torque for r in reached), max(r.speed for r in reached)
+    torque, speed = max(r.torque for r in reach), max(r.speed for r in reach)
     why: dict[str, str] = {}
     if log.joints.tau_ff is None:
         why["feedforward_delay"] = "the log has no tau_ff"
@@ -51,9 +51,7 @@ def untestable(log: RunLog, rows: Rows, reached: Sequence[Reached]) -> dict[str,
     return why
 
 
-def reached_by(
-    rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]
-) -> tuple[Reached, ...]:
+def reach_of(rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]) -> tuple[Reach, ...]:
     """How far the log goes at each place of the legs.
 
     Args:
@@ -66,7 +64,7 @@ def reached_by(
     asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - rows.speed) + rows.tau_ff)
     speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(rows.speed), asked))
     return tuple(
-        Reached(
+        Reach(
             speed=float(speed[joints].max()),
             torque=float(torque[joints].max()),
             steps=_distinct([step for j in joints if (step := steps[j]) is not None]),

@@ -12,11 +12,11 @@ from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, knee_and_plateau
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
-from saltus.real2sim.problem.joints.excitation import encoder_steps, reached_by, untestable
+from saltus.real2sim.problem.joints.excitation import encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
-from saltus.real2sim.problem.joints.replay import Simulated, replay
+from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
 from saltus.real2sim.problem.log import gains, robot_of, segments_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, estimates
 from saltus.recordings.run_log import RunLog
@@ -40,7 +40,7 @@ class JointProblem(Problem):
         log: With `meta["base"]` "fixed".
 
     Attributes:
-        reached: How far the log goes at each place of the legs.
+        reach: How far the log goes at each place of the legs.
         limit: Torque limit of each place [Nm], shape (places,).
 
     Raises:
@@ -68,11 +68,11 @@ class JointProblem(Problem):
         self.segments = segments_of(log)
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
-        self.reached = reached_by(self._rows, kp, kd, branches, self._steps)
-        self.untestable = untestable(log, self._rows, self.reached)
+        self.reach = reach_of(self._rows, kp, kd, branches, self._steps)
+        self.untestable = untestable(log, self._rows, self.reach)
         limits = _torque_limits(branches)
         self.limit = limits[0]
-        self._candidates = JointCandidates(places, limits, self.reached, tuple(self.untestable))
+        self._candidates = JointCandidates(places, limits, self.reach, tuple(self.untestable))
         self.candidates = self._candidates.listed
         self._name_samples(places)
         self._learn_noise()
@@ -138,10 +138,10 @@ class JointProblem(Problem):
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
-    def _simulate(self, drives: Drives) -> Simulated:
+    def _simulate(self, drives: Drives) -> SimulatedMeans:
         return replay(self._motion, self._windows, drives, self._averaged)
 
-    def _apart(self, simulated: Simulated) -> Floats:
+    def _apart(self, simulated: SimulatedMeans) -> Floats:
         """Measured minus simulated, shape (samples, signals, branches, joints, sets)."""
         made = [getattr(simulated, signal) for signal in self._signals]
         flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)

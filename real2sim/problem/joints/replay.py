@@ -67,7 +67,7 @@ class Windows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Simulated:
+class SimulatedMeans:
     """Means over `averaged` rows, each of shape (windows, means, branches, joints, sets)."""
 
     q: Floats
@@ -75,7 +75,7 @@ class Simulated:
     tau_est: Floats
 
 
-def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> Simulated:
+def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> SimulatedMeans:
     """Simulates every window with every set of effects.
 
     Args:
@@ -99,7 +99,7 @@ def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> S
                 into[2] += believed
             simulation.advance(k)
     sums /= averaged
-    return Simulated(q=sums[0], dq=sums[1], tau_est=sums[2])
+    return SimulatedMeans(q=sums[0], dq=sums[1], tau_est=sums[2])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
