@@ -1,1 +1,1 @@
-"""Where simulation and measurement disagree, and which effect explains it."""
+"""Where simulation and measurement disagree, and which effects explain it."""

@@ -1,6 +1,6 @@
-"""The whole loop on a simulated robot: an effect is hidden, an experiment run, the effect found, applied, and gone.
+"""The whole cycle on a simulated robot: hide an effect, run an experiment, find the effect, apply it, look again.
 
-Whoever finds it sees run logs only: of the robot that made them it knows what a real robot's owner knows.
+The search sees the run logs only: it knows as much of the robot as the owner of a real one.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from saltus.recordings.run_log import write_run_log
 
 FIRST = "joint_tour"
 ROUNDS = 2
-"""Experiments at most: the first, and the one that tells the effects of a set apart."""
+"""Largest number of experiments: the first, and one that separates the effects of a set."""
 CALVES = np.arange(12) % 3 == 2
 KINDS = ("all joints", "hip", "thigh", "calf")
 
@@ -44,10 +44,10 @@ def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, 
     return tuple(np.where(where, value, null).tolist())
 
 
-# Every effect of drives and encoders, at sizes within what is published for robots of the Go1's class, but
-# - backlash, the torque-speed limit and encoder quantisation: what the plant does within one of its steps - crossing a
-#   gap in three or four of them, holding a limit, hunting between two steps of an encoder - no other simulation repeats
-#   to within the noise of a sensor, so that a little of the gap stays after the patch;
+# Every effect of drives and encoders, with sizes within the published ranges for robots of the Go1's class, but for
+# - backlash, the torque-speed limit and encoder quantisation: the plant crosses a gap, holds a limit or hunts between
+#   two encoder steps within a few of its time steps, which no other simulation repeats to within the noise of a sensor,
+#   so that a small gap remains after the patch;
 # - the delay of feed-forward torque alone: the first experiment has no such torque.
 _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),
@@ -67,7 +67,7 @@ _HIDDEN: tuple[_Draw, ...] = (
 
 
 def hidden_robot(seed: int) -> Profile:
-    """A robot with one effect, drawn by the seed: which, where, and how large."""
+    """A robot with one effect; the seed decides which, where, and how large."""
     rng = np.random.default_rng([seed, 6])
     draw = _HIDDEN[rng.integers(len(_HIDDEN))]
     kind = rng.integers(len(KINDS))
@@ -77,10 +77,10 @@ def hidden_robot(seed: int) -> Profile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What a demonstration came to."""
+    """Results of a demonstration."""
 
     hidden: Profile
-    """The robot's effects."""
+    """Effects of the robot."""
     experiments: tuple[Experiment, ...]
     found: Judgement
     """Before the patch."""
@@ -94,12 +94,12 @@ def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -
     """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
 
     Args:
-        out: Folder for logs and results; it exists.
-        seed: Which effect, where and how large; and of the sensors' noise.
-        progress: Told the stage and the share of it that is done.
+        out: Existing folder for logs and results.
+        seed: Decides which effect is hidden, where and how large it is, and the noise of the sensors.
+        progress: Called with the stage and the share of the stage that is done.
 
     Raises:
-        SaltusError: nothing that could be applied was found.
+        SaltusError: no effect that could be applied was found.
     """
     tell = progress or (lambda _stage, _share: None)
     hidden = hidden_robot(seed)

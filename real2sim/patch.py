@@ -1,4 +1,4 @@
-"""`patch.toml`: what a verdict adds to a robot's profile, on what evidence, and how far it holds.
+"""`patch.toml`: the effects that a verdict adds to a profile, their evidence, and the range in which they hold.
 
 schema = "saltus-patch/1"
 
@@ -43,12 +43,12 @@ from saltus.robots.robot import JOINTS
 
 SCHEMA = "saltus-patch/1"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
-"""Effects that are absent at what a log claims, not at the null value of the library (schema of run logs)."""
+"""Effects that are absent at the value that the log claims, not at the library's null value (schema of run logs)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """A run log by its contents."""
+    """A run log, identified by its contents."""
 
     log: str
     sha256: str
@@ -56,10 +56,10 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """What the evidence reaches to; beyond it, the patch is an extrapolation. None where the log does not say."""
+    """Range that the evidence covers; outside of it the patch extrapolates. None where the log does not say."""
 
     torque_nm: float | None = None
-    """Largest torque that a drive was asked for."""
+    """Largest commanded torque of a drive."""
     speed_rad_s: float | None = None
     """Largest speed of a joint."""
     depth_m: float | None = None
@@ -67,7 +67,7 @@ class Applicability:
     duration_s: float | None = None
     """Length of the log."""
     focal_px: float | None = None
-    """Focal length of its images: what effects tell in pixels, they tell in pixels of these."""
+    """Focal length of the images; effects given in pixels refer to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Patch:
         return tomli_w.dumps(table)
 
     def applied_to(self, profile: Profile) -> Profile:
-        """A profile with these effects: they replace what it says of the same effect at the same joints.
+        """A profile with these effects, which replace its values of the same effect at the same joints.
 
         Raises:
             ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
@@ -122,7 +122,7 @@ def patch_from_toml(text: str) -> Patch:
 
 
 def load_patch(path: Path) -> Patch:
-    """Reads a patch from a file; errors name it."""
+    """Reads a patch from a file; errors name the file."""
     try:
         return patch_from_toml(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
@@ -132,7 +132,7 @@ def load_patch(path: Path) -> Patch:
 
 
 def supported(effects: Sequence[FoundEffect]) -> tuple[FoundEffect, ...]:
-    """The effects that a profile may have: with values that the effect can have, and a size that is not null."""
+    """The effects that may go into a profile: with values within their bounds and intervals that exclude null."""
     return tuple(effect for effect in effects if effect.name not in EFFECTS or _is_certain(effect))
 
 
@@ -142,7 +142,7 @@ def _is_certain(found: FoundEffect) -> bool:
     for name, interval in found.params.items():
         null, least, most = known[name].get("null"), float(known[name]["low"]), float(known[name]["high"])
         low, high = interval.ci90
-        # absent without end: what cannot be 0 is not told by an interval that reaches it
+        # Where the null value is infinite, an interval that reaches 0 says nothing.
         if not least <= interval.value <= most or (null == np.inf and least > 0.0 >= low):
             return False
         if null is not None:
@@ -151,7 +151,7 @@ def _is_certain(found: FoundEffect) -> bool:
 
 
 def evidence_of(directory: Path) -> Evidence:
-    """The digest of a run log: of the names and contents of its files, in alphabetical order."""
+    """Digest of a run log: of the names and contents of its files, in alphabetical order."""
     digest = hashlib.sha256()
     for path in sorted(p for p in directory.iterdir() if p.is_file()):
         digest.update(path.name.encode() + b"\0")
@@ -161,7 +161,7 @@ def evidence_of(directory: Path) -> Evidence:
 
 
 def applicability(log: RunLog) -> Applicability:
-    """What a log reaches to."""
+    """Range that a log covers."""
     joints = log.joints
     torque = joints.tau_est if joints.tau_est is not None else joints.tau_ff
     return Applicability(
@@ -178,7 +178,7 @@ def _largest(values: Any) -> float:
 
 
 def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile:
-    """The profile with one more effect, or with other values of one that it has."""
+    """The profile with one more effect, or with new values of an effect that it has."""
     if found.name not in EFFECTS:
         raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
     kind = EFFECTS[found.name]
@@ -200,7 +200,7 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
 
 
 def _values(effect: Effect[Any], found: FoundEffect) -> dict[str, Any]:
-    """Values of an effect's parameters after a finding: of all joints, or of those that the finding names."""
+    """Parameters of an effect after a finding, for all joints or for those that the finding names."""
     known = {f.name: f.metadata for f in fields(effect) if "low" in f.metadata}
     values: dict[str, Any] = {}
     for name, interval in found.params.items():

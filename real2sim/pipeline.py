@@ -1,6 +1,6 @@
-"""From run logs to a verdict: screen, replay for each kind of sensor, search, merge, and what to add to a profile.
+"""From run logs to a verdict: screen, replay for each kind of sensor, search, merge, patch.
 
-Problems of different sensors know nothing of each other: one that fails does not lose the verdicts of the others.
+Sensors are compared independently: if one of them fails, the verdicts of the others stand.
 """
 
 import json
@@ -48,13 +48,13 @@ def find(
     """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
 
     Args:
-        runs: Directories of run logs of one robot. Those that claim the same rig are read as one log; what several
-            rigs show of one kind of sensor is one problem where its unknowns mean the same.
-        out: Folder for the results; made where there is none.
-        profile: Effects that the simulator has already, on top of what the logs claim.
-        seed: Of bootstraps.
-        report: Whether to write report.html, which takes a second.
-        progress: Told what is being done.
+        runs: Folders of run logs of one robot. Logs that claim the same rig are read as one. Logs of several rigs make
+            one problem for each kind of sensor, if their unknowns mean the same.
+        out: Folder for the results; it is made if it does not exist.
+        profile: Effects that the simulator has already, besides what the logs claim.
+        seed: Seed of the bootstrap.
+        report: Whether to write report.html, which takes two seconds.
+        progress: Called with the stage and the share that is done.
 
     Raises:
         SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
@@ -64,7 +64,7 @@ def find(
         examinations = examine_together(logs, profile=profile, seed=seed, progress=progress)
         judgement = judge(examinations, tuple(evidence_of(run) for run in runs))
         texts: dict[str, str | None] = dict(_texts(judgement))
-        texts["report.html"] = None  # that of an earlier look would not belong to this verdict
+        texts["report.html"] = None  # a report of an earlier call would not belong to this verdict
         if report:
             from saltus.real2sim.reporting.report import report_page
 
@@ -86,9 +86,9 @@ def examine(
     """Compares one log with the simulator, sensor by sensor.
 
     Args:
-        log: Of one rig.
+        log: Log of one rig.
         profile: As in `find`.
-        without: Effects that the library is to lack.
+        without: Effects that are taken out of the library.
         seed: As in `find`.
         progress: As in `find`.
     """
@@ -104,9 +104,9 @@ def examine_together(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
-    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; arguments as `examine`.
+    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; arguments as in `examine`.
 
-    Nothing is compared where a log is damaged.
+    If one log is damaged, nothing is compared.
     """
     if progress is not None:
         progress("screen", 0.0)
@@ -133,7 +133,7 @@ def examine_together(
 
 def _screened(log: RunLog) -> Examination:
     examination = Examination(log=log, faults=tuple(screen(log)), untestable={})
-    if examination.is_bad:  # nothing else can be read off it
+    if examination.is_bad:  # a damaged log says nothing about its sensors
         return examination
     untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
     return replace(examination, untestable=untestable)
@@ -142,7 +142,7 @@ def _screened(log: RunLog) -> Examination:
 def _problems(
     sensor: Sensor, found: list[Examination], profile: Profile, without: Collection[str]
 ) -> list[tuple[list[int], Problem]]:
-    """The problems of one kind of sensor and which logs pose each; those that cannot be posed are told in `found`."""
+    """Problems of one kind of sensor, each with the indices of its logs; failures are noted in `found`."""
     own: list[int] = []
     problems: list[Problem] = []
     for i, each in enumerate(found):
@@ -151,7 +151,7 @@ def _problems(
         try:
             problems.append(_posed(sensor, each.log, profile, without))
             own.append(i)
-        except Exception as error:  # whatever one sensor's data do to its problem, the others' verdicts stand
+        except Exception as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
             found[i] = _failed(each, sensor, error)
     if len(problems) > 1 and stackable(problems):
         return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
@@ -166,7 +166,7 @@ def _added(
     seed: int,
     progress: Callable[[str, int], None],
 ) -> Examination:
-    """With what the search makes of one more problem."""
+    """The examination with the findings of one more problem."""
     try:
         findings = search(problem, progress=progress, seed=seed)
         if isinstance(problem, JointProblem):
@@ -230,7 +230,7 @@ def _names(effects: Sequence[FoundEffect]) -> list[str]:
 
 
 def _range(examinations: tuple[Examination, ...]) -> Applicability:
-    """What all logs together reach to."""
+    """The largest range that any of the logs covers."""
     reaches = [vars(applicability(each.log)) for each in examinations if not each.is_bad]
     names = {name for reach in reaches for name in reach}
     farthest = {name: [reach[name] for reach in reaches if reach[name] is not None] for name in names}
@@ -239,7 +239,7 @@ def _range(examinations: tuple[Examination, ...]) -> Applicability:
 
 @contextmanager
 def _results_folder(out: Path) -> Iterator[None]:
-    """Makes the folder for results before the long work, and takes it away again where nothing came of that."""
+    """Makes the folder for results before the long work, and removes it again if nothing is written."""
     is_new = not out.exists()
     ask_for_room(out)
     try:
@@ -252,7 +252,7 @@ def _results_folder(out: Path) -> Iterator[None]:
 
 
 def _texts(judgement: Judgement) -> dict[str, str]:
-    """The results by file; baselines are what simpler ways would have said, for the benchmark."""
+    """Results by file name. The baselines, what simpler methods would have named, are for the benchmark."""
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     baselines = {
         way: sorted({name for each in findings for name in getattr(each.baselines, way)})
@@ -266,7 +266,7 @@ def _texts(judgement: Judgement) -> dict[str, str]:
 
 
 def _write(texts: Mapping[str, str | None], out: Path) -> None:
-    """Writes all files or none; a file without a text is taken away."""
+    """Writes all files or none. A file without text is removed."""
     parts = {name: out / f"{name}.part" for name in texts}
     try:
         for name, text in texts.items():

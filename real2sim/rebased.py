@@ -1,4 +1,4 @@
-"""A problem whose simulator has the effects of a profile from the start: only what is still missing is to be found."""
+"""A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,23 +16,23 @@ from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknow
 from saltus.robots.robot import JOINTS
 
 FITS = 0.02
-"""Relative error up to which a candidate's coordinates stand for a profile's value: well below what a log can tell."""
+"""Largest relative error with which a candidate may represent a value of the profile: well below what a log shows."""
 
 STEP = 0.02
-"""Relative step of derivatives."""
+"""Relative step of finite differences."""
 
 
 class RebasedProblem(WrappedProblem):
-    """`inner` with unknowns counted from where they have the values of a profile.
+    """`inner` with unknowns that are 0 at the values of a profile.
 
     Args:
-        inner: A problem on the simulator without effects.
-        profile: Effects that it has none the less.
+        inner: Problem of the simulator without effects.
+        profile: Effects that the simulator has from the start.
     """
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
         curve = next((e for e in profile.actuator if isinstance(e, TorqueSaturation) and e.curve), None)
-        if curve is not None and isinstance(inner, JointProblem):  # no law of a candidate is a measured curve
+        if curve is not None and isinstance(inner, JointProblem):  # no candidate can represent a measured curve
             inner = _saturated(inner, curve)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not curve))
         super().__init__(inner)
@@ -42,7 +42,7 @@ class RebasedProblem(WrappedProblem):
         self.candidates = tuple(
             _moved(candidate, offset) for candidate, offset in zip(inner.candidates, offsets, strict=True)
         )
-        # A value of the verdict has no block: it counts from the mean of those blocks that have the effect.
+        # The verdict states one value for all blocks: it counts from the mean of the blocks that have the effect.
         self._means = {
             (candidate.effect, candidate.where): _mean(offset)
             for candidate, offset in zip(inner.candidates, offsets, strict=True)
@@ -53,17 +53,17 @@ class RebasedProblem(WrappedProblem):
         return self._inner.residuals(unknowns + self._offset)
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """See `Problem`: the whole of the effect, with what the profile has of it."""
+        """See `Problem`: the whole effect, including the part that the profile has."""
         key = (candidate.effect, candidate.where)
         original = next(c for c in self._inner.candidates if (c.effect, c.where) == key)
         return self._inner.physical(original, values + self._means[key])
 
 
 def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
-    """The problem on a simulator with this saturation.
+    """The problem of a simulator with this saturation.
 
     Raises:
-        ConfigError: a robot without the joints of a Go1, to which a profile's curve refers.
+        ConfigError: the robot lacks the joints of a Go1, which a curve in a profile refers to.
     """
     names = [[block[place] for place in problem.places[0]] for block in problem.places]
     unknown = sorted({name for block in names for name in block} - set(JOINTS))
@@ -82,10 +82,10 @@ def _mean(offset: Floats) -> Floats:
 
 
 def _moved(candidate: Candidate, offset: Floats) -> Candidate:
-    """The candidate with coordinates that are 0 at `offset`, shape (blocks, its unknowns)."""
+    """The candidate with unknowns that are 0 at `offset`, shape (blocks, its unknowns)."""
     if not np.any(offset):
         return candidate
-    # Where there is some of the effect already, its shape matters from the start: it is an unknown like the others.
+    # If the profile has the effect already, its shape matters from the start and is an unknown like the others.
     unknowns = tuple(
         Unknown(
             name=unknown.name,
@@ -100,7 +100,7 @@ def _moved(candidate: Candidate, offset: Floats) -> Candidate:
 
 
 def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
-    """The candidate's unknowns at which it is what the profile says, per block; 0 where the profile has none of it."""
+    """Unknowns at which the candidate is as the profile says, for each block; 0 where the profile lacks the effect."""
     offset = np.zeros((len(problem.blocks), len(candidate.unknowns)))
     effect = _effect(profile, candidate.effect)
     if effect is None or candidate.is_nuisance:
@@ -126,7 +126,7 @@ def _effect(profile: Profile, name: str) -> Effect[Any] | None:
 
 
 def _values(effect: Effect[Any], place: str, problem: Problem, candidate: Candidate) -> dict[str, float] | None:
-    """The effect's parameters at a joint, camera or trunk, as far as the candidate has them; None if it has none."""
+    """Parameters of the effect at one place, as far as the candidate has them; None if it has none."""
     names = problem.physical(candidate, np.asarray(candidate.starts[0], dtype=np.float64)).keys()
     values: dict[str, float] = {}
     for name in names:
@@ -138,7 +138,7 @@ def _values(effect: Effect[Any], place: str, problem: Problem, candidate: Candid
 
 
 def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> Floats:
-    """Unknowns at which the candidate has the wanted parameters; zeros where it cannot have them."""
+    """Unknowns at which the candidate has the wanted parameters; zeros if there are none."""
     low = np.array([u.low for u in candidate.unknowns])
     high = np.array([u.high for u in candidate.unknowns])
     target = np.array(list(wanted.values()))
@@ -149,13 +149,13 @@ def _solve(problem: Problem, candidate: Candidate, wanted: dict[str, float]) -> 
         return np.nan_to_num((values - target) / (np.abs(target) + 1e-9), nan=1e3, posinf=1e3, neginf=-1e3)
 
     best, least = np.zeros(len(low)), FITS
-    inner = tuple(0.75 * low + 0.25 * high)  # a share that is the square of a sine does not move from 0
+    inner = tuple(0.75 * low + 0.25 * high)  # at 0 the derivative of a squared sine is 0
     for start in (*candidate.starts, inner):
         inside = np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         scale = [u.scale for u in candidate.unknowns]
-        # a knee is read off a grid: steps must be larger than that
+        # A knee is read from a grid, so steps must be larger than the grid's.
         x = least_squares(error, inside, bounds=(low, high), x_scale=scale, diff_step=[STEP] * len(scale)).x
-        # what no parameter depends on is what the verdict takes it for
+        # Unknowns without influence on parameters take the value that a verdict states.
         x = np.array([at if u.stated is None else u.stated for u, at in zip(candidate.unknowns, x, strict=True)])
         if (worst := float(np.abs(error(x)).max())) < least:
             best, least = x, worst

@@ -1,4 +1,4 @@
-"""What several findings decide together: sets of which other sensors, or other logs, leave one."""
+"""Sets that shrink because other sensors or other logs rule some of their effects out."""
 
 import math
 from collections.abc import Sequence
@@ -9,14 +9,15 @@ from saltus.real2sim.problem.problem import Estimate
 from saltus.real2sim.search.findings import Findings, FoundEffect
 
 MARGIN = 1.5
-"""An effect is ruled out where it would need so many times the size that would be found: twice the nats that count."""
+"""An effect is ruled out if it would have to be this many times larger than the smallest detectable size, which doubles
+the gain in nats."""
 
 
 def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
-    """Findings whose sets have lost what other findings rule out; a set of one is a name.
+    """Findings without the effects that other findings rule out; a set of one effect becomes a name.
 
-    Another finding that names exactly one of a set, decides for it. One that could have found an effect of the size
-    that a set needs, and did not, decides against it.
+    If another finding names exactly one effect of a set, that one stays. If another finding would have detected an
+    effect at the size that the set needs, and did not, that effect goes.
     """
     named = {effect.name for each in findings for effect in each.effects if each.verdict == "named"}
     result = []
@@ -39,13 +40,13 @@ def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
 
 
 def deviation(name: str, parameter: str, value: float) -> float:
-    """How far a parameter is from no effect; NaN where no effect is no finite value of it."""
+    """Distance of a parameter from its null value; NaN if the null value is not finite."""
     null = next((f.metadata["null"] for f in fields(EFFECTS[name]) if f.name == parameter), math.nan)
     return abs(value - null) if isinstance(null, int | float) and math.isfinite(null) else math.nan
 
 
 def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
-    """How far the first parameter of an effect is from null, at the place where it is farthest; NaN if unknown."""
+    """Largest distance of the first parameter of an effect from null over all its places; NaN if unknown."""
     sizes = [deviation(name, p, found.value) for r in rivals if r.name == name for p, found in _first(r)]
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
@@ -55,11 +56,11 @@ def _first(rival: FoundEffect) -> list[tuple[str, Estimate]]:
 
 
 def _rules_out(other: Findings, name: str, of: Findings) -> bool:
-    """Whether a finding would have shown an effect as large as another finding needs it, and has not."""
+    """Whether a finding would have shown an effect of the size that another finding needs, and did not."""
     if other.verdict not in ("no_gap", "named") or other.problem == of.problem or name not in other.minimum_detectable:
         return False
     if any(effect.name == name for effect in other.effects):
         return False
     parameter = next((p for r in of.rivals if r.name == name for p in r.params), "")
     would_show = deviation(name, parameter, other.minimum_detectable[name].value) if parameter else math.nan
-    return MARGIN * would_show <= largest(name, of.rivals)  # false where one is unknown
+    return MARGIN * would_show <= largest(name, of.rivals)  # false if either is NaN

@@ -1,4 +1,4 @@
-"""What came of comparing run logs with the simulator: by sensor, by log, and in the end."""
+"""Results of a comparison with the simulator: of one sensor, of one log, and of all logs."""
 
 from dataclasses import dataclass
 
@@ -13,23 +13,23 @@ from saltus.recordings.run_log import RunLog
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """What became of the problem of one sensor."""
+    """The problem of one sensor and what the search found in it."""
 
     problem: Problem
     findings: Findings
     log: RunLog
-    """What the problem is about: of a problem that several logs pose, all of them in sequence."""
+    """Log of the problem. If several logs pose it, they follow each other in this one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Examination:
-    """All that was found in runs that are read as one log."""
+    """Everything that was found in one log."""
 
     log: RunLog
     faults: tuple[Fault, ...]
     offsets: tuple[ClockOffset, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
-    """What several logs show together is told with the first of them."""
+    """What several logs show together stands with the first of them."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
     failures: tuple[str, ...] = ()
@@ -37,13 +37,13 @@ class Examination:
 
     @property
     def is_bad(self) -> bool:
-        """Whether fitting to this log makes no sense."""
+        """Whether the log is too damaged to be fitted."""
         return any(fault.is_fatal for fault in self.faults)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judgement:
-    """All that is known in the end."""
+    """The verdict on all logs and everything that it stands on."""
 
     verdict: Verdict
     patch: Patch

@@ -1,4 +1,4 @@
-"""Which problems a run log poses, and which effects it cannot show because nothing measures them."""
+"""Kinds of sensors: which problems a run log poses, and which effects it cannot show."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
 
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
-"""Registered, but properties of how a robot is run."""
+"""Effects of how a robot is operated, not of its hardware."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,14 +20,14 @@ class Sensor:
 
     name: str
     part: str
-    """The part of a profile that its effects stand in."""
+    """Part of a profile that holds its effects."""
     lacks: Callable[[RunLog], str]
-    """Why a log poses no problem of this kind; empty where it does."""
+    """Says why a log poses no problem of this kind; empty if it does."""
     problem: Callable[[RunLog], Problem]
     prepare_s: float
-    """What posing its problem typically takes [s], for the progress bar."""
+    """Typical time to prepare the problem [s], for the progress bar."""
     search_s: float
-    """What the search in it typically takes [s]."""
+    """Typical time of the search [s]."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -99,4 +99,4 @@ SENSORS = (
     Sensor(name="body", part="body", lacks=_no_free_base, problem=_body, prepare_s=15.0, search_s=10.0),
     Sensor(name="imu", part="imu", lacks=_no_imu, problem=_imu, prepare_s=0.1, search_s=0.5),
 )
-"""In the order in which they are compared; what one needs is imported when a log asks for it."""
+"""In the order in which they are compared. Modules of a sensor are imported when a log needs them."""

@@ -1,8 +1,8 @@
-"""Problems of several logs as one: effects are properties of the robot, claims are those of each log.
+"""Problems of several logs as one: the effects belong to the robot, the claims to each log.
 
-A robot that is asked twice, the second time before another terrain, with other gains or under a known payload, has the
-same effects both times. Each log is replayed under its own claims and with nuisances of its own; the unknowns of all
-effects are shared.
+A robot that is logged twice, the second time on other terrain, with other gains or with a known payload, has the same
+effects both times. Each log is replayed under its own claims and with its own nuisances; the unknowns of the effects
+are shared.
 """
 
 from collections.abc import Sequence
@@ -17,20 +17,20 @@ from saltus.real2sim.search.layout import Layout
 from saltus.real2sim.search.split import split
 
 Place = tuple[str, str]
-"""Effect and where; the effect of a nuisance bears the number of its log."""
+"""Effect and where; the names of nuisances carry the number of their log."""
 
 
 class StackedProblem(Problem):
-    """One problem whose residuals are those of several.
+    """One problem with the residuals of several.
 
     Args:
-        problems: Of one kind of sensor; see `stackable`.
-        shifts_s: How much later each log's clock is set, so that logs follow each other, shape (logs,).
+        problems: Problems of one kind of sensor; see `stackable`.
+        shifts_s: Seconds by which each clock is set later so that logs follow each other, shape (logs,).
     """
 
     collinear = 1.0
-    """Who has asked a robot twice wants to know what explains both answers: effects are a set where both explain them,
-    not where they are merely alike."""
+    """With several logs only the evidence counts: effects form a set if both explain all logs, not if they merely look
+    alike."""
 
     def __init__(self, problems: Sequence[Problem], shifts_s: Sequence[float]) -> None:
         first = problems[0]
@@ -56,7 +56,7 @@ class StackedProblem(Problem):
         return self._problems[index].physical(own, values)
 
     def drivers(self) -> tuple[Driver, ...]:
-        """See `Problem`; NaN at the rows of logs whose problem does not have one."""
+        """See `Problem`; NaN for logs whose problem lacks the driver."""
         found: dict[str, Driver] = {}
         ends = np.cumsum([len(problem.time_s) for problem in self._problems])
         for problem, end in zip(self._problems, ends, strict=True):
@@ -68,7 +68,7 @@ class StackedProblem(Problem):
 
     def _merge_candidates(self) -> None:
         self._alone = [_without_effects(problem) for problem in self._problems]
-        """For each problem its unknowns where all of this one are 0, shape (blocks, unknowns)."""
+        """Unknowns of each problem where all unknowns of this one are 0, shape (blocks, unknowns)."""
         each = enumerate(zip(self._problems, self._alone, strict=True), start=1)
         self._listed = [_listed(problem, alone, number) for number, (problem, alone) in each]
         places = list(dict.fromkeys(place for listed in self._listed for place in listed))
@@ -81,7 +81,7 @@ class StackedProblem(Problem):
             np.concatenate([starts[place] + np.arange(len(c.unknowns)) for place, c in listed.items()])
             for listed in self._listed
         ]
-        """For each problem where its unknowns stand among those of all."""
+        """Columns of each problem's unknowns among all unknowns."""
 
     def _merge_rows(self, shifts_s: Sequence[float]) -> None:
         self.signals = tuple(dict.fromkeys(signal for problem in self._problems for signal in problem.signals))
@@ -99,7 +99,7 @@ class StackedProblem(Problem):
 def stackable(problems: Sequence[Problem]) -> bool:
     """Whether the unknowns of all problems mean the same, so that they can be shared.
 
-    They do not where they count from a claim that differs, as a latency does from the claimed one.
+    They do not if they count from claims that differ, as a latency counts from the claimed one.
     """
     first, *others = problems
     if any((p.name, p.blocks, p.places) != (first.name, first.blocks, first.places) for p in others):
@@ -108,7 +108,7 @@ def stackable(problems: Sequence[Problem]) -> bool:
 
 
 def _without_effects(problem: Problem) -> Floats:
-    """Nuisances as one log alone has them, so that a fit of all logs does not have to find each log's own first."""
+    """Nuisances fitted to one log alone, so that a fit to all logs starts near them."""
     layout, evaluate = Layout.of(problem), Evaluator(problem)
     rest = np.zeros((len(problem.blocks), len(layout.scale)))
     own = layout.nuisances
@@ -144,7 +144,7 @@ def _mean_the_same(one: Problem, other: Problem) -> bool:
 
 
 def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candidate]:
-    """Candidates by place; nuisances of each log are its own and count from `alone`."""
+    """Candidates by place. The nuisances of each log are separate and count from `alone`."""
     listed: dict[Place, Candidate] = {}
     start = 0
     for candidate in problem.candidates:
@@ -162,7 +162,7 @@ def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candida
 
 
 def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
-    """One candidate that is within the bounds of all, with the starts of all."""
+    """One candidate with the narrowest bounds and all starts."""
     first = same[0]
     unknowns = tuple(
         replace(unknown, low=max(c.unknowns[k].low for c in same), high=min(c.unknowns[k].high for c in same))
@@ -182,7 +182,7 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
 
 
 def _moved(segment: Segment, number: int, shift_s: float) -> Segment:
-    """The segment on the common clock; motions of different logs are no repeats of each other."""
+    """The segment on the common clock; motions of different logs are not repeats of each other."""
     return replace(
         segment,
         name=f"{number}/{segment.name}",

@@ -1,4 +1,4 @@
-"""`verdict.json`: what was found in a run log, in the words of the schema of run logs."""
+"""`verdict.json`: what was found in run logs, with the keys of the schema of run logs."""
 
 import json
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class Gap:
 
     @property
     def closed(self) -> float:
-        """Closed share of the gap that a perfect model would close; 0 where there is none."""
+        """Share of the closable gap that is closed; 0 if there is none."""
         closable = self.before - self.floor
         return (self.before - self.after) / closable if closable > 0.0 else 0.0
 
@@ -44,7 +44,7 @@ class Verdict:
     sets: tuple[tuple[str, ...], ...] = ()
     next_experiment: NextExperiment | None = None
     untestable: dict[str, str] = field(default_factory=dict)
-    """Name of an effect and why these data cannot show it."""
+    """Effects that these data cannot show, and why."""
     gap: Gap | None = None
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     log_faults: tuple[str, ...] = ()
@@ -72,8 +72,8 @@ class Verdict:
 def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdict:
     """One verdict for a log from what was found for each kind of sensor.
 
-    A damaged log is judged by nothing else. A set outweighs an unexplained gap elsewhere, which outweighs names: the
-    verdict never sounds surer than its least sure part that concerns effects. The gap pools squared residuals.
+    A damaged log gets no other ruling. An unexplained gap outweighs a set, and a set outweighs names: the verdict is
+    never more certain than its least certain part. The gap pools squared residuals.
     """
     if log_faults:
         return Verdict(verdict="bad_log", log_faults=tuple(log_faults))
@@ -92,7 +92,7 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
 
 
 def _pool(findings: Sequence[Findings]) -> Gap | None:
-    """The gap of the sensors that show one, or of all where none does; each counts by its number of residuals."""
+    """The gap of the sensors that show one, or of all sensors if none does, weighted by their numbers of residuals."""
     counted = [each for each in findings if each.verdict != "no_gap"] or list(findings)
     rows = sum(gap.residuals for each in counted for gap in each.gaps)
     if rows == 0:

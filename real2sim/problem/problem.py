@@ -1,9 +1,8 @@
-"""What a search for missing effects works on: unknowns at which 0 is "no effect", and residuals in units of noise.
+"""A problem: residuals in units of noise as a function of unknowns, each of which is 0 where its effect is absent.
 
-A problem belongs to one kind of sensor: the joints, the camera, the body, the IMU. It replays a run log through the
-simulator with effects added and returns measured minus simulated, whitened: white noise of unit variance where the
-model is right. The search (`saltus.real2sim.search.search`) knows nothing of robots; problems know nothing of
-statistics.
+A problem belongs to one kind of sensor: joints, camera, body or IMU. It replays a run log in the simulator with effects
+added and returns measured minus simulated, whitened: if the model is right, the residuals are white noise of unit
+variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, and problems know nothing of statistics.
 """
 
 from abc import ABC, abstractmethod
@@ -16,12 +15,12 @@ from saltus.arrays import Floats, Indices
 from saltus.effects.registry import EFFECTS
 
 LARGEST_RESIDUAL = 100.0
-"""Residuals are clipped to it: a simulation that falls over says no more than one that is far off."""
+"""Residuals are clipped to +- this value: a diverged simulation says no more than one that is far off."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """A stretch of a log, as `meta.json` names it; segments of one condition are repeats or one family."""
+    """A stretch of a log. Segments with one condition are repeats of a motion, or one motion at several amplitudes."""
 
     name: str
     start_s: float
@@ -31,40 +30,41 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """One number to be found, in a coordinate that is smooth in the physics."""
+    """One number to be estimated, in a coordinate in which residuals change smoothly."""
 
     name: str
     low: float
     high: float
     scale: float
-    """A small but telling change, e.g. 1 ms of a delay: finite differences step by a fraction of it."""
+    """A small change that matters, e.g. 1 ms of a delay. Finite differences step by a fraction of it."""
     is_shape: bool = False
-    """Matters only where an unknown of its candidate that is no shape is not 0, e.g. the knee of a saturation."""
+    """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a saturation."""
     stated: float | None = None
-    """The one value other than absence that a verdict can state, where others are but a way for fits to come to it."""
+    """The only value other than 0 that a verdict can state; the values between help fits to get there."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect at one place, with its unknowns; the effect is absent where all that are no shapes are 0."""
+    """An effect at one place, with its unknowns. It is absent where all unknowns that are not shapes are 0."""
 
     effect: str
-    """Name in the schema of run logs, e.g. "coulomb_friction"; a nuisance has a name of its own."""
+    """Name in the schema of run logs, e.g. "coulomb_friction"; nuisances have their own names."""
     where: str
-    """Within a block: "hip", "thigh", "calf"; else "camera", "trunk", "feet" or "imu"."""
+    """Place within a block: "hip", "thigh", "calf"; else "camera", "trunk", "feet" or "imu"."""
     unknowns: tuple[Unknown, ...]
     starts: tuple[tuple[float, ...], ...] = ()
     """Values from which fits start, in the order of `unknowns`; 0 where none are given."""
     is_nuisance: bool = False
-    """Fitted with every model, the empty one too, and never reported, e.g. the rate of the drive's loop."""
+    """Whether it is fitted with every model, also the empty one, and never reported, e.g. the rate of the drive's
+    loop."""
     model_error: float = 0.02
-    """Standard error, as a share of a parameter or of its distance from the null value, by which two right models of
-    the effect disagree on it, e.g. a smooth and a sharp law of friction."""
+    """Standard error from differences between two correct models of the effect, e.g. a smooth and a sharp friction law;
+    a share of the parameter or of its distance from the null value."""
     resolution: float = 0.0
-    """The same for its first parameter in the parameter's unit, however small the effect: what two right simulations
-    without any effect would disagree by."""
+    """The same for the first parameter, in its unit and however small the effect is: by how much two correct
+    simulations without effects differ."""
     closable_share: float = 1.0
-    """Share of its gap that a right model of the effect closes; less where chance decides, as when a drive hunts."""
+    """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
 
     def __post_init__(self) -> None:
         if not self.starts:
@@ -72,7 +72,7 @@ class Candidate:
 
     @property
     def absent(self) -> Floats:
-        """Unknowns without the effect: 0, and shapes as in the first start; shape (its unknowns,)."""
+        """Unknowns without the effect: 0, shapes as in the first start; shape (its unknowns,)."""
         return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
 
 
@@ -85,7 +85,7 @@ class Estimate:
 
 
 def estimates(effect: str, values: Mapping[str, float]) -> dict[str, Estimate]:
-    """Parameters of an effect with the units that the effect declares; those of a nuisance have none."""
+    """Parameters of an effect with the units that the effect declares; nuisances have none."""
     declared = fields(EFFECTS[effect]) if effect in EFFECTS else ()
     units = {field.name: field.metadata.get("unit", "") for field in declared}
     return {name: Estimate(value=float(value), unit=units.get(name, "")) for name, value in values.items()}
@@ -93,13 +93,13 @@ def estimates(effect: str, values: Mapping[str, float]) -> dict[str, Estimate]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driver:
-    """Something that may drive a residual, at the residual's instants."""
+    """A quantity that may drive a residual, at the times of the residual."""
 
     name: str
     """E.g. "tau"."""
     unit: str
     values: Floats
-    """Shape (n,), with sign; for a regime 1 within it, else 0."""
+    """Shape (n,), with sign. For a regime: 1 within it, else 0."""
     is_regime: bool = False
 
 
@@ -108,16 +108,16 @@ class Problem(ABC):
 
     Attributes:
         name: "joints", "camera", "body" or "imu".
-        blocks: Independent parts with the same candidates, e.g. the legs of a robot whose base is held: no unknown of
-            one block changes a residual of another.
-        places: For each block the name of each `where`, as the verdict states it, e.g. {"calf": "FR_calf"}.
-        candidates: The same for every block; their unknowns in this order make the vector of unknowns.
-        segments: The log's.
-        segment: To which of them a residual belongs, shape (m,).
+        blocks: Independent parts with the same candidates, e.g. the legs of a robot with a held base. No unknown of one
+            block changes a residual of another.
+        places: For each block, the name of each `where` in the verdict, e.g. {"calf": "FR_calf"}.
+        candidates: The same for every block. Their unknowns, in this order, make the vector of unknowns.
+        segments: Segments of the log.
+        segment: Index of the segment of each residual, shape (m,).
         signals: Names of the signals, e.g. ("q_hip", ..., "dq_calf").
-        signal: To which of them a residual belongs, shape (m,).
-        time_s: When, shape (m,).
-        untestable: Effects of this problem's sensors that this log cannot show, and why in words with numbers.
+        signal: Index of the signal of each residual, shape (m,).
+        time_s: Time of each residual [s], shape (m,).
+        untestable: Effects of this sensor that the log cannot show, and why, with numbers.
     """
 
     name: str
@@ -131,13 +131,13 @@ class Problem(ABC):
     time_s: Floats
     untestable: dict[str, str]
     samples_per_residual: float = 1.0
-    """Samples of the log that a residual averages: by its square root an effect stands out more than in one sample."""
+    """Samples of the log that a residual averages. An effect stands out by the square root of it more than in one
+    sample."""
     simulator_disagreement: float = 1.0
-    """How much two right simulations of one effect differ, in units of what they do where robots have drives and
-    contacts."""
+    """By how much two correct simulations of one effect differ, relative to simulations of drives and contacts."""
 
     collinear: float = 0.95
-    """Cosine from which two effects are a set although one of them explains more (schema of run logs)."""
+    """Cosine from which two effects form a set although one of them explains more (schema of run logs)."""
 
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:
@@ -147,16 +147,16 @@ class Problem(ABC):
             unknowns: Shape (n, blocks, unknowns of all candidates).
 
         Returns:
-            Shape (n, blocks, m); residuals of samples that are missing are 0. Finite: where a simulation diverges, the
-            residual is clipped to +-`LARGEST_RESIDUAL`.
+            Shape (n, blocks, m), finite: 0 for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation
+            diverges.
         """
 
     @abstractmethod
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the schema's names and units, for the candidate's unknowns, shape (its unknowns,)."""
+        """Parameters in the schema's names and units for the unknowns of a candidate, shape (its unknowns,)."""
 
     def drivers(self) -> tuple[Driver, ...]:
-        """What may drive residuals, besides columns of the log; values of shape (m,), NaN where it says nothing."""
+        """Quantities that may drive residuals, besides columns of the log: values of shape (m,), NaN where unknown."""
         return ()
 
     @property
@@ -172,7 +172,7 @@ class Problem(ABC):
         return np.concatenate([candidate.absent for candidate in self.candidates])
 
     def one_by_one(self, changes: Mapping[str, float]) -> Floats:
-        """Sets of unknowns of the first block: without effects, then with one change of one unknown each.
+        """Sets of unknowns of one block: first without effects, then with one changed unknown each.
 
         Args:
             changes: Values by the names of unknowns.
@@ -186,13 +186,13 @@ class Problem(ABC):
         return sets
 
     def visibility(self, changes: Mapping[str, float]) -> dict[str, float]:
-        """By how much each change moves all residuals of a problem of one block: norm of the whitened change."""
+        """Norm of the whitened change that each changed unknown makes; for problems of one block."""
         residuals = self.residuals(self.one_by_one(changes)[:, None])[:, 0]
         return dict(zip(changes, np.linalg.norm(residuals[1:] - residuals[0], axis=-1).tolist(), strict=True))
 
 
 class WrappedProblem(Problem):
-    """A problem that changes the unknowns of another one and leaves its residuals as they are."""
+    """A problem with other unknowns than the one that it wraps, and with the same residuals."""
 
     def __init__(self, inner: Problem) -> None:
         self._inner = inner

@@ -21,7 +21,7 @@ def product(a: Floats, b: Floats) -> Floats:
 
 
 def inverse(quaternion: Floats) -> Floats:
-    """The rotation back."""
+    """The inverse rotation."""
     return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
@@ -31,13 +31,13 @@ def unit(quaternion: Floats) -> Floats:
 
 
 def from_vector(vector: Floats) -> Floats:
-    """Rotation about an axis by its length [rad], shape (..., 3)."""
+    """Quaternion of a rotation vector [rad], shape (..., 3)."""
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1)
 
 
 def to_vector(quaternion: Floats) -> Floats:
-    """Axis times angle [rad], of the shorter way, shape (..., 3)."""
+    """Rotation vector [rad] of the shorter way, shape (..., 3)."""
     quaternion = np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
     sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, quaternion[..., :1])
@@ -45,7 +45,7 @@ def to_vector(quaternion: Floats) -> Floats:
 
 
 def turned(quaternion: Floats, vector: Floats) -> Floats:
-    """Rotations after a small one about their own axes, to first order: shapes (..., 4) and (..., 3) [rad]."""
+    """Rotations followed by a small one in the turned frame, to first order: shapes (..., 4) and (..., 3) [rad]."""
     w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * vector
     scalar = w - np.sum(v * half, axis=-1, keepdims=True)
     return unit(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))

@@ -1,4 +1,4 @@
-"""How noisy a stream of a log is, read from what is quicker than any motion in it."""
+"""Noise of a stream of a log, estimated from frequencies above those of motion."""
 
 from dataclasses import dataclass
 
@@ -8,36 +8,37 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from saltus.arrays import Floats
 
 MEAN_S = 0.02
-"""Noise is read from means over so long, as those are what residuals are made of: cables and belts ring, filters of
-sensors have any shape, and what rows have among them above 25 Hz says little of what is left of it in means."""
+"""Noise is estimated from means over this time, because residuals are made of such means. Cables and belts ring and
+sensors have filters, so rows say little above 25 Hz about what remains in means."""
 HIGH_PASS_MEANS, HIGH_PASS_ORDER = 9, 5
-"""Noise is what a quintic through 9 means, 0.18 s, does not follow: beyond about 12 Hz."""
+"""Noise is what a quintic through 9 means, 0.18 s, does not follow: frequencies above about 12 Hz."""
 STRETCH_MEANS = 40
 QUIET_SHARE, QUIET_RATIO = 0.2, 1.3
-"""Noise is read from stretches that have at most so many times the power of the one at this rank: impacts are not
-noise, and of noise itself no part is left out."""
+"""Only stretches with at most `QUIET_RATIO` times the power at the rank `QUIET_SHARE` count: this leaves out impacts
+and keeps all stretches of pure noise."""
 CORRELATION_RANGE = (-0.4, 0.4)
-"""From mean to mean: a corner of 7 Hz, or ringing just beyond 25 Hz. What is slower is not told from motion."""
+"""Range of the correlation from mean to mean: a corner frequency of 7 Hz to ringing just above 25 Hz. Slower noise
+cannot be told from motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StreamNoise:
-    """Noise of first order: white noise through a low-pass."""
+    """First-order noise: white noise through a low-pass filter."""
 
     sigma: float
     """Standard deviation of a sample."""
     correlation: float
-    """From sample to sample."""
+    """Correlation of successive samples."""
     dt_s: float
-    """Between samples."""
+    """Time between samples."""
 
     @property
     def density(self) -> float:
-        """Variance of the noise's integral, per second."""
+        """Growth of the variance of the noise's integral per second."""
         return self.sigma**2 * self.dt_s * (1.0 + self.correlation) / (1.0 - self.correlation)
 
     def of_means(self, duration_s: float) -> tuple[float, float]:
-        """Standard deviation of means over `duration_s`, and their correlation from one to the next."""
+        """Standard deviation of means over `duration_s` and the correlation of successive means."""
         rows = max(1, round(duration_s / self.dt_s))
         lag = np.arange(rows)
         same = np.sum(self.correlation ** np.abs(lag[:, None] - lag)) / rows**2
@@ -46,9 +47,9 @@ class StreamNoise:
 
 
 def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
-    """Noise of means over `MEAN_S` of a stream whose columns are alike; `values` of shape (n, columns), 0.2 s or more.
+    """Noise of a stream whose columns are alike, from means over `MEAN_S`; `values` has shape (n, columns).
 
-    Slower streams are taken as they are.
+    Streams with longer time steps are used as they are. At least 0.2 s are needed.
     """
     dt_s = float(np.median(np.diff(time_s)))
     rows = max(1, round(MEAN_S / dt_s))
@@ -64,12 +65,12 @@ def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
 
 
 def rotation_columns(quaternion: Floats) -> Floats:
-    """Columns whose noise is that of the rotation vector [rad]: four components share the noise of three axes."""
+    """Columns with the noise of the rotation vector [rad]: four components share the noise of three axes."""
     return np.asarray(2.0 * np.sqrt(4.0 / 3.0) * quaternion)
 
 
 def _before_high_pass(power: float, product: float) -> tuple[float, float]:
-    """Standard deviation and correlation of first-order noise with `power` and lagged `product` after the filter."""
+    """Standard deviation and correlation of first-order noise from its power and lagged product after the high pass."""
     passed = np.eye(HIGH_PASS_MEANS)[HIGH_PASS_MEANS // 2] - savgol_coeffs(HIGH_PASS_MEANS, HIGH_PASS_ORDER)
     lags = np.arange(-HIGH_PASS_MEANS, HIGH_PASS_MEANS + 1)
     spread = np.correlate(passed, passed, mode="full")

@@ -1,1 +1,1 @@
-"""What people read of a verdict."""
+"""The report on a verdict, for people."""

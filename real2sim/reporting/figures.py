@@ -15,16 +15,16 @@ from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
 from saltus.recordings.report import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
-WIDE, THIN = 3.5, 1.5  # px: where both agree, both can be seen
-TITLE_PX, ROW_PX = 45, 34  # between two parts of a figure, of a row of a table
+WIDE, THIN = 3.5, 1.5  # px: where two lines agree, both can be seen
+TITLE_PX, ROW_PX = 45, 34  # px: space between parts of a figure, height of a row of a table
 BINS = 15
-FEW = 50  # rows of a channel; with fewer, bins of them are chance
-TRACE_S = 2.0  # shown of a residual: some ten periods of what joints oscillate at
-BREAK = 5.0  # median steps of time, beyond which rows do not follow each other
+FEW = 50  # rows of a channel below which bins are chance
+TRACE_S = 2.0  # shown of a residual: about ten periods of a joint's oscillation
+BREAK = 5.0  # median time steps: a longer step breaks the line
 
 
 def figure_html(figure: go.Figure) -> str:
-    """A figure as part of a page that has plotly already."""
+    """HTML of a figure for a page that has loaded plotly."""
     figure.update_layout(template="simple_white", hovermode="closest", font={"size": 12})
     fragment: str = figure.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
     return fragment
@@ -32,7 +32,7 @@ def figure_html(figure: go.Figure) -> str:
 
 def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     """RMS of each signal before and after, and the floor, on a logarithmic axis."""
-    gaps = [gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0]  # the axis has no 0
+    gaps = [gap for gap in gaps if gap.before > 0.0 or gap.after > 0.0]  # a logarithmic axis has no 0
     names = [gap.signal for gap in gaps]
     figure = go.Figure()
     for gap in gaps:
@@ -79,7 +79,7 @@ def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Fig
 
 
 def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
-    """Places in `channels` of those that are farthest off, one of each signal and kind of place."""
+    """Indices of the channels with the largest RMS, one of each signal and kind of place."""
     kinds: dict[tuple[str, str], int] = {}
     order = sorted(range(len(channels)), key=lambda i: -_rms(channels[i].residual))
     for i in order:
@@ -89,7 +89,7 @@ def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
 
 
 def regime_figure(before: Channel, after: Channel) -> go.Figure:
-    """RMS of a signal's residual over each of what may drive it, in bins of equal count."""
+    """RMS of the residual of a signal over each driver, in bins of equal count."""
     drivers = [driver for driver in before.drivers if driver.unit and np.ptp(driver.values) > 0.0]
     columns = len(drivers) if len(drivers) <= 5 else 4
     rows = -(-len(drivers) // columns)
@@ -110,7 +110,7 @@ def regime_figure(before: Channel, after: Channel) -> go.Figure:
 
 
 def rms_by(driver: Driver, residual: Floats) -> tuple[Floats, Floats]:
-    """Mean of the driver and RMS of the residual in bins of equal count, or at each value where there are few."""
+    """Mean of the driver and RMS of the residual, in bins of equal count or at each of few values."""
     values, where = np.unique(driver.values, return_inverse=True)
     if len(values) > BINS:
         edges = np.unique(np.quantile(driver.values, np.linspace(0.0, 1.0, BINS + 1)))
@@ -122,7 +122,7 @@ def rms_by(driver: Driver, residual: Floats) -> tuple[Floats, Floats]:
 
 
 def trace_figure(before: Channel, after: Channel) -> go.Figure:
-    """Residuals over the two seconds in which they were largest; the mean over all pixels where there are many."""
+    """Residuals over the two seconds in which they are largest; if there are many pixels, their mean."""
     time_s = next(driver.values for driver in before.drivers if driver.name == TIME)
     times, owner = np.unique(time_s, return_inverse=True)
     counts = np.bincount(owner)
@@ -166,7 +166,7 @@ def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -
 
 
 def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> go.Figure:
-    """Held-out gain of every model that gains anything, best first; the one with the chosen effects in green."""
+    """Held-out gain of every model that gains anything, best first; the chosen model in green."""
     ranked = [model for model in ranking if model.effects and model.gain >= LEAST_NATS]
     gains = np.array([model.gain for model in ranked])
     low, high = (np.array([model.gain_ci90[i] for model in ranked]) for i in (0, 1))
@@ -183,7 +183,7 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
     left = float(np.log10(np.maximum(LEAST_NATS, low).min())) - 0.1
-    right = float(np.log10(np.maximum(high, gains).max())) + 0.35  # room for words
+    right = float(np.log10(np.maximum(high, gains).max())) + 0.35  # room for the labels
     figure.update_xaxes(
         title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
     )
@@ -192,7 +192,7 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:
-    """Cosines between what the effects do to these data; the upper half would repeat the lower."""
+    """Cosines between the signatures of effects; the upper half would repeat the lower."""
     count = len(confusion.effects)
     lower = np.where(np.tri(count, k=-1, dtype=bool), confusion.cosine, np.nan)[1:, :-1]
     figure = go.Figure()

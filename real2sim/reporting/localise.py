@@ -1,8 +1,8 @@
 """Where the gap between simulation and measurement lies: by signal, joint and regime, in words.
 
-Independent of every fit: residuals are laid beside what drives them (torque, speed, acceleration, reversals, posture,
-time, contact), and what explains most of their power is said, e.g. "calf joints: q is off by 4.1 sigma where |tau| is
-above 15 Nm, by 1.1 elsewhere". What is said must hold in most parts of the log, not in one of them.
+This is independent of every fit. Residuals are related to their drivers (torque, speed, acceleration, reversals,
+posture, time, contact), and the driver that explains most of their power is named, e.g. "calf joints: q is off by 4.1
+sigma where |tau| is above 15 Nm, by 1.1 elsewhere". A statement must hold in most parts of the log, not in one of them.
 """
 
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver
 
-CHUNKS = 20  # parts of a log whose disagreement tells how sure a statement is
-MIN_T = 3.0  # jackknife standard errors
-MIN_SHARE = 0.1  # of a residual's power: less is not worth a sentence
-MIN_CONTRAST = 1.5  # RMS beyond a threshold, over that on this side
-QUANTILES = np.linspace(0.1, 0.9, 17)  # where thresholds are looked for
+CHUNKS = 20  # parts of a log; their disagreement gives standard errors
+MIN_T = 3.0  # smallest effect in jackknife standard errors
+MIN_SHARE = 0.1  # smallest explained share of a residual's power
+MIN_CONTRAST = 1.5  # smallest ratio of the RMS above a threshold to that below
+QUANTILES = np.linspace(0.1, 0.9, 17)  # of the driver's size: thresholds that are tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,7 +27,7 @@ class Channel:
     signal: str
     """E.g. "q"."""
     place: str
-    """E.g. "FR_calf"; its last word, here "calf", is the kind of place."""
+    """E.g. "FR_calf"; the last word, here "calf", is the kind of place."""
     residual: Floats
     """Measured minus simulated in units of noise, shape (n,), in order of time."""
     drivers: tuple[Driver, ...]
@@ -35,15 +35,15 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class Statement:
-    """What explains a residual, of one or several places."""
+    """A driver that explains a residual at one or several places."""
 
     signal: str
     places: tuple[str, ...]
     driver: str
     share: float
-    """Of the residual's power that it explains, or that lies in the regime beyond what is elsewhere."""
+    """Share of the residual's power that it explains, or that lies in the regime beyond the level elsewhere."""
     t_statistic: float
-    """In jackknife standard errors."""
+    """Size of the effect in jackknife standard errors."""
     text: str
 
 
@@ -57,24 +57,24 @@ class _Clue:
     share: float
     t_statistic: float
     slope: float
-    """Of the residual on the driver [sigma per unit]; RMS beyond a threshold."""
+    """Slope of the residual on the driver [sigma per unit], or the RMS above the threshold."""
     threshold: float
-    """Of the driver's size; RMS on this side of it in `elsewhere`."""
+    """Threshold of the driver's size; `elsewhere` is the RMS below it."""
     elsewhere: float
 
 
 def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
-    """Statements on where the gap lies, those first that explain most.
+    """Statements on where the gap lies, those first that explain most power.
 
-    Each channel gives at most one statement of what it grows with and one of where it lies; channels of one signal
-    that say the same are put together.
+    Each channel gives at most one statement on proportionality and one on a regime. Equal statements on channels of one
+    signal are joined.
     """
     clues = [clue for channel in channels for clue in _clues(channel)]
     groups: dict[tuple[str, str, str], list[_Clue]] = {}
     for clue in clues:
         groups.setdefault((clue.channel.signal, clue.driver.name, clue.kind), []).append(clue)
     places = {signal: [c.place for c in channels if c.signal == signal] for signal, _, _ in groups}
-    # Power, so that a joint that is off by 5 sigma goes before one that is off by 1
+    # by power, so that a joint that is off by 5 sigma comes before one that is off by 1
     powers = {key: sum(c.share * float(np.sum(c.channel.residual**2)) for c in group) for key, group in groups.items()}
     ranked = sorted(groups, key=lambda key: -powers[key])
     return tuple(_statement(groups[key], places[key[0]]) for key in ranked)
@@ -93,7 +93,7 @@ def _clues(channel: Channel) -> list[_Clue]:
 
 
 def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
-    """How much of the residual a multiple of the driver explains."""
+    """The share of the residual that a multiple of the driver explains."""
     product, power = _sums(channel.residual * driver.values), _sums(driver.values**2)
     if power.sum() <= 0:
         return None
@@ -108,7 +108,7 @@ def _proportional(channel: Channel, driver: Driver) -> _Clue | None:
 
 
 def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
-    """The size of the driver beyond which the residual's power is concentrated."""
+    """The threshold of the driver's size above which the residual's power is concentrated."""
     size, power = np.abs(driver.values), channel.residual**2
     best: tuple[float, float] | None = None
     for threshold in [0.5] if driver.is_regime else np.unique(np.quantile(size, QUANTILES)):
@@ -116,7 +116,7 @@ def _beyond(channel: Channel, driver: Driver) -> _Clue | None:
         if not 0 < above.sum() < len(above):
             continue
         excess = float(np.sum(power[above])) - float(np.mean(power[~above])) * float(above.sum())
-        # A regime that is all of the log says nothing: weigh by what is left out
+        # a regime that covers the whole log says nothing: weight by the share outside
         score = excess * float(np.sqrt(np.mean(~above)))
         if best is None or score > best[0]:
             best = score, float(threshold)

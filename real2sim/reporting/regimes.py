@@ -1,4 +1,4 @@
-"""What a run log says of the regime at every residual: the drivers that `localise` lays beside residuals."""
+"""Drivers of residuals that are read from a run log, for `localise`."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from saltus.recordings.run_log import JointTable, RunLog
 
 TIME = "time in the run"
 """Name of the driver that every residual has."""
-SMOOTH_S = 0.02  # moving average before an acceleration is taken: noise of dq would drown it
-REVERSAL_S = 0.05  # after a reversal, in which play closes and friction turns over
-MOVING = 0.05  # rad/s, one sigma of dq: below it direction is noise
+SMOOTH_S = 0.02  # moving average before differentiation, which would amplify the noise of dq
+REVERSAL_S = 0.05  # after a reversal: in this time backlash closes and friction changes sign
+MOVING = 0.05  # rad/s, one sigma of dq: below it the direction is noise
 
 
 def channels_of(
@@ -27,7 +27,7 @@ def channels_of(
         problem: The problem.
         log: Its log.
         residuals: Shape (blocks, m).
-        chosen: Shape (blocks, m): rows that count; all where it is not given.
+        chosen: Rows that count, shape (blocks, m); all if it is None.
     """
     channels = []
     own = problem.drivers()
@@ -49,7 +49,7 @@ def channels_of(
 
 
 def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
-    """What may drive a residual of a joint, or of anything else, at given times."""
+    """Drivers of a residual at a joint or another place, at given times."""
     drivers = [Driver(name="a constant", unit="", values=np.ones(len(time_s)))]
     if place in log.meta["joints"]:
         drivers += _joint_drivers(log, log.meta["joints"].index(place), time_s)
@@ -84,7 +84,7 @@ def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
 
 
 def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:
-    """Values in between, across samples that are missing; NaN where all are."""
+    """Interpolated values, across missing samples; NaN if all are missing."""
     known = np.isfinite(values)
     return np.interp(time_s, times[known], values[known]) if known.any() else np.full(len(time_s), np.nan)
 
@@ -94,7 +94,7 @@ def _rate(joints: JointTable, joint: int) -> Floats:
 
 
 def _torque(log: RunLog, joint: int) -> Floats:
-    """What the drive believes, or what it was told [Nm]."""
+    """Torque that the drive believes, else the commanded torque [Nm]."""
     joints = log.joints
     if joints.tau_est is not None:
         return joints.tau_est[:, joint]

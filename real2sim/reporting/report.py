@@ -1,7 +1,7 @@
-"""One HTML file about a verdict: what was found, by which evidence, and what these data cannot say.
+"""`report.html`: what was found, the evidence for it, and what these data cannot show.
 
-It opens without a network. All residuals are in units of noise (sigma) and on segments that no fit has seen, except
-where the page says otherwise.
+It opens without a network. Residuals are in units of noise (sigma) and from test segments, unless the page says
+otherwise.
 """
 
 import numpy as np
@@ -23,16 +23,16 @@ h2 { border-top: 1px solid #bbb; padding-top: 0.6em; } h3 { font-size: 1em; marg
 table.words td, table.words th { text-align: left; vertical-align: top; }
 """
 SAID_BEFORE, SAID_AFTER = 6, 3
-"""Statements on where the gap lies, and on what is left."""
+"""Number of statements on where the gap lies, and on what is left."""
 
 
 def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0) -> str:
     """The text of `report.html`.
 
     Args:
-        judgement: All that was found.
+        judgement: Everything that was found.
         profile: Effects that the simulator had from the start.
-        seed: Of the bootstraps.
+        seed: Seed of the bootstrap.
     """
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
@@ -52,14 +52,14 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
 
 
 def _examination(examination: Examination, *, is_alone: bool) -> str:
-    """What was found in the runs of one rig."""
+    """The part on one log."""
     clocks = text.clocks(examination)
     parts = ["<h2>Clocks</h2>", clocks] if clocks else []
     return "".join([*parts, *(_comparison(comparison, is_alone) for comparison in examination.comparisons)])
 
 
 def _comparison(comparison: Comparison, is_alone: bool) -> str:
-    """The evidence of one sensor."""
+    """The part on one sensor."""
     problem, findings, log = comparison.problem, comparison.findings, comparison.log
     which = "" if is_alone else f" of {', '.join(problem.blocks)}"
     parts = [f"<h2>The {problem.name}{which}: {findings.verdict.replace('_', ' ')}</h2>"]
@@ -75,7 +75,7 @@ def _comparison(comparison: Comparison, is_alone: bool) -> str:
 
 
 def _models(findings: Findings) -> list[str]:
-    """What was fitted, and what looks alike."""
+    """The compared models and the confusion of effects."""
     parts = []
     chosen = findings.residuals.effects if findings.residuals is not None else ()
     if any(model.effects and model.gain >= text.LEAST_NATS for model in findings.ranking):
@@ -103,9 +103,9 @@ def _models(findings: Findings) -> list[str]:
 
 
 def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]:
-    """Where residuals lie, before and after."""
+    """Residuals before and after."""
     both = (residuals.before, residuals.after)
-    known = (residuals.before != 0.0) | (residuals.after != 0.0)  # samples that are missing are 0
+    known = (residuals.before != 0.0) | (residuals.after != 0.0)  # missing samples are 0
     whole = [channels_of(problem, log, left, known) for left in both]
     tested = [channels_of(problem, log, left, known & residuals.is_test) for left in both]
     parts = [
@@ -126,7 +126,7 @@ def _residuals(problem: Problem, log: RunLog, residuals: Residuals) -> list[str]
 
 
 def _regimes(before: tuple[Channel, ...], after: tuple[Channel, ...]) -> list[str]:
-    """The signals that are farthest off, over what may drive them."""
+    """The signals with the largest residuals over their drivers."""
     worst = figures.worst_channels(before)
     if not worst:
         return []

@@ -32,12 +32,12 @@ NO_EXPERIMENT = {
 }
 IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
 LEAST_NATS = 1.0
-"""Gain below which a model is not drawn: it is chance."""
-LONG = 12  # numbers of a list; longer ones are cut in what is claimed
+"""Gain below which a model is not shown, because it is chance."""
+LONG = 12  # length of a list in the claims; longer ones are cut
 
 
 def headline(verdict: Verdict) -> str:
-    """The verdict in a sentence, what such a verdict means, and what is wrong with the log."""
+    """The verdict in a sentence, its meaning, and the faults of the log."""
     kind = "good" if verdict.verdict in ("named", "no_gap") else "bad"
     meaning = IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
     said = sentence(verdict)
@@ -46,7 +46,7 @@ def headline(verdict: Verdict) -> str:
 
 
 def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -> str:
-    """Effects with their values; of the members of sets too, as they fit alone."""
+    """Values of the effects, and of the members of sets as they fit alone."""
     rows = [
         (effect.name, _where(effect), name, f"{value.value:.4g}", _interval(*value.ci90), value.unit, remark)
         for effects, remark in ((found, "named"), (rivals, "in a set"))
@@ -61,7 +61,7 @@ def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -
 
 
 def gap_paragraph(gap: Gap | None) -> str:
-    """Before, after and floor in words."""
+    """The gap before and after, and its floor, in words."""
     if gap is None:
         return "<p>Nothing was left to judge by.</p>"
     return (
@@ -79,12 +79,12 @@ def statements(found: Sequence[Statement], count: int) -> str:
 
 
 def what_is_left(effects: Sequence[str]) -> str:
-    """What comes after is what a model leaves."""
+    """Heading of what a model leaves."""
     return f"<p>With {_text(' and '.join(effects))} added, where it is large enough to be told, this is left:</p>"
 
 
 def next_paragraph(verdict: Verdict) -> str:
-    """The experiment that would decide, and what it must tell apart."""
+    """The experiment that would decide, and the effects that it would separate."""
     sets = "".join(f"<p>Not told apart: {_text(' or '.join(names))}.</p>" for names in verdict.sets)
     experiment = verdict.next_experiment
     if experiment is None:
@@ -117,18 +117,18 @@ def detectable_table(verdict: Verdict) -> str:
 
 
 def idle_models(ranking: Sequence[RankedModel]) -> str:
-    """The models that gain nothing on data held out."""
+    """The models without gain on held-out data."""
     names = [" + ".join(model.effects) for model in ranking if model.effects and model.gain < LEAST_NATS]
     return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
 
 
 def clocks(examination: Examination) -> str:
-    """How late streams are against each other."""
+    """Offsets between the streams of a log."""
     return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examination.offsets)
 
 
 def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
-    """Logs by their contents, code by its commit, and what was claimed."""
+    """Digests of the logs, commit and versions of the code, and the claims."""
     logs = _table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], text=True)
     runs = sum(comparison.findings.evaluations for each in judgement.examinations for comparison in each.comparisons)
     lines = [
@@ -149,7 +149,7 @@ def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
 
 
 def _claims(meta: dict[str, Any]) -> dict[str, Any]:
-    """What was claimed, without the path of a model and the list of segments."""
+    """The claims without the path of a model and the segments."""
     claims = {name: value for name, value in meta.items() if name not in ("excitation", "segments")}
     claims["robot"] = Path(str(meta.get("robot", ""))).name
     return {name: _short(value) for name, value in claims.items()}

@@ -3,11 +3,11 @@
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.verdict import Verdict
 
-CLOSED_FROM = 0.005  # below it, a share is "nothing" when it is rounded to per cent
+CLOSED_FROM = 0.005  # smaller shares round to 0 %
 
 
 def sentence(verdict: Verdict) -> str:
-    """What was found, in one sentence for people."""
+    """The verdict as one sentence."""
     if verdict.verdict == "bad_log":
         return f"The log contradicts itself, so nothing was fitted to it: {verdict.log_faults[0]}"
     if verdict.verdict == "no_gap":

@@ -1,8 +1,8 @@
-"""How late the streams of a run log are against each other: offset and drift of clocks, with intervals.
+"""Offsets and drifts between the clocks of the streams of a run log, with intervals.
 
-A stream that shows the same motion as another, later and scaled, is fitted to it by its time alone. Between two sensors
-an offset of clocks and a latency are the same number: such offsets are relative, and only an event that both clocks
-have stamped could part them. Between columns of one table there is one clock, and the offset is a true delay.
+If two streams show the same motion, one of them is fitted to the other by its time alone. Between two sensors, the
+offset of their clocks and a latency are the same number; only an event with time stamps of both clocks could separate
+them. Columns of one table have one clock, and their offset is a true delay.
 """
 
 from dataclasses import dataclass, replace
@@ -18,40 +18,40 @@ from saltus.real2sim.problem.camera.view import expected_depth
 from saltus.real2sim.problem.log import commanded, gains
 from saltus.recordings.run_log import RunLog, Table
 
-SEARCH_S = (-0.05, 0.2)  # where offsets are looked for: the largest latency of a camera on a robot, and some lead
+SEARCH_S = (-0.05, 0.2)  # offsets that are tried: some lead, and the largest latency of a camera on a robot
 GRID_S = 0.005
 ITERATIONS = 8
-SMOOTH_S = 0.02  # either way; a body turns and heaves at a few hertz
-BLOCK_S = 2.0  # whose offsets are compared with each other: longer than the memory of any motion
+SMOOTH_S = 0.02  # to either side; a body turns and heaves at a few hertz
+BLOCK_S = 2.0  # blocks whose offsets are compared: longer than the memory of any motion
 MIN_BLOCKS = 3
-MIN_POWER = 1e-3  # of the best block; a block at rest tells nothing
-MIN_CORRELATION = 0.5  # below it, the two streams do not show the same motion
+MIN_POWER = 1e-3  # of the best block; blocks at rest say nothing
+MIN_CORRELATION = 0.5  # below it the two streams do not show the same motion
 DEPTH_GRID = 8  # rows and columns of an image that are compared
-LEAST_DRIFT = 1e-5  # 1 ms in two minutes; quartz clocks differ by more
-POSES_S = 0.01  # between poses at which images are foretold; the motion of a body is slower
-MIN_VALID = 0.8  # of the images of a pixel
+LEAST_DRIFT = 1e-5  # smallest drift that is stated: 1 ms in two minutes, less than quartz clocks differ
+POSES_S = 0.01  # between the poses of predicted images; a body moves more slowly
+MIN_VALID = 0.8  # of the images in which a pixel is valid
 NEAR_RANGE = 0.9  # of the camera's range
-JUMP_M = 0.1  # between poses: at 10 m/s along a ray; only an edge is faster
+JUMP_M = 0.1  # between poses: 10 m/s along a ray; only an edge is faster
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockOffset:
-    """How late one stream is against another."""
+    """How much later one stream is than another."""
 
     stream: str
     reference: str
     offset_s: float
-    """Positive: the stream is late. At the middle of the log."""
+    """Positive if the stream is late; at the middle of the log."""
     ci90_s: tuple[float, float]
     drift: float
     """Growth of the offset [s/s]."""
     drift_ci90: tuple[float, float]
     is_relative: bool
-    """Whether clock offset and latency are one number here."""
+    """Whether clock offset and latency cannot be separated."""
 
     @property
     def text(self) -> str:
-        """The finding in a sentence."""
+        """The offset in a sentence."""
         first, last = (1e3 * end for end in self.ci90_s)
         late = f"{self.stream} is {1e3 * self.offset_s:.1f} ms ({first:.1f} to {last:.1f}) behind {self.reference}"
         low, high = self.drift_ci90
@@ -76,7 +76,7 @@ def align(log: RunLog) -> tuple[ClockOffset, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Samples of something that moves."""
+    """Samples of a motion."""
 
     name: str
     time_s: Floats
@@ -84,7 +84,7 @@ class Motion:
     values: Floats
     """Shape (n, channels)."""
     held_s: float = 0.0
-    """How long a value stays, as commands do: one that arrives earlier than this is not seen to."""
+    """Time for which a value is held, as of commands; offsets are known to within it."""
 
     def at(self, time_s: Floats) -> Floats:
         """Values at other times, shape (m, channels)."""
@@ -92,9 +92,9 @@ class Motion:
 
 
 def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> ClockOffset | None:
-    """Finds how late a stream is against a reference that shows the same motion; None if it does not.
+    """Offset of a stream from a reference with the same motion; None if the motions differ.
 
-    Each channel may have its own scale and mean. The interval comes from how blocks of the log disagree.
+    Each channel may have its own scale and mean. The interval comes from the disagreement of blocks of the log.
     """
     stream, reference = _smooth(stream), _smooth(reference)
     low, high = SEARCH_S
@@ -129,29 +129,29 @@ def fit_offset(stream: Motion, reference: Motion, *, is_relative: bool) -> Clock
 
 
 def _smooth(motion: Motion) -> Motion:
-    """The same without noise that is faster than motions are.
+    """The same motion without fast noise.
 
-    Between noisy samples a line is less noisy than at them, and an offset would be drawn to halfway.
+    A line between noisy samples is less noisy than the samples, which would draw an offset to halfway between them.
     """
     half = round(SMOOTH_S / float(np.median(np.diff(motion.time_s)))) if len(motion.time_s) > 1 else 0
     return replace(motion, values=uniform_filter1d(motion.values, 2 * half + 1, axis=0))
 
 
 def _explained(reference: Floats, values: Floats) -> float:
-    """Share of the power of all channels that a scale for each explains."""
+    """Share of the power of all channels that one scale per channel explains."""
     reference = reference - reference.mean(axis=0)
     scale = np.sum(reference * values, axis=0) / np.maximum(np.sum(reference**2, axis=0), 1e-30)
     return 1 - float(np.sum((values - scale * reference) ** 2) / max(np.sum(values**2), 1e-30))
 
 
 def _linearise(reference: Motion, time_s: Floats, values: Floats, offset: float) -> tuple[Floats, Floats]:
-    """What the reference leaves at an offset, and how it changes with the offset; shapes (n, channels)."""
-    width = 2e-3  # s, for the difference: a row of a fast log
+    """Residual at an offset and its derivative by the offset; shapes (n, channels)."""
+    width = 2e-3  # s, of the finite difference: a row of a fast log
     early, now, late = (reference.at(time_s - offset + shift) for shift in (width, 0.0, -width))
     now = now - now.mean(axis=0)
     scale = np.sum(now * values, axis=0) / np.maximum(np.sum(now**2, axis=0), 1e-30)
     slope = scale * (late - early) / (2 * width)
-    # What scale and mean can also do is not the offset's
+    # changes that scale and mean can make do not count for the offset
     slope = slope - slope.mean(axis=0)
     slope = slope - now * np.sum(slope * now, axis=0) / np.maximum(np.sum(now**2, axis=0), 1e-30)
     return values - scale * now, slope
@@ -160,7 +160,7 @@ def _linearise(reference: Motion, time_s: Floats, values: Floats, offset: float)
 def _trend(
     power: Floats, product: Floats, time_s: Floats, blocks: NDArray[np.int_]
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Line through the offsets of blocks, each weighed by how much it tells.
+    """Line through the offsets of blocks, weighted by their power.
 
     Returns:
         Mean and half of its 90 % interval [s], slope and half of its 90 % interval [s/s].
@@ -178,7 +178,7 @@ def _trend(
     mean, slope = float(np.sum(weight * deviation)), float(np.sum(weight * since * deviation)) / spread
     left = weight * (deviation - mean - slope * since)
     freedom = len(left) - 2
-    # From the scatter itself (a sandwich): blocks that tell much may also err much
+    # from the scatter itself (sandwich estimate): blocks with much power may also have large errors
     wide = float(student.ppf(0.95, freedom) * np.sqrt(len(left) / freedom))
     return (mean, wide * float(np.sqrt(np.sum(left**2)))), (
         slope,
@@ -187,7 +187,7 @@ def _trend(
 
 
 def _torque_on_command(log: RunLog) -> ClockOffset | None:
-    """The drive's torque without what its own encoder adds shows when the command arrived there."""
+    """Torque without the encoder's part shows when a command arrived at the drive."""
     joints = log.joints
     if joints.tau_est is None or joints.dq is None:
         return None
@@ -203,7 +203,7 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
 
 
 def _gyro_on_base(log: RunLog) -> ClockOffset | None:
-    """Gyro against the turning of the measured pose."""
+    """Gyroscope against the rotation of the measured pose."""
     if log.imu is None or log.base is None or len(log.base.time_s) < 3:
         return None
     rotations = Rotation.from_quat(log.base.values[:, 3:7], scalar_first=True)
@@ -217,7 +217,7 @@ def _gyro_on_base(log: RunLog) -> ClockOffset | None:
 
 
 def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
-    """Images against those that the measured pose foretells, by arrival or by the camera's own stamps."""
+    """Images against those predicted from the measured pose, by arrival or by capture stamps."""
     camera = log.meta.get("camera")
     if log.depth is None or log.base is None or not isinstance(camera, dict):
         return None
@@ -228,7 +228,7 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
     columns = np.linspace(0, log.depth.depth_mm.shape[2] - 1, DEPTH_GRID).astype(int)
     foretold = _foretold(log, log.base, rows, columns)
     measured: Floats = 1e-3 * log.depth.depth_mm[:, rows][:, :, columns].reshape(len(times), -1).astype(np.float64)
-    # No time can be read off a pixel that is often invalid, out of range, or crossed by an edge
+    # a pixel that is often invalid, out of range or crossed by an edge shows no time
     reach = NEAR_RANGE * float(camera.get("range_max", 3.0))
     steady = (np.mean(measured > 0, axis=0) > MIN_VALID) & np.all(foretold.values < reach, axis=0)
     foretold_steps = np.diff(np.where(np.isfinite(foretold.values), foretold.values, 1e3), axis=0)
@@ -245,7 +245,7 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
 
 
 def _foretold(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
-    """Chosen pixels at every pose that a camera could tell apart."""
+    """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     depth = expected_depth(base.values[::step, :7], log.meta, rows, columns)
     return Motion(name="base", time_s=base.time_s[::step], values=depth.reshape(len(depth), -1))

@@ -1,4 +1,4 @@
-"""Faults of rows and clocks: numbers that are none, time that runs backwards, rows that are lost or repeated."""
+"""Faults of rows and clocks: values that are not numbers, time that runs backwards, lost or repeated rows."""
 
 from collections.abc import Iterator
 
@@ -10,18 +10,18 @@ from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
 
-LARGEST_VALUE = 1e6  # in SI units: no joint, IMU, base or foot of a robot reads as much
-LARGEST_TIME_S = 1e11  # clocks count from their start or from 1970
-MIN_ROWS = 20  # fewer have no median to speak of
-LOST_ROW = 1.6  # times the usual step: jitter stays below, one lost row makes it 2
-MAX_LOST = 0.01  # of the rows: one in a hundred is a hole in every short window
-MAX_GAP_S = 0.1  # of a motion that nobody saw: longer than any delay that is looked for
+LARGEST_VALUE = 1e6  # in SI units: larger than any reading of a joint, IMU, base or foot
+LARGEST_TIME_S = 1e11  # s: clocks count from their start or from 1970
+MIN_ROWS = 20  # fewer rows have no useful median
+LOST_ROW = 1.6  # times the median step: jitter is smaller, one lost row makes it 2
+MAX_LOST = 0.01  # share of lost rows: one in a hundred is a hole in every short window
+MAX_GAP_S = 0.1  # longest gap: longer than any delay that is searched for
 MAX_REPEATED = 0.01
-CONTROL_DT_OFF = 1.3  # times the claim
-JUMP = 6.0  # times what 99 rows of 100 stay below, in two joints at once: without lost rows none was seen beyond 2
-MAX_JUMPS = 1  # one may be a knock; rows that are lost are lost again
-NEAR = 2  # rows before and after, whose speeds bound how far a joint moves from one row to the next
-MOVING = 0.2  # rad/s: a joint this fast changes its reading from row to row, coarse encoders (1.5 mrad) included
+CONTROL_DT_OFF = 1.3  # ratio of row spacing to the claim
+JUMP = 6.0  # times the 99 % quantile, in two joints at once; logs without lost rows stay below 2
+MAX_JUMPS = 1  # one jump may be a knock; lost rows come again
+NEAR = 2  # rows before and after, whose speeds bound the motion from row to row
+MOVING = 0.2  # rad/s: faster joints change their reading in every row, also with a coarse encoder (1.5 mrad)
 
 
 def clock_faults(log: RunLog) -> list[Fault]:
@@ -62,7 +62,7 @@ def _numbers(log: RunLog) -> Iterator[Fault]:
 
 
 def _impossible(where: str, values: Floats, largest: float) -> Iterator[Fault]:
-    """Values that are no numbers, or are larger than any reading."""
+    """Faults of values that are not numbers or too large."""
     wrong = ~np.isfinite(values)
     if wrong.any():
         yield Fault(name="not_a_number", text=f"{where} {_share(wrong)} values that are no numbers; fill them")
@@ -88,7 +88,7 @@ def _order(name: str, time_s: Floats) -> Iterator[Fault]:
 
 
 def _steps(log: RunLog) -> Iterator[Fault]:
-    """Time between rows against the claimed time between commands."""
+    """Compares the time between rows with the claimed time between commands."""
     claimed, found = float(log.meta["control_dt"]), float(np.median(np.diff(log.joints.time_s)))
     if found > CONTROL_DT_OFF * claimed:
         text = f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
@@ -104,7 +104,7 @@ def _steps(log: RunLog) -> Iterator[Fault]:
 
 
 def _lost(log: RunLog) -> Iterator[Fault]:
-    """Rows that are missing within segments; between segments a logger may pause."""
+    """Missing rows within segments; between segments a logger may pause."""
     time_s = log.joints.time_s
     usual = float(np.median(np.diff(time_s)))
     lost, longest = 0, 0.0
@@ -120,12 +120,12 @@ def _lost(log: RunLog) -> Iterator[Fault]:
 
 
 def _jumps(log: RunLog) -> Iterator[Fault]:
-    """Rows that are missing although the clock goes on evenly: the robot moves farther than it is fast."""
+    """Missing rows although the clock goes on evenly: joints move farther than their speeds allow."""
     time_s = log.joints.time_s
     if len(time_s) < MIN_ROWS:
         return
     beyond, usual_s = _beyond_speed(log), float(np.median(np.diff(time_s)))
-    # a logger's pause shows in the clock, and one joint alone may be an encoder's fault
+    # a pause of the logger shows in the clock, and one joint alone may have an encoder fault
     count = min(2, beyond.shape[1])
     at = (np.sum(beyond > 0.0, axis=1) >= count) & (np.diff(time_s) <= LOST_ROW * usual_s)
     if at.any():
@@ -137,7 +137,7 @@ def _jumps(log: RunLog) -> Iterator[Fault]:
 
 
 def _beyond_speed(log: RunLog) -> Floats:
-    """How much farther joints move between rows than neighbouring rows are fast [rad], 0 within noise."""
+    """Motion of joints between rows where it exceeds the speeds of neighbouring rows [rad], else 0."""
     q, dq = log.joints.q, log.joints.dq
     moved = np.diff(q, axis=0)
     rows = np.arange(len(moved))
@@ -152,9 +152,9 @@ def _beyond_speed(log: RunLog) -> Floats:
 
 
 def _repeated(log: RunLog) -> Iterator[Fault]:
-    """Rows with a later time but the state of the row before, while the robot moves."""
+    """Rows with the state of the row before although the robot moves."""
     q, time_s = log.joints.q, log.joints.time_s
-    span = min(10, len(q) // 2)  # rows: far enough apart to tell motion from noise
+    span = min(10, len(q) // 2)  # rows, far enough apart to separate motion from noise
     rate = np.abs(q[span:] - q[:-span]) / (time_s[span:] - time_s[:-span])[:, None]
     moving = np.sum(rate > MOVING, axis=1) >= min(2, q.shape[1])
     same = np.all(np.diff(q, axis=0) == 0, axis=1)

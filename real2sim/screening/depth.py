@@ -1,4 +1,4 @@
-"""Faults of depth images: units, clocks, images upside down; compared with flat floor and boxes as claimed."""
+"""Faults of depth images: units, clocks, images upside down. They are compared with the claimed terrain."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,12 +10,12 @@ from saltus.real2sim.problem.camera.view import expected_depth
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import DepthTable, RunLog, Table
 
-FRAMES = 12  # spread over the log
-PIXELS = 400  # of each
-UNIT_OFF = 2.5  # times the expected depth; a scale 5 % off, a bias of 5 cm or a clipped range stay below
-SEEN_SHARE = 0.02  # of valid pixels
-UPSIDE_DOWN = (-0.3, 0.6)  # correlation with the expected image as it is, and upside down
-MAX_AGE_S = 2.0  # older images come from another clock
+FRAMES = 12  # images that are compared, spread over the log
+PIXELS = 400  # smallest number of valid pixels in them
+UNIT_OFF = 2.5  # times the expected depth; a scale off by 5 %, a bias of 5 cm or a clipped range stay below
+SEEN_SHARE = 0.02  # smallest share of valid pixels
+UPSIDE_DOWN = (-0.3, 0.6)  # correlation with the expected image: below this upright, above this upside down
+MAX_AGE_S = 2.0  # older images have time stamps of another clock
 MOVES_M = 0.02
 
 
@@ -59,7 +59,7 @@ def _contents(depth: DepthTable, base: Table | None) -> Iterator[Fault]:
 
 
 def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterator[Fault]:
-    """Compares some pixels with the floor and the boxes that are claimed."""
+    """Compares some pixels with the claimed floor and boxes."""
     if log.base is None:
         return
     rows = np.unique(np.linspace(0, len(depth.arrival_s) - 1, FRAMES).astype(int))
@@ -84,7 +84,7 @@ def _geometry(log: RunLog, depth: DepthTable, camera: dict[str, Any]) -> Iterato
 
 
 def _expected(log: RunLog, base: Table, camera: dict[str, Any], frames: Indices) -> Floats:
-    """Images that pose and terrain imply at the claimed latency, shape (frames, height, width) [m]."""
+    """Images predicted from pose and terrain at the claimed latency, shape (frames, height, width) [m]."""
     assert log.depth is not None  # noqa: S101 - the caller looks at its images
     when = log.depth.arrival_s[frames] - float(camera.get("latency", 0.0))
     nearest = np.clip(np.searchsorted(base.time_s, when), 0, len(base.time_s) - 1)

@@ -1,15 +1,15 @@
-"""What is wrong with a run log."""
+"""A fault of a run log."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Something in a log that contradicts the log's own claims."""
+    """Something in a log that contradicts its claims or itself."""
 
     name: str
-    """What kind, e.g. "swapped_joints"."""
+    """Kind of fault, e.g. "swapped_joints"."""
     text: str
-    """One sentence, with numbers and with what to do."""
+    """One sentence with numbers and the likely cause."""
     is_fatal: bool = True
-    """Whether fitting to this log makes no sense."""
+    """Whether the log cannot be fitted."""

@@ -1,7 +1,7 @@
-"""Compares the torque that holds each joint, on average, with the weight it must hold: tells left from right.
+"""Compares the mean torque of each joint with the weight that it holds, which tells left from right.
 
-Over a motion that comes back, accelerations and friction average out; what the drive must hold is the weight of the
-limb. Where it is the opposite of the model's, all columns of the joint have the wrong sign, or are another leg's.
+Over a motion that returns to its start, accelerations and friction average out, and the drive holds the weight of the
+limb. If the torque is opposite to the weight, the joint's columns have the wrong sign or belong to another leg.
 """
 
 from collections.abc import Iterator
@@ -14,16 +14,16 @@ from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
 
-STATES = 200  # at which weights are computed, spread over the log
-MIN_WEIGHT = 0.5  # Nm: a hip of a Go1 holds 0.7
-AGREES = 0.5  # of the weight: how far the torque may be off its opposite
+STATES = 200  # states at which weights are computed, spread over the log
+MIN_WEIGHT = 0.5  # Nm: the hip of a Go1 holds 0.7
+AGREES = 0.5  # share of the weight by which the torque may differ from its opposite
 OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
-MOVES = 0.2  # rad: friction holds a joint anywhere near its command, but not for all of a motion
-GAIN_RANGE = (0.6, 1.7)  # of torque to weight; drives that are 20 % off and friction stay within 0.75-1.35
+MOVES = 0.2  # rad: friction can hold a joint near its command, but not for a whole motion
+GAIN_RANGE = (0.6, 1.7)  # ratio of torque to weight; drives that are off by 20 % and friction stay within 0.75-1.35
 
 
 def gravity_faults(log: RunLog) -> Iterator[Fault]:
-    """Joints of a held robot that hold the opposite of their weight, or all of them too much or too little."""
+    """Faults of joints of a held robot that hold the opposite of their weight, too much or too little."""
     if log.meta.get("base") != "fixed" or log.base is not None:
         return
     names = list(log.meta["joints"])
@@ -52,7 +52,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 
 
 def _mean_torque(log: RunLog) -> Floats:
-    """What the drives hold on average, by the claimed gains [Nm], shape (joints,)."""
+    """Mean torque of the drives by the claimed gains [Nm], shape (joints,)."""
     kp, _ = gains(log.meta)
     torque: Floats = np.mean(kp * (log.joints.q_des - log.joints.q), axis=0)
     return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))

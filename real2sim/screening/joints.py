@@ -1,4 +1,4 @@
-"""Faults of joint columns: units, signs, joints under each other's names, gains that were not the drive's."""
+"""Faults of joint columns: units, signs, swapped names, wrong gains."""
 
 from collections.abc import Iterator
 
@@ -16,24 +16,24 @@ from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS
 
-SLOW_S = 0.3  # moving average that leaves what a position-controlled leg follows: below 1.5 Hz
-RATE_S = 0.1  # moving average over which dq must be the rate of q: longer than any delay or filter
-MOVES = 0.1  # rad of slow command, from which on a joint must follow
-FULL_TURN = 2 * np.pi  # no joint of a legged robot turns further
-BEYOND_LIMIT = 0.15  # rad: a bias of 0.1 and the give of a stop stay within
-FLIPPED = -0.7  # correlation of a joint with its slow command
-SWAP_GAIN = 3.0  # times nearer to the command of another joint than to its own
-SWAP_OFF = 0.15  # rad RMS: gravity and bias alone keep joints this far from their commands
-LEGS = 3  # of which one can be the odd one out
-STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: kinds of joints stand at least 0.9 apart
-RATIO_RANGE = (0.75, 1.33)  # of slow response to slow command; gravity and gains 20 % off stay within 0.85-1.15
-RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm eats 0.04 rad at kp 20
-RATE_RANGE = (0.6, 1.6)  # of dq to the rate of q
-TOO_FAST = 1.05  # times it: noise and filters only make dq smaller
+SLOW_S = 0.3  # moving average: a position-controlled leg follows what is left, below 1.5 Hz
+RATE_S = 0.1  # moving average over which dq must equal the rate of q: longer than any delay or filter
+MOVES = 0.1  # rad of slow command from which a joint must follow
+FULL_TURN = 2 * np.pi  # rad: no joint of a legged robot turns further
+BEYOND_LIMIT = 0.15  # rad: a bias of 0.1 and the compliance of a stop stay within it
+FLIPPED = -0.7  # correlation of a joint with its slow command below which the sign is wrong
+SWAP_GAIN = 3.0  # times closer to the command of another joint than to its own
+SWAP_OFF = 0.15  # rad RMS: gravity and bias alone make smaller differences from the command
+LEGS = 3  # smallest number of legs among which one can be the exception
+STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: different kinds of joints stand at least 0.9 apart
+RATIO_RANGE = (0.75, 1.33)  # slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
+RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm takes 0.04 rad at kp 20
+RATE_RANGE = (0.6, 1.6)  # ratio of dq to the rate of q
+TOO_FAST = 1.05  # same ratio: noise and filters only make dq smaller
 
 
 def joint_faults(log: RunLog) -> list[Fault]:
-    """Faults of the columns of `joints`; later checks need columns that earlier ones found sound."""
+    """Faults of the columns of `joints`; later checks rely on earlier ones."""
     faults: list[Fault] = []
     for check in (_values, _names, _motions, gain_faults, gravity_faults):
         faults += check(log)
@@ -57,13 +57,13 @@ def _motions(log: RunLog) -> list[Fault]:
 
 
 class _SlowMotion:
-    """What a position-controlled joint must follow: states and commands without what is faster than 1.5 Hz."""
+    """States and commands below 1.5 Hz, where a position-controlled joint follows its command."""
 
     def __init__(self, log: RunLog) -> None:
         self.joints: list[str] = log.meta["joints"]
         self.is_fixed = log.meta.get("base") == "fixed"
         width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
-        # Twice: a triangle has no side lobes worth the name
+        # twice: a triangular window has small side lobes
         self.q, self.q_des = (
             uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0)
             for values in (log.joints.q, log.joints.q_des)
@@ -95,7 +95,7 @@ def _dead(log: RunLog) -> Iterator[Fault]:
 
 
 def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
-    """A reading that stops while its command goes on by more than friction could hold."""
+    """A reading that stops while its command moves on by more than friction could hold."""
     rows = max(2, round(0.5 / float(np.median(np.diff(joints.time_s)))))
     if len(joints.q) <= rows:
         return
@@ -124,14 +124,14 @@ def _units(log: RunLog) -> Iterator[Fault]:
 
 
 def _limits(log: RunLog) -> Iterator[Fault]:
-    """Joints of a Go1 that stand where that joint cannot be: names, signs or offsets are wrong."""
+    """Joints of a Go1 outside their range: names, signs or offsets are wrong."""
     names = log.meta["joints"]
     if log.meta.get("robot") != "go1" or not set(names) <= set(JOINTS):
         return
     index = [JOINTS.index(name) for name in names]
     low, high = go1.JOINT_LOWER[index] - BEYOND_LIMIT, go1.JOINT_UPPER[index] + BEYOND_LIMIT
     middle = np.median(log.joints.q, axis=0)
-    # A log of the camera may carry joints that nobody measured
+    # a log of the camera may have joint columns that nobody measured
     wrong = (np.ptp(log.joints.q, axis=0) > MOVES) & ((middle < low) | (middle > high))
     if wrong.any():
         seen = ", ".join(f"{names[j]} at {middle[j]:.2f} rad" for j in np.flatnonzero(wrong)[:3])
@@ -141,7 +141,7 @@ def _limits(log: RunLog) -> Iterator[Fault]:
 
 
 def _swapped(slow: _SlowMotion) -> Iterator[Fault]:
-    """Pairs q and q_des anew so that they lie closest, and compares with the pairing by names."""
+    """Pairs q and q_des by distance and compares with the pairing by names."""
     apart = np.sqrt(np.mean((slow.q[:, :, None] - slow.q_des[:, None, :]) ** 2, axis=0))
     _, best = linear_sum_assignment(apart**2)
     own = np.diag(apart)
@@ -157,7 +157,7 @@ def _swapped(slow: _SlowMotion) -> Iterator[Fault]:
 
 
 def _misnamed(slow: _SlowMotion) -> Iterator[Fault]:
-    """A leg whose joints stand as joints of another kind do in the other legs: all columns under wrong names."""
+    """A leg whose joints stand like other joints in the other legs: all its columns are misnamed."""
     legs: dict[str, list[int]] = {}
     for index, name in enumerate(slow.joints):
         legs.setdefault(name.split("_")[0], []).append(index)
@@ -185,7 +185,7 @@ def _signs(slow: _SlowMotion) -> Iterator[Fault]:
 
 
 def _ratio(slow: _SlowMotion) -> Iterator[Fault]:
-    """A joint that follows, but by a constant factor: a gear or linkage ratio counted twice or not at all."""
+    """A joint that follows with a constant factor: a gear or linkage ratio is counted twice or not at all."""
     correlation, slope = _follow(slow)
     low, high = RATIO_RANGE
     wrong = (np.ptp(slow.q_des, axis=0) > RATIO_MOVES) & (correlation > 0.99) & ((slope < low) | (slope > high))
@@ -197,7 +197,7 @@ def _ratio(slow: _SlowMotion) -> Iterator[Fault]:
 
 
 def _follow(slow: _SlowMotion) -> tuple[Floats, Floats]:
-    """Correlation and slope of slow response on slow command, per joint."""
+    """Correlation and slope of the slow response on the slow command, per joint."""
     q, q_des = slow.q - slow.q.mean(axis=0), slow.q_des - slow.q_des.mean(axis=0)
     power, product = np.sum(q_des**2, axis=0), np.sum(q * q_des, axis=0)
     tiny = np.finfo(np.float64).tiny
@@ -216,7 +216,7 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     mean = means(log.joints.dq, width)
     power = np.maximum(np.sum(rate**2, axis=0), np.finfo(np.float64).tiny)
     slope = np.sum(rate * mean, axis=0) / power
-    moves = np.sqrt(power / len(rate)) > 0.1  # rad/s; a noise of 2 mrad in q makes 0.03 of it
+    moves = np.sqrt(power / len(rate)) > 0.1  # rad/s; noise of 2 mrad in q makes 0.03 of it
     low, high = RATE_RANGE
     wrong = moves & ((slope < low) | (slope > high))
     if wrong.any():

@@ -1,4 +1,4 @@
-"""Faults of the IMU's and the body's columns: quaternions, units, axes."""
+"""Faults of the columns of IMU and base: quaternions, units, axes."""
 
 from collections.abc import Iterator
 
@@ -11,15 +11,15 @@ from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import RunLog, Table
 
-UNIT_NORM = 0.01  # of a quaternion: four decimals in a text file make 1e-4
-FREE_FALL = 0.3  # of it as the mean of an accelerometer: a robot that hops is on the ground for half of the time
+UNIT_NORM = 0.01  # error of a quaternion's norm: four decimals in a text file make 1e-4
+FREE_FALL = 0.3  # share of gravity in the mean acceleration: a hopping robot is on the ground half of the time
 G_UNIT = 0.3
-TILT = 0.5  # |cos| between mean acceleration and up, below which axes are wrong: 60 degrees, biases are 2
-MEAN_S = 0.2  # over which a rate must be the change of a pose: longer than any delay
-CARRIED = 1.5  # of the usual span of time: rows are missing in between
-TURNS = 0.1  # rad/s RMS from which on axes can be told from biases (0.05 at most)
-MOVES = 0.05  # m/s RMS
-RANGE = (0.5, 2.0)  # of a rate to the change of its pose
+TILT = 0.5  # cosine between mean acceleration and up below which axes are wrong: 60 deg, biases are 2 deg
+MEAN_S = 0.2  # time over which a rate must equal the change of a pose: longer than any delay
+CARRIED = 1.5  # times the usual time span: rows are missing in between
+TURNS = 0.1  # rad/s RMS from which axes can be told from biases (0.05 at most)
+MOVES = 0.05  # m/s RMS from which velocities are compared
+RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
 FAR = 5.0  # m: no base of a standing or hopping robot is higher
 
 
@@ -54,7 +54,7 @@ def _gravity(imu: Table) -> Iterator[Fault]:
     size = float(np.linalg.norm(mean))
     if size < FREE_FALL * GRAVITY:
         text = f"imu: the mean acceleration is {size:.3g} m/s2, gravity should make it {GRAVITY:g}: taken out, or in g?"
-        # In units of g it is 1; where gravity was taken out the other columns are still of use
+        # in units of g it is 1; if gravity was removed, the other columns are still useful
         is_g = abs(float(np.linalg.norm(acceleration, axis=1).mean()) - 1) < G_UNIT
         yield Fault(name="acceleration_unit", text=text, is_fatal=is_g)
     elif mean[2] / size < TILT:
@@ -69,7 +69,7 @@ def _gyro(imu: Table) -> Iterator[Fault]:
 
 
 def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, Floats]:
-    """Mean angular velocity in the body over spans of time, by orientation and by gyro."""
+    """Mean angular velocity in the body frame over time spans, from orientation and from gyroscope."""
     rows = _span(time_s)
     rotations = _rotation(quaternions)
     steps_s = (time_s[rows:] - time_s[:-rows])[:, None]
@@ -94,7 +94,7 @@ def _base(base: Table) -> Iterator[Fault]:
 
 
 def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:
-    """Whether each axis of a rate is the change of its pose."""
+    """Compares each axis of a rate with the change of its pose."""
     power = np.sum(change**2, axis=0)
     slope = np.sum(change * (mean - mean.mean(axis=0)), axis=0) / np.maximum(power, 1e-12)
     wrong = (np.sqrt(power / len(change)) > seen) & ((slope < RANGE[0]) | (slope > RANGE[1]))

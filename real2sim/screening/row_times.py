@@ -1,8 +1,8 @@
-"""When states were measured that a loop wrote down without time stamps.
+"""Times of states that a loop wrote down without time stamps.
 
-A loop copies the newest state of a robot that measures at a rate of its own. Its rows are evenly spaced, its states
-are not: with rows every 5 ms and states every 2 ms, a robot moves on by 4 or by 6 ms from row to row. How far all
-joints moved, against how fast they were, tells how many states passed; where nothing moves, the average does.
+A loop copies the newest state of a robot that measures at its own rate. Rows are evenly spaced, states are not: with
+rows every 5 ms and states every 2 ms, the robot moves on by 4 or 6 ms from row to row. The motion of all joints,
+relative to their speeds, shows how many states passed; where nothing moves, the average is used.
 """
 
 import numpy as np
@@ -10,27 +10,27 @@ from scipy.interpolate import CubicHermiteSpline
 
 from saltus.arrays import Floats
 
-SLACK_S = 0.004  # that a state may be off its row's time: two states
-FAR = 20  # rows over which velocities are compared with angles: many states, whatever their times
-WALK_S = 0.002  # standard deviation of that offset: a loop that is not in step with the robot
+SLACK_S = 0.004  # largest difference between the time of a state and its row: two states
+FAR = 20  # rows over which velocities are compared with angles: many states
+WALK_S = 0.002  # standard deviation of that difference for a loop without synchronisation
 
 
 def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
-    """The likeliest time of the state in each row [s], from 0, on the robot's grid (Viterbi's algorithm).
+    """The likeliest time of the state in each row [s], from 0, on the grid of states (Viterbi algorithm).
 
     Args:
         q: Angles [rad], shape (rows, joints).
-        dq: Velocities [rad/s], same shape; a scale common to all rows is allowed for.
+        dq: Velocities [rad/s], same shape; a common scale error is allowed.
         row_s: Time between rows.
         state_s: Time between states.
     """
     rate = 0.5 * (dq[1:] + dq[:-1]) / rate_scale(q, dq, row_s)
     weight = np.sum(rate**2, axis=1)
     passed = np.sum(np.diff(q, axis=0) * rate, axis=1) / np.maximum(weight, 1e-12)
-    # Noise of the passed time falls with speed; its level is what is left to the nearest states where speeds are high
+    # the noise of the passed time falls with speed; its level is the distance to the nearest states at high speeds
     fast = weight > np.median(weight)
     off = passed - state_s * np.rint(passed / state_s)
-    level = float(np.median(off[fast] ** 2 * weight[fast]) / 0.455)  # median of a squared normal deviate
+    level = float(np.median(off[fast] ** 2 * weight[fast]) / 0.455)  # median of a squared standard normal variable
     ticks = np.arange(-round(SLACK_S / state_s) - 1, round(SLACK_S / state_s) + 2)
     times = state_s * (np.floor(np.arange(len(q)) * row_s / state_s + 1e-9)[:, None] + ticks)
     prior = 0.5 * ((times - row_s * np.arange(len(q))[:, None]) / WALK_S) ** 2
@@ -50,7 +50,7 @@ def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
 
 
 def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
-    """By what factor the velocities of each joint are larger than the rate of its angles, shape (joints,)."""
+    """Ratio of the velocities of each joint to the rate of its angles, shape (joints,)."""
     total = np.concatenate([np.zeros((1, q.shape[1])), np.cumsum(0.5 * (dq[1:] + dq[:-1]), axis=0)])
     far = min(FAR, len(q) - 1)
     moved, integral = q[far:] - q[:-far], row_s * (total[far:] - total[:-far])
@@ -58,7 +58,7 @@ def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
 
 
 def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
-    """Angles and velocities at other times, by the cubic through both; `dq` must be the rate of `q`."""
+    """Angles and velocities at other times by a cubic through both; `dq` must be the rate of `q`."""
     fresh = np.concatenate([[True], np.diff(times_s) > 0])
     curve = CubicHermiteSpline(times_s[fresh], q[fresh], dq[fresh])
     inside = np.clip(at_s, times_s[0], times_s[-1])

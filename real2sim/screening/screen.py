@@ -1,8 +1,8 @@
-"""Says what is wrong with a run log before anything is fitted to it.
+"""Finds faults of a run log before anything is fitted to it.
 
-A false model fits a damaged log as well as a true one: columns in degrees, a joint under another's name or a gain that
-was not the drive's look like effects. Every check compares the log with itself or with the plainest geometry, so that
-no strong effect of the library (delays to 25 ms, gains 20 % off, friction, 0.1 rad of bias) can set it off.
+A damaged log looks like effects: columns in degrees, swapped joints, or gains other than the claimed ones. Every check
+compares the log with itself or with simple geometry, so that strong effects of the library (delays to 25 ms, gains off
+by 20 %, friction, 0.1 rad of bias) do not trigger it.
 """
 
 from saltus.real2sim.screening.clock import clock_faults
@@ -14,10 +14,10 @@ from saltus.recordings.run_log import RunLog
 
 
 def screen(log: RunLog) -> list[Fault]:
-    """Faults of a log, those first that make fitting senseless."""
+    """Faults of a log, fatal ones first."""
     faults = clock_faults(log)
     if not any(fault.is_fatal for fault in faults):
         poses = rig_faults(log)
-        # Images are judged from the measured poses
+        # images are judged by the measured poses
         faults += [*joint_faults(log), *poses, *([] if poses else depth_faults(log))]
     return sorted(faults, key=lambda fault: not fault.is_fatal)

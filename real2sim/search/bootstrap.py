@@ -1,4 +1,4 @@
-"""How far gains and estimates scatter when residuals are not as white as the whitening promises."""
+"""Scatter of gains and estimates when residuals are not perfectly white."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.split import TEST, Mask, Split
 
 RESAMPLES = 400
-"""The 5 and 95 % quantiles then scatter by about a tenth of the standard deviation."""
+"""With this number the 5 and 95 % quantiles scatter by about a tenth of the standard deviation."""
 
 
 def held_out_gains(before: Floats, after: Floats, split: Split) -> Floats:
-    """Gain [nats] of each chunk that is not test, from costs of shape (blocks, chunks)."""
+    """Gain [nats] of each chunk outside the test, from costs of shape (blocks, chunks)."""
     return np.asarray(0.5 * (before - after).sum(axis=0)[split.fold != TEST])
 
 
 def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
-    """Standard deviation and 90 % interval of the sum of gains when chunks are drawn with replacement."""
+    """Standard deviation and 90 % interval of the sum of gains, from chunks drawn with replacement."""
     draws = rng.integers(len(gains), size=(RESAMPLES, len(gains)))
     totals = gains[draws].sum(axis=1)
     low, high = np.quantile(totals, (0.05, 0.95))
@@ -24,18 +24,18 @@ def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float,
 
 
 def downside(gains: Floats) -> float:
-    """Standard deviation of the sum of gains, judged by those that are losses.
+    """Standard deviation of the sum of gains, estimated from the losses.
 
-    A true effect may show in few chunks only, which makes gains scatter without making their sum doubtful. Doubtful is
-    a sum to which many chunks contribute losses; were all of it chance, losses would be half of the scatter.
+    A true effect may show in a few chunks only: gains then scatter although their sum is certain. A sum is uncertain if
+    many chunks contribute losses; if everything were chance, losses would make half of the scatter.
     """
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 
 
 def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
-    """Covariance of the fitted unknowns that holds for residuals of any colour, shape (k, k); 0 where not free.
+    """Covariance of the fitted unknowns for residuals of any colour, shape (k, k); 0 where not free.
 
-    The sandwich H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white noise.
+    The sandwich estimate H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white noise.
     """
     seen = quadratic.split.fold != TEST
     hessian = quadratic.information(block)
@@ -52,9 +52,9 @@ def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
 
 
 def dispersion(quadratic: Quadratic, free: Mask) -> float:
-    """By how much the variance of scores exceeds that of white noise of unit variance, at least 1.
+    """Ratio of the variance of scores to that of white noise of unit variance, at least 1.
 
-    Gains of models divided by it are those that independent samples would give.
+    Gains divided by it are as those of independent samples.
     """
     seen = quadratic.split.fold != TEST
     total, count = 0.0, 0

@@ -1,4 +1,4 @@
-"""Residuals by block, segment and signal: where a gap shows, and how much of it is structure rather than noise."""
+"""Residuals by block, segment and signal: where a gap shows, and how much of it is structure instead of noise."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.split import Mask
 
 CHANCE = 4.0
-"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n); four times that is rare among 1000 cells."""
+"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n). Four times as much is rare among 1000 cells."""
 RESIDUE = 1.5
-"""Structure of noise that is not quite white, in units of 1/sqrt(n): its mean over cells, as it counts from 0 only."""
+"""Mean structure of noise that is almost white, in units of 1/sqrt(n): values below 0 count as 0."""
 FEW = 10
-"""Rows of a cell below which neighbours tell nothing, e.g. where a row is a count over a whole segment."""
+"""Rows of a cell below which neighbours say nothing, e.g. where a row is a count over a whole segment."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,9 +22,9 @@ class Cells:
 
     Attributes:
         rows: Rows in order of cell, then time, shape (rows,).
-        starts: Where in `rows` each cell begins, shape (cells,).
-        segment: Of each cell.
-        signal: Of each cell.
+        starts: Index in `rows` at which each cell begins, shape (cells,).
+        segment: Segment of each cell.
+        signal: Signal of each cell.
     """
 
     rows: Indices
@@ -53,10 +53,10 @@ class Cells:
         return np.asarray(np.add.reduceat(squares, self.starts, axis=-1) / self.counts)
 
     def structure(self, residuals: Floats) -> Floats:
-        """Mean square in each cell of what is more than noise, shape (..., cells), never below 0.
+        """Mean square in each cell beyond noise, shape (..., cells), never below 0.
 
-        Structure raises the mean square above 1 and makes neighbours in time alike. Noise of another level does only
-        the first and noise of another colour only the second, so the smaller of the two counts.
+        Structure raises the mean square above 1 and correlates neighbours in time. Noise with another level does only
+        the first, noise with another colour only the second: the smaller of the two counts.
         """
         ordered = residuals[..., self.rows]
         products = ordered[..., 1:] * ordered[..., :-1]
@@ -67,18 +67,18 @@ class Cells:
         return np.asarray(np.maximum(0.0, np.minimum(self.power(residuals) - 1.0, alike)))
 
     def shows(self, structure: Floats, least_rms: float) -> Mask:
-        """Which cells show structure of at least this RMS that is no chance, shape of `structure`."""
+        """Cells whose structure has at least this RMS and is not chance, shape of `structure`."""
         return np.asarray(structure > np.maximum(least_rms**2, CHANCE / np.sqrt(self.counts)))
 
     def share_gone(self, before: Floats, after: Floats, shows: Mask) -> float:
-        """Share of the structure in some cells that is gone, less what chance leaves; 1 where there was none.
+        """Share of the structure in some cells that is gone, without what chance leaves; 1 if there was none.
 
-        Cells count alike, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
+        Cells count equally, however many rows they have: one lost image in ten is as much of a gap as a bent floor.
         """
         total = float(before[shows].sum())
         left = np.maximum(0.0, after - RESIDUE / np.sqrt(self.counts))
         return 1.0 - float(left[shows].sum()) / total if total > 0.0 else 1.0
 
     def largest_rms(self, structure: Floats) -> float:
-        """RMS of the structure in the cell that shows most, less what chance may add."""
+        """RMS of the structure in the cell that shows most, without what chance may add."""
         return float(np.sqrt(np.max(structure - CHANCE / np.sqrt(self.counts), initial=0.0)))

@@ -1,4 +1,4 @@
-"""From fitted models to findings: the ruling, values and places, the gap on untouched segments, what would be seen."""
+"""From fitted models to findings: ruling, values and places, gap on test segments, smallest detectable effects."""
 
 from collections.abc import Callable, Sequence
 
@@ -24,7 +24,7 @@ from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.reported import stated_model
 
 RANKED = 12
-"""Models that the report lists."""
+"""Number of models in the report."""
 
 
 def findings(
@@ -34,13 +34,13 @@ def findings(
     fits: dict[Model, Fit],
     library: Callable[[Model], Quadratic],
 ) -> Findings:
-    """The findings that follow from all fitted models.
+    """Findings from all fitted models.
 
     Args:
         problem: The problem.
         comparison: Split and thresholds.
-        evaluate: For the last simulations: those of the reported values.
-        fits: By model; () among them.
+        evaluate: Simulates the stated values.
+        fits: Fits by model, with () for the model without effects.
         library: Quadratic with the unknowns of all effects around a fit.
     """
     scored = [comparison.score(each) for each in fits.values()]
@@ -48,7 +48,7 @@ def findings(
     chosen = decide.choose(comparison, scored, dispersion)
     null = next(each for each in scored if not each.fit.model)
     around = library(chosen.fit.model)
-    chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that the library has just refreshed
+    chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that `library` has renewed
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, dispersion, problem.collinear)
     told = stated_model(problem, comparison, evaluate, null, chosen)
@@ -85,7 +85,7 @@ def findings(
 
 
 def _dispersion(comparison: ModelComparison, scored: Sequence[ScoredFit]) -> float:
-    """Of the best model, whose residuals are nearest to noise."""
+    """Dispersion of the best model, whose residuals are closest to noise."""
     best = min(scored, key=lambda each: each.total).fit
     return bootstrap.dispersion(
         best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
@@ -100,7 +100,7 @@ def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list
 def _instead(
     problem: Problem, comparison: ModelComparison, fits: dict[Model, Fit], chosen: Model, alike: dict[str, list[str]]
 ) -> list[FoundEffect]:
-    """The values that other effects of a set have where they stand instead of one that was chosen."""
+    """Values of the other effects of a set, each in place of the chosen one."""
     found = []
     for effect, others in alike.items():
         for other in others:
@@ -120,7 +120,7 @@ def _rule(
     alike: dict[str, list[str]],
     final: Floats,
 ) -> ProblemRuling:
-    """Named, a set, unexplained or no gap."""
+    """The ruling: named, a set, unexplained or no gap."""
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     is_gap = comparison.cells.largest_rms(null.structure) > least
     if not chosen.fit.model:
@@ -128,7 +128,7 @@ def _rule(
     is_closed = _closed(comparison, tested, null.fit.residuals, final) >= decide.explained_share(
         comparison, chosen.fit.model
     )
-    if len(chosen.fit.model) > 2:  # three effects imitate a fourth closely, but not to within noise
+    if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and tested.largest_rms(tested.structure(final)) < least
     if not is_closed:
         return "unexplained" if is_gap else "no_gap"
@@ -136,7 +136,7 @@ def _rule(
 
 
 def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:
-    """Share of the structure on test segments that is gone, in the cells that showed any; 1 where none did."""
+    """Share of the structure on test segments that is gone, in the cells that showed any; 1 if none did."""
     structure = tested.structure(before)
     return tested.share_gone(structure, tested.structure(after), tested.shows(structure, comparison.size))
 
@@ -163,7 +163,7 @@ def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: Sco
 
 
 def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
-    """Gap by signal; the floor is what remains without structure."""
+    """Gap of each signal; the floor is the remainder without structure."""
     gaps = []
     powers = (tested.power(before), tested.power(after), tested.power(after) - tested.structure(after))
     for index, signal in enumerate(problem.signals):
@@ -187,10 +187,10 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
 def _minimum_detectable(
     problem: Problem, comparison: ModelComparison, around: Quadratic, null: Fit, dispersion: float
 ) -> dict[str, Estimate]:
-    """Smallest size of each effect that would be found, at the place where these data show it best.
+    """Smallest size of each effect that would be found, at the place that shows it best.
 
-    It must be worth `decide.GAIN_NATS` after projection of the nuisances, as the quadratic around the model without
-    effects has it, and per residual at least `comparison.size` on average over a segment.
+    Its gain must reach `decide.GAIN_NATS` with nuisances projected out, by the quadratic around the model without
+    effects, and its RMS must reach `comparison.size` on average over a segment.
     """
     layout = comparison.layout
     nuisances = np.flatnonzero(around.where(layout.nuisances))
@@ -221,7 +221,7 @@ def _physical_size(
 
 
 def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
-    """Power of an unknown's signature with the nuisances projected out."""
+    """Power of the signature of an unknown with nuisances projected out."""
     cross = hessian[column, nuisances]
     if not len(nuisances):
         return float(hessian[column, column])
@@ -230,7 +230,7 @@ def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
 
 
 def _baselines(comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]) -> Baselines:
-    """Fit everything and threshold; take the best fit."""
+    """What simpler methods would name: all effects above a threshold in one fit, and the best single effect."""
     layout = comparison.layout
     named = set()
     for block in range(len(around.cost)):

@@ -1,4 +1,4 @@
-"""Which of the fitted models the data support: thresholds and the rules that use them."""
+"""Selection among the fitted models: thresholds and the rules that use them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,48 +14,49 @@ from saltus.real2sim.search.layout import Layout, Model
 from saltus.real2sim.search.split import TEST, Split
 
 GAIN_NATS = 10.0
-"""Least held-out gain of an effect [nats], after division by the dispersion. Under no effect twice the gain of k
-unknowns is about chi-squared with k degrees of freedom, less what is lost by fitting on other data; with 40 effects of
-12 unknowns tried, 10 nats keep the false-alarm rate of the whole search below 1 %."""
+"""Smallest held-out gain of an effect [nats], after division by the dispersion. Without the effect, twice the gain of k
+unknowns follows about a chi-squared distribution with k degrees of freedom, minus the loss of fitting on other data.
+With 40 effects of 12 unknowns, 10 nats keep the false-alarm rate of the whole search below 1 %."""
 SPREAD = 3.0
-"""A gain, or the lead of a model over its rival, counts from this many standard deviations."""
+"""Smallest gain, or lead over a rival, in standard deviations."""
 SIZE_RMS = 0.45
-"""Least RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two correct simulations of
-one robot were seen to differ by 0.15 to 0.4 through their integrators and time steps; statistics alone would call that
-a finding."""
+"""Smallest RMS of an effect in the segment and signal that show it best [sigma of one sample]. Two correct simulations
+of one robot differed by 0.15 to 0.4 because of their integrators and time steps; statistics alone would call that an
+effect."""
 TOGETHER = 2.0
-"""How much larger effects must be that are named together: weak ones imitate in pairs what no library holds."""
+"""Effects that are named together must be larger by this factor: pairs of weak effects imitate what no library
+holds."""
 BESIDE = 1.2
-"""It is enough for one of them to be so much larger, beside others that are `TOGETHER` times as large, when it closes
-`CLEAR_SHARE` of what the model without it leaves: weak ones that imitate need each other."""
+"""This factor is enough for one of them if the others reach `TOGETHER` and it closes `CLEAR_SHARE` of what the model
+without it leaves: weak effects that imitate something need each other."""
 CLEAR_SHARE = 0.75
 REMAINDER_SHARE = 0.4
-"""A further effect must close at least this share of what the model without it leaves. A false one picks up a part of
-a misfit, a true one leaves noise."""
+"""Smallest share that a further effect must close of what the model without it leaves. A false effect picks up a part
+of a misfit, a true one leaves noise."""
 FURTHER_SHARE = 0.01
-"""And at least this share of the whole gap: one further effect a tenth as strong as the others. Less is within what
-two correct simulations of those others differ by; see `WHOLE_SHARE`."""
+"""Smallest share of the whole gap that a further effect must close: a tenth of the strength of the others. Correct
+simulations of the others differ by as much; see `WHOLE_SHARE`."""
 WHOLE_SHARE = 0.9
-"""Less than that share of the whole gap is enough for a further effect that takes this share of what the model without
-it leaves, down to what simulations differ by."""
+"""A further effect that closes this share of what the model without it leaves, down to the disagreement of simulators,
+may close a smaller share of the whole gap."""
 CLOSED_SHARE = (0.75, 0.98, 0.99)
-"""A model of one, two, three effects that closes less of the gap than this does not explain it: the more effects, the
-easier is it to imitate another. A flexible gear, which no library holds, is a lag and a lost gain to 0.97."""
+"""Smallest share of the gap that models of one, two and three effects must close: more effects imitate others more
+easily. A lag and a lower gain imitate a flexible gear, which no library holds, to 0.97."""
 PROMISING_SHARE = 0.8
-"""A pair that closes less lacks more than one further effect: larger models are not tried."""
+"""If a pair closes less, it lacks more than one effect, and larger models are not tried."""
 REMAINDER_RMS = 0.5
-"""RMS of unexplained structure [sigma] from which a gap is one, where no effect explains it."""
+"""RMS of unexplained structure [sigma] from which it is called a gap."""
 SET_SIZE = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScoredFit:
-    """A fit and what it is worth.
+    """A fit with its held-out cost.
 
     Attributes:
         fit: The fit.
-        held_out: Cost of each chunk by a fit that has not seen its fold, shape (blocks, chunks).
-        structure: Mean square of what is left above noise, shape (blocks, cells).
+        held_out: Cost of each chunk in a fit without its fold, shape (blocks, chunks).
+        structure: Mean square beyond noise, shape (blocks, cells).
     """
 
     fit: Fit
@@ -64,25 +65,25 @@ class ScoredFit:
 
     @property
     def total(self) -> float:
-        """Held-out cost of all that is not test."""
+        """Held-out cost of everything outside the test."""
         return float(self.held_out.sum())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelComparison:
-    """What every comparison needs."""
+    """Split, cells and thresholds with which models are compared."""
 
     layout: Layout
     split: Split
     cells: Cells
     rng: np.random.Generator
     size: float
-    """Least RMS of an effect [sigma of a residual]."""
+    """Smallest RMS of an effect [sigma of a residual]."""
     further_share: float = FURTHER_SHARE
-    """Share of the whole gap that a further effect must close at least."""
+    """Smallest share of the whole gap that a further effect must close."""
 
     def score(self, fit: Fit) -> ScoredFit:
-        """Held-out cost and remainder of a fit."""
+        """The fit with its held-out cost and its structure."""
         quadratic = fit.quadratic(self.layout, self.split)
         held_out = quadratic.held_out_cost(np.ones(len(fit.columns), dtype=bool))
         held_out[:, self.split.fold == TEST] = 0.0
@@ -93,21 +94,21 @@ class ModelComparison:
         return 0.5 * (before.total - after.total)
 
     def lead(self, before: ScoredFit, after: ScoredFit, dispersion: float) -> bool:
-        """Whether a gain is more than chance."""
+        """Whether the gain is larger than chance."""
         gains = bootstrap.held_out_gains(before.held_out, after.held_out, self.split)
         return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * bootstrap.downside(gains))
 
     def closed(self, null: ScoredFit, before: ScoredFit, after: ScoredFit) -> float:
-        """Share of the structure left by `before` that `after` removes, in the cells where any shows."""
+        """Share of the structure after `before` that `after` removes, in the cells that show any."""
         shows = self.cells.shows(np.maximum(null.structure, before.structure), self.size)
         return self.cells.share_gone(before.structure, after.structure, shows)
 
 
 def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
-    """The model that the data support: the smallest that no larger one beats by more than chance and misfit.
+    """The smallest model that no larger one beats by more than chance and misfit.
 
-    Starts from the model without effects; a larger model replaces the one held when it leads it, closes enough of what
-    that one leaves, and no effect in it is idle. Among those of one size the best held-out cost counts.
+    Starts with the model without effects. A larger model replaces the current one if it leads, closes enough of what
+    the current one leaves, and has no idle effect. Among models of one size the held-out cost decides.
     """
     null = next(each for each in scored if not each.fit.model)
     held = null
@@ -141,12 +142,12 @@ def _replaces(
 
 
 def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:
-    """Whether a further effect explains all that was left: what two simulations differ by, no effect takes wholly."""
+    """Whether a further effect explains everything that was left; it cannot explain the disagreement of simulators."""
     return further >= WHOLE_SHARE and comparison.cells.largest_rms(rival.structure) <= comparison.size
 
 
 def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
-    """Whether a model with one more effect than this fit could be chosen: it leaves enough, and not far too much."""
+    """Whether a model with one more effect could be chosen: the fit leaves enough, and not far too much."""
     before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
     if comparison.cells.largest_rms(after) <= comparison.size:
         return False
@@ -156,7 +157,7 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
 
 
 def explained_share(comparison: ModelComparison, model: Model) -> float:
-    """Share of the gap that a model must close to explain it."""
+    """Share of the gap that a model must close to count as an explanation."""
     closable_share = min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
     return CLOSED_SHARE[len(model) - 1] * closable_share
 
@@ -164,7 +165,7 @@ def explained_share(comparison: ModelComparison, model: Model) -> float:
 def largest_rms(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 
-    Against the fit of the model without it, where there is one: what the other effects cannot take over.
+    Relative to the fit of the model without the effect, if there is one: what the other effects cannot replace.
     """
     rest = tuple(name for name in fit.model if name != effect)
     if rest in fits:
@@ -184,11 +185,11 @@ def ambiguities(
     dispersion: float,
     collinear: float,
 ) -> dict[str, list[str]]:
-    """For each effect of the chosen model, the others that these data do not tell from it, likeliest first.
+    """For each effect of the chosen model, the other effects that may stand in its place, likeliest first.
 
-    Others are those of models of the same size that the chosen one does not lead beyond chance and beyond what two
-    simulations differ by, and those collinear with it, if a model with them instead closes a share of the gap that
-    would count as an explanation.
+    These are effects of models of the same size over which the chosen model has no lead beyond chance and the
+    disagreement of simulators, and effects collinear with the chosen one, if a model with them closes enough of the
+    gap.
     """
     by_model = {each.fit.model: each for each in scored}
     null = by_model[()]
@@ -200,7 +201,8 @@ def ambiguities(
             continue
         effect, other = gone.pop(), new.pop()
         is_tied = not comparison.lead(rival, chosen, dispersion)
-        # derivatives tell of the limit of small effects; at their sizes a delay and a filter may well differ
+        # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay and a filter may
+        # differ.
         imitates = comparison.closed(null, null, rival) >= collinear**2 * comparison.closed(null, null, chosen)
         if is_tied or (imitates and confusion.between(effect, other) >= collinear):
             found[effect].append(other)

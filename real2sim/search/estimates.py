@@ -1,4 +1,4 @@
-"""Where an effect acts, how large it is there, and how sure that is."""
+"""Where an effect acts, its size there, and the interval of that size."""
 
 from dataclasses import dataclass, replace
 
@@ -13,27 +13,27 @@ from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.fit import Fit
 
 SAME = 0.1
-"""Values at several places count as one when they differ by less than this share beyond their errors: what friction
-or gain of equal drives scatters by."""
+"""Values at several places count as equal if they differ by less than this share beyond their errors: as much as
+friction or gain of equal drives scatter."""
 CONSISTENT = 1e-3
-"""Significance at which a pattern of places is rejected."""
+"""Significance level below which a pattern of places is rejected."""
 PRESENT = 3.0
-"""An effect is present at a place from this many standard errors."""
+"""Smallest size of an effect at a place where it is present, in standard errors."""
 PRESENT_SHARE = 0.1
-"""And from this share of its RMS at the place that shows it best: joints are coupled, and their models too."""
+"""Smallest share of its RMS at the place that shows it best: joints are coupled, and so are their models."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """An effect's estimate at one place.
+    """Estimate of an effect at one place.
 
     Attributes:
         block: Index of the block.
         candidate: Index of the candidate.
-        name: As the verdict states it.
-        value: Of the candidate's unknowns.
-        covariance: Of the value, shape (k, k).
-        rms: Of the effect there, in the segment and signal that show it best [sigma].
+        name: Name of the place in the verdict.
+        value: Unknowns of the candidate.
+        covariance: Covariance of the value, shape (k, k).
+        rms: RMS of the effect there, in the segment and signal that show it best [sigma].
     """
 
     block: int
@@ -54,7 +54,7 @@ class Group:
 
 
 def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: str) -> list[Place]:
-    """The estimates of a fitted effect at all its places."""
+    """Estimates of a fitted effect at all its places."""
     quadratic = fit.quadratic(comparison.layout, comparison.split)
     free = np.ones(len(fit.columns), dtype=bool)
     found = []
@@ -83,10 +83,10 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
 def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
-    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. Where none
-    agrees, all places at which the effect is present, with one value if they agree on it, else one for each kind of
-    place - a saturation of small motors and of a large one - or, where one kind does not agree, for each of its places.
-    `least` is the RMS from which an effect is present.
+    Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one place. If none agrees,
+        all places at which the effect is present get one value if they agree on it, else one for each kind of place
+        (e.g. a saturation of small motors and of a large one) or, where one kind does not agree, one for each place.
+        `least` is the RMS from which an effect is present.
     """
     everywhere = list(range(len(places)))
     present = present_at(problem, places, least)
@@ -103,7 +103,7 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
         best = int(np.argmax(misfits))
         if misfits[best] > CONSISTENT:
             own = [places[i] for i in tier[best]]
-            # where an effect leaves no trace, its shape is anything
+            # an effect without a trace may have any shape
             telling = [places[i] for i in tier[best] if not has_shape or i in present]
             return [replace(_pool(telling), places=tuple(own))]
     members = [places[i] for i in present]
@@ -126,7 +126,7 @@ def each_trace(places: list[Place], least: float) -> list[Group]:
 
 
 def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
-    """At which places an effect is larger than chance and than what simulations differ by; at least one."""
+    """Indices of the places at which an effect is larger than chance and simulator disagreement; at least one."""
     largest = int(np.argmax([place.rms for place in places]))
     least = max(least, PRESENT_SHARE * places[largest].rms)
     found = []
@@ -139,7 +139,7 @@ def present_at(problem: Problem, places: list[Place], least: float) -> list[int]
 
 
 def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
-    """A group as the verdict states it.
+    """A group in the form of the verdict.
 
     Args:
         problem: The problem.
@@ -157,7 +157,7 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
 
 
 def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
-    """Physical parameters with errors carried over by differences along the axes of the covariance."""
+    """Physical parameters with errors propagated by differences along the axes of the covariance."""
     candidate = problem.candidates[one.places[0].candidate]
     values = problem.physical(candidate, one.value)
     absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
@@ -190,24 +190,24 @@ def _sized(candidate: Candidate) -> Indices:
 
 
 def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
-    """Unknowns that no residual depends on may be anywhere within their bounds."""
+    """Covariance in which unknowns without influence on residuals may be anywhere within their bounds."""
     widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])  # sigma of a uniform
     unseen = np.diag(covariance) <= 0.0
     return covariance + np.diag(np.where(unseen, widths**2, 0.0))
 
 
 def _weights(places: list[Place], share: float) -> list[Floats]:
-    """Inverse covariances of estimates, with errors of the model that are a share of the surest value added."""
+    """Inverse covariances of estimates, with a model error that is a share of the most certain value."""
     surest = max(places, key=lambda place: place.rms)
     largest = np.abs(surest.value)
     return [np.asarray(np.linalg.inv(place.covariance + np.diag((share * largest) ** 2 + 1e-18))) for place in places]
 
 
 def _agreement(problem: Problem, places: list[Place]) -> float:
-    """Probability of a scatter as large as that of the estimates if there is one value.
+    """Probability of a scatter as large as that of the estimates if all places have one value.
 
-    Kinds of places are asked on their own, too: that one kind differs from the others would be lost in the scatter of
-    all places.
+    Kinds of places are also compared with each other: a difference of one kind would be lost in the scatter of all
+        places.
     """
     kinds = [_pool(own) for own in _by_kind(problem, places)]
     return min(
@@ -222,13 +222,13 @@ def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
 
 
 def _between(kind: Group, kinds: list[Group]) -> Floats:
-    """Inverse covariance of a kind's value: drives differ by a share of the largest, each on its own."""
+    """Inverse covariance of the value of a kind, with drives that differ by a share of the largest value."""
     share = SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
     return np.asarray(np.linalg.inv(kind.covariance + np.diag(share**2 + 1e-18)))
 
 
 def _scatter(values: list[Floats], weights: list[Floats]) -> float:
-    """Probability of values as far apart as these if they are one."""
+    """Probability of values as far apart as these if they are equal."""
     mean = np.linalg.solve(sum(weights), sum(w @ x for w, x in zip(weights, values, strict=True)))
     square = sum(float((x - mean) @ w @ (x - mean)) for w, x in zip(weights, values, strict=True))
     freedom = (len(values) - 1) * len(mean)
@@ -236,14 +236,14 @@ def _scatter(values: list[Floats], weights: list[Floats]) -> float:
 
 
 def _misfit(problem: Problem, places: list[Place], members: list[int], present: list[int]) -> float:
-    """Probability of estimates as far from a pattern as these: one value at its members, absent elsewhere."""
+    """Probability of these estimates for a pattern: one value at its members, absent elsewhere."""
     if not set(present) <= set(members):
         return 0.0
     return _agreement(problem, [places[i] for i in members])
 
 
 def _pool(places: list[Place]) -> Group:
-    """One value for places, weighted by their errors; its error covers their scatter too."""
+    """One value for several places, weighted by their errors; its error covers their scatter."""
     weights = _weights(places, 0.0)
     covariance: Floats = np.asarray(np.linalg.inv(sum(weights)))
     value = covariance @ sum(w @ p.value for w, p in zip(weights, places, strict=True))

@@ -1,4 +1,4 @@
-"""What a search hands on: effects found for one kind of sensor, how sure they are, and what else was considered."""
+"""Findings of a search: effects of one kind of sensor, their intervals, and the alternatives."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,7 +14,7 @@ ProblemRuling = Literal["named", "set", "unexplained", "no_gap"]
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A physical parameter with the interval that holds it in 90 % of logs."""
+    """A physical parameter with the interval that contains the truth in 90 % of logs."""
 
     value: float
     ci90: tuple[float, float]
@@ -23,26 +23,26 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEffect:
-    """An effect with the values it has at some places."""
+    """An effect with its values at some places."""
 
     name: str
     where: str | tuple[str, ...]
-    """"all", the names of places, or, where the problem has one place only, its name."""
+    """"all", names of places, or one name if the problem has one place only."""
     params: dict[str, Interval]
     curve: tuple[tuple[float, float], ...] = ()
-    """Of a saturation: commanded and delivered torque at these places [Nm]."""
+    """Curve of a saturation: commanded and delivered torque at these places [Nm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RankedModel:
-    """A set of effects that was fitted, and what it is worth on segments held out from its fit."""
+    """A fitted set of effects with its gain on held-out segments."""
 
     effects: tuple[str, ...]
     gain: float
-    """Drop of the held-out cost against the model without effects [nats]."""
+    """Held-out gain over the model without effects [nats]."""
     gain_ci90: tuple[float, float]
     closed: float
-    """Share of the closable gap, held out."""
+    """Share of the closable gap that is closed, on held-out data."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +58,14 @@ class SignalGap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Confusion:
-    """Cosines between what the effects do to the residuals of these data, with nuisances projected out."""
+    """Cosines between the changes that effects make in the residuals, with nuisances projected out."""
 
     effects: tuple[str, ...]
     cosine: Floats
     """Shape (effects, effects), 0 to 1."""
 
     def between(self, a: str, b: str) -> float:
-        """The cosine of two effects; 0 where one leaves no trace."""
+        """Cosine of two effects; 0 if one leaves no trace."""
         if a not in self.effects or b not in self.effects:
             return 0.0
         return float(self.cosine[self.effects.index(a), self.effects.index(b)])
@@ -73,28 +73,28 @@ class Confusion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """What two models leave of a log, whitened; shapes as in `saltus.real2sim.problem.problem`."""
+    """Whitened residuals of two models; shapes as in `saltus.real2sim.problem.problem`."""
 
     before: Floats
-    """By the model without effects, shape (blocks, m)."""
+    """Of the model without effects, shape (blocks, m)."""
     after: Floats
-    """By the model that was chosen, with the values as they are reported, shape (blocks, m)."""
+    """Of the chosen model with the stated values, shape (blocks, m)."""
     unknowns: Floats
-    """Of that model, with the values as they are reported, shape (blocks, unknowns)."""
+    """Unknowns of the chosen model with the stated values, shape (blocks, unknowns)."""
     effects: tuple[str, ...]
-    """Of that model; it is chosen where it explains too little to be named, too."""
+    """Effects of the chosen model, also if it explains too little to be named."""
     is_test: NDArray[np.bool_]
-    """Shape (m,): rows that no fit has seen."""
+    """Rows that no fit has seen, shape (m,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Baselines:
-    """What simpler ways would have named, for comparison only."""
+    """What simpler methods would have named, for the benchmark."""
 
     threshold: tuple[str, ...]
-    """All effects whose estimate in one joint fit differs from 0 by more than three of its standard errors."""
+    """All effects whose estimate in one common fit differs from 0 by more than three standard errors."""
     lowest_training_error: tuple[str, ...]
-    """The one effect that fits best, with no held-out data and no threshold."""
+    """The one effect that fits best, without held-out data and thresholds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,11 +104,11 @@ class Findings:
     problem: str
     verdict: ProblemRuling
     effects: tuple[FoundEffect, ...] = ()
-    """Those that nothing else explains as well."""
+    """Effects without equally good alternatives."""
     sets: tuple[tuple[str, ...], ...] = ()
-    """Effects that these data cannot tell apart, at most three each."""
+    """Effects that the log cannot tell apart, at most three each."""
     rivals: tuple[FoundEffect, ...] = ()
-    """The fitted values of all effects in sets."""
+    """Fitted values of all effects in sets."""
     ranking: tuple[RankedModel, ...] = ()
     """Best first."""
     confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))
@@ -116,9 +116,9 @@ class Findings:
     residuals: Residuals | None = None
     """None where nothing was fitted."""
     remainder: float = 0.0
-    """RMS of what the best model leaves above the noise, in the segment and signal that show it best [sigma]."""
+    """RMS beyond noise after the chosen model, in the segment and signal that show it best [sigma]."""
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
     baselines: Baselines = field(default_factory=lambda: Baselines(threshold=(), lowest_training_error=()))
     evaluations: int = 0
-    """Sets of unknowns that were simulated."""
+    """Number of simulated sets of unknowns."""

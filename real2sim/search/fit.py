@@ -1,8 +1,8 @@
 """Fits of models to the residuals of a problem: few simulations, many models and all blocks at once.
 
-Levenberg-Marquardt with Broyden's update: a Jacobian is paid for once by finite differences, afterwards every trial
-corrects it. All models that are being fitted share one call of the problem per iteration; blocks accept or reject on
-their own, as nothing couples them.
+Levenberg-Marquardt with Broyden's update: a Jacobian is computed once by finite differences, and every trial corrects
+it. All models share one call of the problem per iteration. Blocks accept or reject a step independently, because
+nothing couples them.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,14 +17,14 @@ from saltus.real2sim.search.quadratic import Quadratic, bounded_minimum
 from saltus.real2sim.search.split import Split
 
 BATCH = 64
-"""Sets of unknowns in one call of a problem: bounds its memory."""
+"""Sets of unknowns in one call of a problem, to bound its memory."""
 CONVERGED_NATS = 0.5
-"""A step that promises less than this [nats] is not taken: it moves no estimate by more than its standard error."""
+"""Steps that promise less than this [nats] are not taken: they move no estimate by more than its standard error."""
 ITERATIONS = 5
 
 
 class Evaluator:
-    """Calls a problem and counts how often."""
+    """Evaluates a problem, counts the simulations and reports progress."""
 
     def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None = None) -> None:
         self._problem = problem
@@ -46,14 +46,14 @@ class Evaluator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A model with its unknowns where they fit, or where fitting has got to.
+    """A model with the unknowns that were reached so far.
 
     Attributes:
         model: The effects.
-        columns: The unknowns that it fits, shape (k,).
+        columns: Columns of the fitted unknowns, shape (k,).
         unknowns: All unknowns, shape (blocks, unknowns).
         residuals: Shape (blocks, m).
-        jacobian: Of `columns`, shape (blocks, k, m).
+        jacobian: Derivatives by `columns`, shape (blocks, k, m).
     """
 
     model: Model
@@ -90,7 +90,7 @@ def refine(
     iterations: int = ITERATIONS,
     stage: str = "fit",
 ) -> list[Fit]:
-    """Fits all models together; each starts where its `Fit` stands, with the Jacobian known there."""
+    """Fits all models together, each from its `Fit` with the Jacobian known there."""
     states = [_Descent(fit, layout, split) for fit in fits]
     for _ in range(iterations):
         active = [(state, trial) for state in states if (trial := state.propose()) is not None]
@@ -108,7 +108,7 @@ def refine(
 
 
 class _Descent:
-    """One model on its way down."""
+    """Descent of one model."""
 
     def __init__(self, fit: Fit, layout: Layout, split: Split) -> None:
         self.fit = fit
@@ -120,7 +120,7 @@ class _Descent:
         self._is_done = np.zeros(len(fit.unknowns), dtype=bool)
 
     def propose(self) -> Floats | None:
-        """The next unknowns to try, shape (blocks, unknowns); None when no block has anything to gain."""
+        """Next unknowns to try, shape (blocks, unknowns); None if no block has anything to gain."""
         trial = self.fit.unknowns.copy()
         for block in np.flatnonzero(~self._is_done):
             jacobian = self.fit.jacobian[block][:, self._seen]
@@ -135,9 +135,10 @@ class _Descent:
         return None if self._is_done.all() else trial
 
     def share(self) -> list[Floats]:
-        """Unknowns of blocks for all of them, as one block may be stuck where others are not.
+        """Unknowns that all blocks try, because one block may be stuck where others are not.
 
-        The median; of shapes, whose minima lie apart, also those of the block that has least left.
+        These are the medians over blocks. If there are shapes, whose minima are far apart, also those of the best
+        block.
         """
         if len(self.fit.unknowns) == 1 or not len(self.fit.columns):
             return []
@@ -154,7 +155,7 @@ class _Descent:
         return trials
 
     def learn(self, trial: Floats, residuals: Floats) -> None:
-        """Takes the residuals of a trial: corrects the Jacobian, moves where the cost fell."""
+        """Takes the residuals of a trial: corrects the Jacobian and moves where the cost fell."""
         unknowns, kept = self.fit.unknowns.copy(), self.fit.residuals.copy()
         jacobian = self.fit.jacobian.copy()
         for block in np.flatnonzero(~self._is_done):

@@ -1,4 +1,4 @@
-"""Which of a problem's unknowns belong to which effect, and models as sets of effects."""
+"""Columns of the vector of unknowns, and models as sets of effects."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,27 +9,27 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Candidate, Problem
 
 STEP = 0.25
-"""Finite differences step by this fraction of an unknown's scale: small against what matters, large against noise of
-the simulation's arithmetic."""
+"""Step of finite differences as a fraction of an unknown's scale: small against what matters, large against
+rounding."""
 
 Model = tuple[str, ...]
-"""Effects that a model has besides the claimed ones, sorted; () is the claimed model itself."""
+"""Effects of a model, sorted; () is the model without effects."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """The columns of a problem's vector of unknowns."""
+    """Columns of the vector of unknowns of a problem."""
 
     candidates: tuple[Candidate, ...]
     candidate: Indices
-    """Shape (unknowns,): the candidate that each unknown belongs to."""
+    """Index of the candidate of each unknown, shape (unknowns,)."""
     is_shape: Indices
     low: Floats
     high: Floats
     scale: Floats
     first: Floats
-    """Shape (unknowns,): by how much finite differences step from 0, half of the smallest value that fits start from.
-    Some effects show nothing below the time step of a simulation, so a fraction of the scale would not do."""
+    """Step of finite differences from 0, shape (unknowns,): half of the smallest start. Some effects show nothing below
+    the time step of a simulation, so that a fraction of the scale would be too small."""
 
     @classmethod
     def of(cls, problem: Problem) -> "Layout":
@@ -47,7 +47,7 @@ class Layout:
 
     @property
     def effects(self) -> Model:
-        """Names of the effects that are no nuisances, in the order of the candidates."""
+        """Names of the effects without nuisances, in the order of the candidates."""
         return tuple(dict.fromkeys(c.effect for c in self.candidates if not c.is_nuisance))
 
     @property
@@ -60,16 +60,16 @@ class Layout:
         return np.flatnonzero(self.candidate == index)
 
     def of_effects(self, effects: Iterable[str]) -> Indices:
-        """Columns of effects, nuisances not included."""
+        """Columns of effects, without nuisances."""
         names = set(effects)
         return np.flatnonzero([self.candidates[i].effect in names for i in self.candidate])
 
     def of_model(self, model: Model) -> Indices:
-        """Columns that a model fits: its effects' and the nuisances, in ascending order."""
+        """Columns that a model fits: those of its effects and of the nuisances, in ascending order."""
         return np.sort(np.concatenate([self.of_effects(model), self.nuisances]))
 
     def starts(self, index: int) -> list[Floats]:
-        """Shapes from which fits of a candidate start, without repetition; 0 where an unknown is no shape."""
+        """Different shapes from which fits of a candidate start; 0 for unknowns that are not shapes."""
         shapes = [np.where(self.is_shape[self.of_candidate(index)], s, 0.0) for s in self.candidates[index].starts]
         return list({tuple(shape): shape for shape in shapes}.values())
 

@@ -1,4 +1,4 @@
-"""A problem whose library lacks effects: what a search says of a gap that none of the others makes."""
+"""A problem without some effects of the library: what does a search say if the true effect is missing?"""
 
 from collections.abc import Collection
 
@@ -9,10 +9,10 @@ from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Wrappe
 
 
 class NarrowedProblem(WrappedProblem):
-    """`inner` without some of its effects; they stay absent.
+    """`inner` without some of its effects, which stay absent.
 
     Args:
-        inner: A problem.
+        inner: The full problem.
         without: Names of effects.
     """
 

@@ -1,8 +1,7 @@
-"""A quadratic stand-in for the cost around a point, kept for each short stretch of the log.
+"""A quadratic approximation of the cost around a point, for each short chunk of the log.
 
-With residuals r and their Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point plus d. Its sums
-over stretches answer at no cost which other models would fit, what they are worth on held-out data and how much that
-scatters.
+With residuals r and Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point plus d. Sums over
+chunks say without simulation which other models would fit, and their gain on held-out data with its scatter.
 """
 
 from dataclasses import dataclass
@@ -19,14 +18,14 @@ class Quadratic:
     """Costs around a point.
 
     Attributes:
-        columns: Unknowns that it knows the derivatives of, ascending, shape (k,).
-        point: Where it was made, shape (blocks, k).
+        columns: Unknowns with known derivatives, ascending, shape (k,).
+        point: Point of the approximation, shape (blocks, k).
         low: Bounds of the unknowns, shape (k,).
         high: Bounds of the unknowns, shape (k,).
         hessian: J^T J, shape (blocks, chunks, k, k).
         gradient: J^T r, shape (blocks, chunks, k).
         cost: |r|^2, shape (blocks, chunks).
-        split: Which chunks belong together.
+        split: Chunks and folds.
     """
 
     columns: Indices
@@ -42,7 +41,7 @@ class Quadratic:
     def of(
         cls, layout: Layout, split: Split, columns: Indices, point: Floats, residuals: Floats, jacobian: Floats
     ) -> "Quadratic":
-        """The quadratic of residuals.
+        """The quadratic approximation from residuals and their Jacobian.
 
         Args:
             layout: Bounds.
@@ -74,16 +73,16 @@ class Quadratic:
         )
 
     def where(self, columns: Indices) -> Mask:
-        """Which of its columns are among these, as a mask of shape (k,)."""
+        """Mask of its columns that are among these, shape (k,)."""
         return np.isin(self.columns, columns)
 
     def solve(self, block: int, free: Mask, held_out: int | None = None) -> Floats:
-        """Change of its unknowns that fits best within the bounds when those that are not free go to 0.
+        """Best change of the free unknowns within their bounds; the others go to 0.
 
         Args:
-            block: Which.
+            block: Index of the block.
             free: Mask of shape (k,).
-            held_out: A fold that the fit does not see, besides the test.
+            held_out: Fold that the fit does not see, besides the test.
         """
         seen = (self.split.fold != TEST) & (self.split.fold != (TEST if held_out is None else held_out))
         hessian, gradient = self.hessian[block, seen].sum(axis=0), self.gradient[block, seen].sum(axis=0)
@@ -105,7 +104,7 @@ class Quadratic:
         return self.cost[block] + linear + np.einsum("i,cij,j->c", change, self.hessian[block], change)
 
     def held_out_cost(self, free: Mask) -> Floats:
-        """Cost of every chunk when the fit has not seen its fold, shape (blocks, chunks); test chunks unseen."""
+        """Cost of every chunk in a fit without its fold, shape (blocks, chunks); no fit sees test chunks."""
         cost = np.zeros_like(self.cost)
         for block in range(len(self.cost)):
             unseen = self.split.fold == TEST
@@ -116,29 +115,29 @@ class Quadratic:
         return cost
 
     def fit_cost(self, free: Mask) -> float:
-        """Cost of what fits see, after fitting the free unknowns, all blocks together."""
+        """Cost of all blocks outside the test after a fit of the free unknowns."""
         seen = self.split.fold != TEST
         blocks = range(len(self.cost))
         return float(sum(self.cost_after(block, self.solve(block, free))[seen].sum() for block in blocks))
 
     def information(self, block: int) -> Floats:
-        """Sum of the Hessians of what fits see, shape (k, k)."""
+        """Sum of the Hessians outside the test, shape (k, k)."""
         seen = self.split.fold != TEST
         return np.asarray(self.hessian[block, seen].sum(axis=0))
 
 
 LEAN = 0.05
-"""Share of the information of the whole fit that a fit without one fold leans on. Unknowns that only that fold shows
-stay where they are; without it they would move to where the quadratic means nothing."""
+"""Share of the whole fit's information that is added in fits without one fold. Unknowns that only that fold shows then
+stay where they are, instead of moving to where the quadratic is meaningless."""
 RIDGE = 1e-9
-"""Relative to the diagonal: keeps unknowns that no residual depends on where they are."""
+"""Ridge relative to the diagonal: keeps unknowns without influence where they are."""
 
 
 def bounded_minimum(hessian: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
-    """Minimum of g.d + d.H d / 2 with low <= d <= high, by holding at their bounds what would leave them.
+    """Minimum of g.d + d.H d / 2 with low <= d <= high.
 
-    One unknown at a time joins its bound, the worst first. This finds the minimum unless unknowns are nearly collinear,
-    where any point near it serves as well.
+    Unknowns that would leave their bounds are fixed there one by one, the worst first. This finds the minimum unless
+    unknowns are nearly collinear, where any point near it is as good.
     """
     k = len(gradient)
     size = np.sqrt(np.maximum(np.diag(hessian), 1e-300))

@@ -1,4 +1,4 @@
-"""The values that a verdict states: one for all places that agree, fitted again under just that."""
+"""The values that a verdict states: places that agree share one value and are fitted again with it."""
 
 from dataclasses import dataclass, replace
 
@@ -12,19 +12,19 @@ from saltus.real2sim.search.fit import Evaluator
 from saltus.real2sim.search.quadratic import bounded_minimum
 
 ITERATIONS = 3
-"""Of Gauss-Newton, each with fresh derivatives: values start within a few errors of where they end."""
+"""Gauss-Newton iterations with fresh derivatives; values start within a few errors of their end."""
 HALVINGS = 3
-"""Of a step that does not help: a number that can only be stated as it is may be far from where the fit had it."""
+"""Halvings of a step that does not help: a value that can only be stated as 1 may be far from the fitted one."""
 AS_GOOD = 1.1
-"""Ratio of costs up to which a way to state values is as good as the best one: 10 % of what is left is what values of
-equal drives scatter by, as `estimates.SAME` has it."""
+"""Ratio of costs up to which a statement is as good as the best one: values of equal drives scatter by 10 %
+(`estimates.SAME`)."""
 
 Groups = dict[str, list[estimates.Group]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedModel:
-    """Groups of each effect of a model, all unknowns, shape (blocks, unknowns), and the residuals that those leave."""
+    """Groups of each effect, all unknowns, shape (blocks, unknowns), and the residuals that they leave."""
 
     groups: Groups
     unknowns: Floats
@@ -34,9 +34,10 @@ class StatedModel:
 def stated_model(
     problem: Problem, comparison: ModelComparison, evaluate: Evaluator, null: ScoredFit, chosen: ScoredFit
 ) -> StatedModel:
-    """The simplest way to state the chosen model that explains the log as the fit does.
+    """The simplest statement of the chosen model that explains the log as well as the fit does.
 
-    Ways, simplest first: values that places share; own values where the effect is present; own values wherever it
+    Statements, simplest first: values that places share; separate values where the effect is present; separate values
+        wherever it leaves a trace, however uncertain they are. A patch with less would not explain the log.
     leaves a trace, however unsure they are: with less a patch would not explain the log.
     """
     model = chosen.fit.model
@@ -55,7 +56,7 @@ def stated_model(
         closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
         if closed >= least and _is_as_good(comparison, one.residuals, lowest):
             return one
-    # what is stated leaves more than what was fitted, but is the best there is
+    # no statement is as good as the fit: keep the fitted unknowns
     return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 
 
@@ -64,19 +65,19 @@ def _cost(comparison: ModelComparison, residuals: Floats) -> float:
 
 
 def _is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
-    """Whether nothing is left that could be called a gap, or hardly more than by the best way."""
+    """Whether residuals show no gap, or hardly more than those of the best statement."""
     left = comparison.cells.largest_rms(comparison.cells.structure(residuals))
     return left <= comparison.size or _cost(comparison, residuals) <= AS_GOOD * lowest
 
 
 class _TiedModel:
-    """A model in which the places of a group have one value, and places of no group lack the effect.
+    """A model in which the places of a group share one value, and other places lack the effect.
 
     Args:
-        problem: Says which numbers a verdict can only state as they are.
+        problem: The problem.
         comparison: Split and layout.
-        start: The fit whose nuisances and shapes are kept where no group says anything.
-        groups: Of each effect.
+        start: Fit whose nuisances and shapes are kept where no group sets them.
+        groups: Groups of each effect.
     """
 
     def __init__(self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups) -> None:
@@ -85,7 +86,7 @@ class _TiedModel:
         self._rest = start.unknowns.copy()
         sized = layout.of_effects(start.model)
         self._rest[:, sized[~layout.is_shape[sized]]] = 0.0
-        # each number that is fitted: the blocks and columns of the vector of unknowns at which it stands
+        # for each fitted number: the blocks and columns of the vector of unknowns that it sets
         self._seats: list[list[tuple[int, int]]] = []
         values: list[float] = []
         stated: list[float] = []
@@ -106,7 +107,7 @@ class _TiedModel:
         self._values = np.clip(np.array(values), self._low, self._high)
 
     def fitted(self, evaluate: Evaluator) -> StatedModel:
-        """Gauss-Newton; a step that does not help is the last."""
+        """Fits by Gauss-Newton; stops at the first step that does not help."""
         values = self._values
         unknowns = self._unknowns(values)
         residuals = evaluate("reported values", unknowns[np.newaxis])[0]
@@ -148,7 +149,7 @@ class _TiedModel:
         return unknowns
 
     def _regrouped(self, values: Floats) -> Groups:
-        """The groups with fitted values, in the order in which they were counted."""
+        """The groups with fitted values, in their order."""
         at = 0
         found: Groups = {}
         for effect, groups in self._groups.items():

@@ -1,15 +1,15 @@
-"""The search for what a simulator lacks: which effects, where, how large, and whether these data can tell at all.
+"""The search for missing effects: which, where, how large, and whether the log can tell them apart.
 
-It knows problems (`saltus.real2sim.problem.problem`), not robots. In steps:
+It knows problems (`saltus.real2sim.problem.problem`), not robots. Steps:
 
-1. Fit the nuisances alone: the model without effects. Split the log (`saltus.real2sim.search.split`).
-2. Derivatives by every unknown there; fit each effect alone.
-3. Derivatives by every unknown at the best single effect, where the quadratic stand-in shows which effects it lacks or
-   should be swapped for: an effect that explains nothing alone may be half of the truth. Fit pairs; again at the best
-   pair, for swaps and a third effect. Eliminate from the largest again, one effect at a time.
-4. Compare all fitted models on held-out data and decide (`saltus.real2sim.search.decide`).
-5. State places, values and intervals (`saltus.real2sim.search.estimates`), what looks alike
-   (`saltus.real2sim.search.signature`), and the gap on segments that no fit has seen.
+1. Fit the nuisances alone, the model without effects. Split the log (`saltus.real2sim.search.split`).
+2. Compute derivatives by every unknown there; fit each effect alone.
+3. Compute derivatives at the best single effect. There the quadratic approximation shows which effects are missing or
+   should be swapped: an effect that explains nothing alone may be half of the truth. Fit pairs; repeat at the best pair
+   for swaps and a third effect. Then remove effects from the largest model one by one.
+4. Compare all fitted models on held-out data and choose (`saltus.real2sim.search.decide`).
+5. State places, values and intervals (`saltus.real2sim.search.estimates`), effects that look alike
+   (`saltus.real2sim.search.signature`), and the gap on test segments.
 """
 
 from collections.abc import Callable
@@ -29,13 +29,13 @@ from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.split import Split, split
 
 REFITTED = 4
-"""Single effects that are fitted again with fresh derivatives; the truth is among the best four fits in practice."""
+"""Number of single effects that are refitted with fresh derivatives; in practice the truth is among the best four."""
 PROPOSED = 6
-"""Larger models that are fitted after each set of derivatives."""
+"""Number of larger models that are fitted after each set of derivatives."""
 PATIENCE = 3
-"""Rounds of fits with fresh derivatives for what is known to be hard."""
+"""Rounds of fits with fresh derivatives for unions of two good models, which converge slowly."""
 LARGEST = 3
-"""Effects in one model at most."""
+"""Largest number of effects in a model."""
 
 
 def search(problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0) -> Findings:
@@ -43,8 +43,8 @@ def search(problem: Problem, *, progress: Callable[[str, int], None] | None = No
 
     Args:
         problem: The problem.
-        progress: Called with the name of a stage and how many simulations it has made since the last call.
-        seed: Of the bootstrap.
+        progress: Called with the stage and the number of simulations since the last call.
+        seed: Seed of the bootstrap.
     """
     if not len(problem.time_s):
         return Findings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
@@ -52,7 +52,7 @@ def search(problem: Problem, *, progress: Callable[[str, int], None] | None = No
 
 
 class _Search:
-    """The fits made so far and the derivatives known."""
+    """Fits and derivatives so far."""
 
     def __init__(self, problem: Problem, progress: Callable[[str, int], None] | None, seed: int) -> None:
         self._problem = problem
@@ -84,7 +84,7 @@ class _Search:
         return conclude.findings(self._problem, self._comparison, self._evaluate, self._fits, self._library_quadratic)
 
     def _fit_null(self) -> None:
-        """The model without effects, the split, and the shapes at which effects are looked for."""
+        """Fits the model without effects, splits the log and chooses the shapes of absent effects."""
         residuals = self._evaluate("replay", self._rest[np.newaxis])[0]
         self._split = split(self._problem, residuals)
         nuisances = self._layout.nuisances
@@ -96,7 +96,7 @@ class _Search:
         self._libraries[()] = self._slopes_of_starts(null)
 
     def _slopes_of_starts(self, null: Fit) -> Floats:
-        """Derivatives by all unknowns, each candidate at that of its shapes which promises most; keeps the shapes."""
+        """Derivatives by all unknowns, each candidate at its most promising shape, which is kept."""
         layout = self._layout
         blocks, m = null.residuals.shape
         library = np.zeros((blocks, len(layout.scale), m))
@@ -136,14 +136,14 @@ class _Search:
         return library
 
     def _is_worth_fitting(self) -> bool:
-        """Whether all effects together promise, by the quadratic stand-in, more than chance."""
+        """Whether all effects together promise more than chance, by the quadratic approximation."""
         quadratic = self._library_quadratic(())
         null = quadratic.where(self._layout.nuisances)
         gain = 0.5 * (quadratic.fit_cost(null) - quadratic.fit_cost(np.ones_like(null)))
         return gain > decide.GAIN_NATS
 
     def _fit_singles(self) -> None:
-        """Each effect alone; the best again with fresh derivatives, by their shapes too."""
+        """Fits each effect alone, and the best ones again with fresh derivatives and other shapes."""
         null = self._fits[()]
         starts = [self._start((effect,), null) for effect in self._layout.effects]
         fits = fit.refine(self._evaluate, self._layout, self._split, starts, stage="single effects")
@@ -153,13 +153,13 @@ class _Search:
         self._restart(self._best(1), "single effects")
 
     def _refit(self, models: list[Model], stage: str) -> None:
-        """Fresh derivatives of fits, then more steps."""
+        """Renews derivatives of fits and continues them."""
         fresh = [self._with_fresh_slopes(self._fits[model], stage) for model in models]
         for each in fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage):
             self._fits[each.model] = each
 
     def _fit_larger(self, leader: Model, size: int) -> None:
-        """Models of up to `size` effects that the derivatives at the leader propose."""
+        """Fits models of up to `size` effects that the derivatives at the leader propose."""
         others = self._others(leader, size - 1)
         for model in (leader, *others):
             self._library(model)
@@ -179,7 +179,7 @@ class _Search:
             self._eliminate(self._best(size))
 
     def _fit_union(self, leader: Model, other: Model, size: int) -> None:
-        """Fits two good models together, patiently: where each imitates the other, both have far to go."""
+        """Fits the union of two good models; where they imitate each other, both have far to go."""
         model = model_of([*leader, *other])
         if len(model) != size or model in self._fits:
             return
@@ -195,9 +195,9 @@ class _Search:
         return replace(old, jacobian=jacobian)
 
     def _restart(self, model: Model, stage: str) -> None:
-        """Fits a model again from all shapes that its effects are known to have, if it leaves something.
+        """Refits a model from all known shapes of its effects, if it leaves structure.
 
-        A shape at which an effect fits badly may be a minimum all the same, in some blocks or in all.
+        A poorly fitting shape may still be a local minimum, in some blocks or in all.
         """
         left = self._comparison.cells.structure(self._fits[model].residuals)
         if self._comparison.cells.largest_rms(left) <= self._comparison.size:
@@ -226,7 +226,7 @@ class _Search:
             self._refit([model], stage)
 
     def _shapes(self, effect: str) -> list[Floats]:
-        """Shapes from which fits of an effect start, at all its places alike; each has the shape's unknowns."""
+        """Shapes from which fits of an effect start, equal at all places; shape (its shape unknowns,)."""
         layout = self._layout
         own = [i for i, candidate in enumerate(layout.candidates) if candidate.effect == effect]
         count = min(len(layout.starts(i)) for i in own)
@@ -236,7 +236,7 @@ class _Search:
         ]
 
     def _eliminate(self, model: Model) -> None:
-        """Fits the model less each of its effects again, from its own values: they may lead out of a poor minimum."""
+        """Refits the model without each of its effects, from its values: this may leave a poor minimum."""
         full = self._fits[model]
         parts = [model_of(set(model) - {effect}) for effect in model]
         points = []
@@ -258,7 +258,7 @@ class _Search:
                 self._refit([each.model], "elimination")
 
     def _propose(self, leader: Model, size: int) -> list[Model]:
-        """Models of `size` effects, and swaps in the leader, that would fit best by the quadratic at the leader."""
+        """Models of `size` effects, and swaps in the leader, that fit best by the quadratic at the leader."""
         quadratic = self._library_quadratic(leader)
         effects = self._layout.effects
         if size == 2:
@@ -271,7 +271,7 @@ class _Search:
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
     def _start(self, model: Model, nearest: Fit) -> Fit:
-        """Where to start fitting a model: at a fit of fewer effects, with derivatives from the nearest library."""
+        """Start of a fit: the fit of fewer effects, with derivatives from the nearest library."""
         columns = self._layout.of_model(model)
         unknowns = nearest.unknowns.copy()
         new = self._layout.of_effects(set(model) - set(nearest.model))
@@ -285,10 +285,10 @@ class _Search:
         )
 
     def _parts(self, model: Model) -> list[Fit]:
-        """Fits of some of a model's effects that are worth starting from.
+        """Fits of some of a model's effects to start from.
 
-        The best one; for pairs with shapes each effect alone, as a shape that has made up for what was lacking may be a
-        poor minimum beside what is new.
+        The best one. For pairs with shapes also each effect alone: a shape that made up for the missing effect may be a
+        poor minimum beside it.
         """
         parts = sorted((each for each in self._fits.values() if set(each.model) < set(model)), key=self._cost)
         found = parts[:1]
@@ -297,7 +297,7 @@ class _Search:
         return list({each.model: each for each in found}.values())
 
     def _joined(self, fits: list[Fit]) -> Fit:
-        """One model from fits with several starts: of each block the best, as nothing couples blocks."""
+        """Joins fits of one model from several starts: the best of each block, as nothing couples blocks."""
         costs = np.array([np.sum(each.residuals[:, self._split.is_fit] ** 2, axis=1) for each in fits])
         best = np.argmin(costs, axis=0)
         blocks = np.arange(len(best))
@@ -309,16 +309,16 @@ class _Search:
         )
 
     def _others(self, leader: Model, size: int) -> list[Model]:
-        """Further models from which larger ones are proposed: the next best of a size, and the claimed one for pairs.
+        """Further models from which larger ones are proposed: the second best, and for pairs the empty one.
 
-        Where the next best is a part of the truth, the best may be what imitates all of it.
+        The best may imitate the whole truth while the second best is a part of it.
         """
         fits = sorted((each for each in self._fits.values() if len(each.model) == size), key=self._cost)
         next_best = [each.model for each in fits if each.model != leader][:1]
         return [(), *next_best] if size == 1 else next_best
 
     def _best(self, size: int) -> Model:
-        """The model of this many effects that fits best, or of fewer where none was fitted."""
+        """The best-fitting model of this many effects, or of fewer if there is none."""
         fits = [each for each in self._fits.values() if 1 <= len(each.model) <= size]
         largest = max(len(each.model) for each in fits)
         return min((each for each in fits if len(each.model) == largest), key=self._cost).model
@@ -327,7 +327,7 @@ class _Search:
         return float(np.sum(each.residuals[:, self._split.is_fit] ** 2))
 
     def _library(self, model: Model) -> Floats:
-        """Derivatives by all unknowns at a fit, shape (blocks, unknowns, m); simulated once."""
+        """Derivatives by all unknowns at a fit, shape (blocks, unknowns, m); computed once."""
         if model not in self._libraries:
             here = self._fits[model]
             unknowns, layout = here.unknowns.copy(), self._layout

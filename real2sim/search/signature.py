@@ -1,4 +1,4 @@
-"""What each effect does to the residuals of these data, and which effects do the same."""
+"""Signatures: the changes that effects make in the residuals of a log, and which of them are alike."""
 
 import numpy as np
 
@@ -8,19 +8,19 @@ from saltus.real2sim.search.layout import Layout, Model
 from saltus.real2sim.search.quadratic import Quadratic
 
 TRACE = 1e-9
-"""Share of a signature's power that must be left after projection; below it is rounding."""
+"""Smallest share of a signature's power after projection; less is rounding."""
 
 
 def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
     """Cosines of all pairs of effects.
 
-    At each place the signature of an effect is what its unknowns do to the residuals, at the fitted values where it is
-    named, with nuisances and the other named effects projected out. Places count by the power of the signature there.
+    The signature of an effect at a place is the change that its unknowns make in the residuals (at the fitted values if
+    it is named), with nuisances and the other named effects projected out. Places count by the power of the signature.
 
     Args:
         layout: Columns.
         library: Derivatives by the unknowns of all effects.
-        named: Effects in the model around which the derivatives were taken.
+        named: Effects of the model at which the derivatives were taken.
     """
     effects = layout.effects
     cosine = np.eye(len(effects))
@@ -32,7 +32,7 @@ def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
 
 
 def _alignment(layout: Layout, library: Quadratic, named: Model, a: str, b: str) -> float:
-    """Squared cosine of the signature of `a` with the span of `b`, mean over places."""
+    """Squared cosine of the signature of `a` with the span of `b`, averaged over places."""
     others = layout.of_effects(set(named) - {a, b})
     removed = np.flatnonzero(library.where(np.concatenate([layout.nuisances, others])))
     scale = layout.scale[library.columns]
@@ -56,7 +56,7 @@ def _columns(layout: Layout, library: Quadratic, candidates: list[int]) -> Indic
 
 
 def _project(hessian: Floats, mine: Indices, theirs: Indices, removed: Indices, point: Floats) -> tuple[float, float]:
-    """Power of a signature and of its projection on a span, both after removal of what is not of interest."""
+    """Power of a signature and of its projection on a span, with the removed columns projected out."""
     keep = np.concatenate([mine, theirs])
     gram = hessian[np.ix_(keep, keep)]
     if len(removed):

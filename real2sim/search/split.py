@@ -1,14 +1,12 @@
-"""Which residuals fits may see, which compare hypotheses, and which judge the result.
+"""The split of a log: residuals for fits, for the comparison of models, and for the test.
 
-The rule:
+Rules:
 
-1. A condition with two or more segments that look like repeats - the claimed model leaves similar gaps in all of them -
-   gives one segment to the test: the first condition its last, the next the one before, and so on.
-2. Where segments of a condition differ, e.g. one motion at several amplitudes, or where there is only one, each is cut
-   into pieces, and every third piece is a test. An effect that only the largest amplitude shows is then seen by fit and
-   test alike.
-3. All else is for fitting. Hypotheses are compared by cross-validation in which each fold holds out one segment, or one
-   piece of those that were cut.
+1. If a condition has several segments that look like repeats, because the model without effects leaves similar gaps in
+   them, one of them is the test: the last of the first condition, the one before of the next, and so on.
+2. If the segments of a condition differ, e.g. by amplitude, or if there is only one, each is cut into pieces, and every
+   third piece is a test. Fit and test then both see an effect that only the largest amplitude shows.
+3. Everything else is for fitting. Models are compared by cross-validation; each fold holds out one segment or piece.
 """
 
 from dataclasses import dataclass
@@ -23,28 +21,28 @@ from saltus.real2sim.problem.problem import Problem
 Mask = NDArray[np.bool_]
 
 PIECE_S = 2.0
-"""Duration of a piece of a long segment: far longer than what a joint under PD control remembers."""
+"""Duration of a piece of a long segment; joints under PD control remember far less."""
 SHORTEST_PIECE_S = 0.5
-"""Duration down to which a short segment is still cut into three."""
+"""Shortest pieces: shorter segments are not cut into three."""
 CHUNK_S = 0.5
-"""Stretch over which residuals may be correlated; the unit of the bootstrap and of robust covariances. Two periods of
-the slowest oscillation of a leg under a Go1's gains, about 4 Hz."""
+"""Duration over which residuals may be correlated; unit of the bootstrap and of robust covariances. It is two periods
+of the slowest oscillation of a leg under a Go1's gains, about 4 Hz."""
 REPEAT_RATIO = 1.5
-"""Largest ratio of the RMS gaps of two segments that still count as repeats: amplitudes differ by 2 in practice."""
+"""Largest ratio of the RMS gaps of repeats; different amplitudes differ by 2 in practice."""
 TEST = -1
-"""Fold of residuals that no fit sees."""
+"""Fold of the test, which no fit sees."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Split:
-    """The parts of a problem's residuals."""
+    """Assignment of residuals to chunks and folds."""
 
     chunk: Indices
-    """Shape (m,): to which chunk a residual belongs."""
+    """Chunk of each residual, shape (m,)."""
     fold: Indices
-    """Shape (chunks,): which fold holds a chunk out; `TEST` where no fit sees it."""
+    """Fold that holds each chunk out, or `TEST`, shape (chunks,)."""
     segment: Indices
-    """Shape (chunks,): index into the problem's segments."""
+    """Segment of each chunk, shape (chunks,)."""
 
     @property
     def folds(self) -> list[int]:
@@ -53,7 +51,7 @@ class Split:
 
     @property
     def is_fit(self) -> Mask:
-        """Shape (m,): whether fits see a residual."""
+        """Whether fits see each residual, shape (m,)."""
         return self.fold[self.chunk] != TEST
 
 
@@ -62,7 +60,8 @@ def split(problem: Problem, residuals: Floats) -> Split:
 
     Args:
         problem: The problem.
-        residuals: Of the model without effects, shape (blocks, m); tells repeats from families of amplitudes.
+        residuals: Residuals of the model without effects, shape (blocks, m); they tell repeats from different
+            amplitudes.
     """
     power = np.mean(residuals**2, axis=0)
     pieces: list[tuple[Indices, int]] = []  # rows and segment
@@ -74,16 +73,16 @@ def split(problem: Problem, residuals: Floats) -> Split:
         levels = [float(np.sqrt(np.mean(power[rows[i]]))) for i in members]
         if len(members) >= 2 and max(levels) <= REPEAT_RATIO * min(levels):
             pieces += [(rows[i], i) for i in members]
-            # of one condition the last, of the next the one before: fits see early and late, for what changes with time
+            # the last of one condition, the one before of the next: fits see early and late, for what changes with time
             test += [i == members[-1 - number % len(members)] for i in members]
             continue
         for turn, i in enumerate(members):
             time_s = problem.time_s[rows[i]]
             cut = _cut(time_s, float(np.clip(np.ptp(time_s) / 3.0, SHORTEST_PIECE_S, PIECE_S)))
             pieces += [(rows[i][part], i) for part in cut]
-            # not the same part of each: the end of a sweep is what it is made for
+            # not the same part of each: the end of a sweep is its purpose
             test += [len(cut) >= 3 and (k + turn) % 3 == 2 for k in range(len(cut))]
-    if not any(test):  # many short segments that differ: something must judge
+    if not any(test):  # many short segments that differ: some of them must be the test
         test = [k % 3 == 2 for k in range(len(test))]
     return _number(problem, pieces, test)
 
@@ -103,7 +102,7 @@ def _number(problem: Problem, pieces: list[tuple[Indices, int]], test: list[bool
 
 
 def _cut(time_s: Floats, length_s: float) -> list[Indices]:
-    """Cuts a stretch into parts of equal duration, at least `length_s` each; rows of each part."""
+    """Rows of the parts when a stretch is cut into parts of equal duration, at least `length_s` each."""
     start, duration = float(time_s.min()), float(np.ptp(time_s))
     parts = max(1, int(duration / length_s))
     edges = start + duration * np.arange(parts + 1) / parts
