@@ -1,19 +1,18 @@
-"""Takes the planner from robots at full speed, at every phase of the gait, and counts those that come to a stand.
+"""Robots at full speed lose their planner, at every phase of the gait: how many come to a stand.
 
-    saltus bench landing --arguments=--terrain --arguments=stairs --arguments=--planner --arguments=scripted
+Without processes and clocks: the control loop, the plant and a planner on true heights with each trial's shift. "stop":
+heightmaps end, and the planner says STOP. "silence": plans end.
 
-Without processes and clocks: the control loop, the plant and a planner on true heights with each trial's
-shift. "stop": heightmaps end, and the planner says STOP. "silence": plans end. Prints a line for each, and last one
-JSON object.
+    saltus bench landing -- --terrain stairs --planner scripted
 """
 
-import argparse
-import json
-import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks._command import Command, progress
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
@@ -35,6 +34,42 @@ AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 
 
 @dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    terrain: Literal["flat", "stairs"] = "flat"
+    """What the robots cross."""
+    planner: Literal["learned", "scripted"] = "learned"
+    """Who leads them until the fault."""
+    rise_m: float = 0.06
+    """Of the stairs."""
+    run_s: float = 1.8
+    """Time from the first jump to the first fault."""
+    phases: int = 20
+    """Of the gait at which the fault comes."""
+    trials: int = 2
+    """At each phase."""
+    seed: int = 0
+    """Of the first trial."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        rise_m = self.rise_m if self.terrain == "stairs" else None
+        terrain = make_terrain(TerrainConfig(terrain=self.terrain, rise_m=rise_m))
+        planner = make_planner(self.planner)
+        cases = [
+            (Trial.draw(seed), FIRST_STAND_S + self.run_s + phase * CYCLE_S)
+            for seed in range(self.seed, self.seed + self.trials)
+            for phase in np.arange(self.phases) / self.phases
+        ]
+        table = {
+            fault: summary([land(terrain, *case, planner, fault == "silence") for case in progress(cases, fault)])
+            for fault in ("stop", "silence")
+        }
+        return {"landing": {"terrain": self.terrain, "planner": self.planner, **table}}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Landing:
     """How one robot came to rest."""
 
@@ -48,7 +83,7 @@ class Landing:
     """From the fault to the end."""
 
 
-def land(terrain: Terrain, trial: Trial, planner: Planner, fault_s: float, silent: bool) -> Landing:
+def land(terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
     robot = MujocoRobot(load_robot(DEFAULT_ROBOT), terrain, trial, trial.applied_to(GO1))
     robot.reset()
@@ -97,40 +132,13 @@ def _heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Hei
     )
 
 
-def main() -> None:
-    """Runs the trials."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--terrain", choices=["flat", "stairs"], default="flat")
-    parser.add_argument("--planner", choices=["learned", "scripted"], default="learned")
-    parser.add_argument("--rise-m", type=float, default=0.06, help="of the stairs")
-    parser.add_argument("--run-s", type=float, default=1.8, help="time from the first jump to the first fault")
-    parser.add_argument("--phases", type=int, default=20, help="of the gait at which the fault comes")
-    parser.add_argument("--seeds", type=int, default=2, help="trials at each phase")
-    parser.add_argument("--first-seed", type=int, default=0)
-    options = parser.parse_args()
-    rise_m = options.rise_m if options.terrain == "stairs" else None
-    terrain = make_terrain(TerrainConfig(terrain=options.terrain, rise_m=rise_m))
-    planner = make_planner(options.planner)
-    table = {}
-    for fault in ("stop", "silence"):
-        landings = [
-            land(
-                terrain, Trial.draw(seed), planner, FIRST_STAND_S + options.run_s + phase * CYCLE_S, fault == "silence"
-            )
-            for seed in range(options.first_seed, options.first_seed + options.seeds)
-            for phase in np.arange(options.phases) / options.phases
-        ]
-        standing = [landing for landing in landings if landing.stands]
-        table[fault] = {
-            "trials": len(landings),
-            "stand": len(standing),
-            "touched": sum(landing.touched for landing in landings),
-            "stopped_s_max": max((landing.stopped_s for landing in standing), default=None),
-            "distance_m_median": float(np.median([landing.distance_m for landing in landings])),
-        }
-        print(fault, table[fault], file=sys.stderr, flush=True)
-    print(json.dumps({"landing": {"terrain": options.terrain, "planner": options.planner, **table}}))
-
-
-if __name__ == "__main__":
-    main()
+def summary(landings: Sequence[Landing]) -> dict[str, Any]:
+    """How many came to a stand, after what time and way."""
+    standing = [landing for landing in landings if landing.stands]
+    return {
+        "trials": len(landings),
+        "stand": len(standing),
+        "touched": sum(landing.touched for landing in landings),
+        "stopped_s_max": max((landing.stopped_s for landing in standing), default=None),
+        "distance_m_median": float(np.median([landing.distance_m for landing in landings])),
+    }

@@ -1,19 +1,23 @@
 """What real2sim says of an effect that its library lacks: each run's true effect is taken out before the search.
 
-    python -m benchmarks.left_out LOGS TRUTH [--out left_out.json]
+LOGS and TRUTH are folders of `saltus bench hidden_effects -- generate`. Runs with one effect of the library at three
+times the one-sigma size or more are searched. Counted are "unexplained", "no gap", and, where another effect is named
+instead of the true one, whether the finding is marked with a remainder: more of the gap is left than two right
+simulations of one robot leave (`saltus.real2sim.search.decide.REMAINDER_RMS`).
 
-LOGS and TRUTH are folders of `benchmarks.hidden_effects generate`. Runs with one effect of the library at three times
-the one-sigma size or more are searched. Counted are "unexplained", "no gap", and, where another effect is named instead
-of the true one, whether the finding is marked with a remainder: more of the gap is left than two right simulations of
-one robot leave (`saltus.real2sim.search.decide.REMAINDER_RMS`).
+    saltus bench left_out -- LOGS TRUTH
 """
 
-import argparse
 import json
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import tyro
+
+from benchmarks._command import Command, progress, tell
+from saltus.errors import SaltusError
 from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.log import load
 from saltus.real2sim.results import Examination
@@ -23,23 +27,25 @@ LARGE = 3.0
 """Times the size at which an effect's residual is one sigma: from here on it must be found."""
 
 
-def main() -> None:
-    """Prints a line for each run, and the counts as JSON on the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", type=Path)
-    parser.add_argument("truth", type=Path)
-    parser.add_argument("--out", type=Path, help="JSON with all results")
-    options = parser.parse_args()
-    results = []
-    for path in sorted(options.truth.glob("*.json")):
-        truth = json.loads(path.read_text())
-        if _counts(truth):
-            results.append(_searched(options.logs / path.stem, str(truth["effects"][0]["name"])))
-            print("{run}  without {without:20} {outcome:22} {named}".format(**results[-1]), flush=True)
-    counts = dict(Counter(result["outcome"] for result in results))
-    if options.out is not None:
-        options.out.write_text(json.dumps({"counts": counts, "runs": results}, indent=1) + "\n")
-    print(json.dumps(counts))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    logs: Annotated[Path, tyro.conf.Positional]
+    """Folder of run logs."""
+    truth: Annotated[Path, tyro.conf.Positional]
+    """Folder of what is true of them."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        truths = {path.stem: json.loads(path.read_text()) for path in sorted(self.truth.glob("*.json"))}
+        if not truths:
+            raise SaltusError(f"'{self.truth}' holds no truths: write some with saltus bench hidden_effects")
+        results = []
+        for name in progress([name for name, truth in truths.items() if _counts(truth)]):
+            results.append(_searched(self.logs / name, str(truths[name]["effects"][0]["name"])))
+            tell("{run}  without {without:20} {outcome:22} {named}".format(**results[-1]))
+        return {"counts": dict(Counter(result["outcome"] for result in results)), "runs": results}
 
 
 def _counts(truth: Any) -> bool:
@@ -70,7 +76,3 @@ def _remains(examined: Examination) -> bool:
         for each in examined.comparisons
         if each.findings.verdict in ("named", "set")
     )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,21 +1,21 @@
-"""The two effects that the paper found by hand, hidden in the simulated robot and searched for in its raw run logs.
-
-    python -m benchmarks.paper_cases [--seeds 0 1 2] [--out paper_cases.json]
+"""The two effects that the paper found by hand, hidden in the simulated robot and searched for in its run logs.
 
 1. The dynamometer's table of torque, in large steps of a held robot. The fitted curve of the calf is compared with the
    table from 0 to 35 Nm commanded; then the patch is applied and the same log searched again.
 2. 50 ms of latency in the camera: on heave and pitch chirps, and on one sine of body height.
+
+    saltus bench paper_cases -- --seeds 0 1 2
 """
 
-import argparse
-import json
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks._command import Command, progress, tell
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
@@ -32,24 +32,24 @@ NEAREST_NM = 0.5
 """Below it a share of the torque says nothing."""
 
 
-def main() -> None:
-    """Prints a line for each case and seed; writes JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of the sensors' noise")
-    parser.add_argument("--out", type=Path, help="JSON with all results")
-    options = parser.parse_args()
-    results = []
-    print(f"{'case':28} {'seed':>4} {'CPU s':>6}  verdict")
-    for seed in options.seeds:
-        for case in (saturation, latency_in_chirps, latency_in_a_sine):
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Of the sensors' noise."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        cases = (saturation, latency_in_chirps, latency_in_a_sine)
+        results = []
+        for case, seed in progress([(case, seed) for seed in self.seeds for case in cases]):
             start = time.process_time()
             with tempfile.TemporaryDirectory() as folder:
                 result = {"case": case.__name__, "seed": seed, **case(Path(folder), seed)}
-            result["cpu_s"] = round(time.process_time() - start, 1)
-            results.append(result)
-            print(f"{case.__name__:28} {seed:4d} {result['cpu_s']:6.1f}  {result['in_words']}", flush=True)
-    if options.out is not None:
-        options.out.write_text(json.dumps(results, indent=1) + "\n")
+            results.append({**result, "cpu_s": round(time.process_time() - start, 1)})
+            tell(f"{case.__name__}, seed {seed}: {result['in_words']}")
+        return {"cases": results}
 
 
 def saturation(folder: Path, seed: int) -> dict[str, Any]:
@@ -114,7 +114,3 @@ def _said(judgement: Judgement) -> str:
     names = sorted({effect.name for effect in verdict.effects})
     sets = ["{" + ", ".join(each) + "}" for each in verdict.sets]
     return f"{verdict.verdict} {', '.join([*names, *sets])}".rstrip()
-
-
-if __name__ == "__main__":
-    main()

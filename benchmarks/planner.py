@@ -1,23 +1,21 @@
-"""How often the scripted planner succeeds, on fresh seeds, and what it costs.
+"""How often the scripted planner succeeds on each terrain, and how long a plan takes.
 
-    OMP_NUM_THREADS=1 python benchmarks/planner.py [--trials 20] [--first-seed 0]
+Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed limit, 10 ms feed-forward
+delay), trial randomisation on, true heights with each trial's shift unless the row says "exact".
 
-Every row is `saltus policy eval` on one terrain: profile go1 (torque saturation, torque-speed limit, 10 ms
-feed-forward delay), trial randomisation on, true heights with each trial's shift unless the row says "true-exact".
-Prints one line a row on the way, and one JSON object at the end.
+    OMP_NUM_THREADS=1 saltus bench planner -- --trials 20 --seed 20000
 """
 
-import argparse
-import json
-import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from saltus.cli.output import finite
+from benchmarks._command import Command, progress
+from benchmarks._measuring import Stopwatch
 from saltus.config import TerrainConfig
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
-from saltus.policy.observation import observe
+from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
 
@@ -37,44 +35,47 @@ ROWS = {
 PLANS = 2000
 
 
-def main() -> None:
-    """Measures every row."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=0)
-    options = parser.parse_args()
-    rows = {}
-    for name, (course, heights) in ROWS.items():
-        evaluation = Evaluation(course=course, trials=options.trials, seed=options.first_seed)
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    trials: int = 20
+    """In each row."""
+    seed: int = 0
+    """Of the first trial of each row."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        rows = {name: self._row(*row) for name, row in progress(ROWS.items())}
+        return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
+
+    def _row(self, course: TerrainConfig, heights: str) -> dict[str, Any]:
+        evaluation = Evaluation(course=course, trials=self.trials, seed=self.seed)
         result = collect(evaluate(evaluation, HEIGHTS[heights]))
-        rows[name] = {
+        return {
             "success": result.successes,
-            "trials": options.trials,
+            "trials": self.trials,
             "mean_speed_mps": result.mean_speed_mps,
             "failures": result.failures,
         }
-        print(f"{name}: {result.successes} of {options.trials}, {result.mean_speed_mps:.2f} m/s", flush=True)
-    print(json.dumps(finite({"first_seed": options.first_seed, "rows": rows, "plan_ms": plan_ms()})))
 
 
-def plan_ms() -> dict[str, float]:
-    """Time of one plan for a single robot."""
-    observation = observe(
+def bounding(base_height: float, contact: tuple[bool, bool], progress: tuple[float, float]) -> Observation:
+    """A level robot that bounds at 1 m/s: height of its base [m], contact and progress of front and rear feet."""
+    return observe(
         replace(
-            standing_state(0.28),
+            standing_state(base_height),
             velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-            leg_contact=np.array([True, True, False, False]),
-            leg_progress=np.array([0.3, 0.3, 0.6, 0.6]),
+            leg_contact=np.repeat(contact, 2),
+            leg_progress=np.repeat(progress, 2),
         )
     )
-    planner, heights = ScriptedPlanner(), np.full(30, -0.28)
-    times = np.empty(PLANS)
-    for i in range(PLANS):
-        start = time.perf_counter()
-        planner.step(observation, heights)
-        times[i] = 1e3 * (time.perf_counter() - start)
-    return {"p50": float(np.percentile(times, 50)), "p99": float(np.percentile(times, 99))}
 
 
-if __name__ == "__main__":
-    main()
+def plan_times() -> dict[str, float]:
+    """Of one plan for a single robot."""
+    observation = bounding(0.28, (True, False), (0.3, 0.6))
+    planner, heights, watch = ScriptedPlanner(), np.full(30, -0.28), Stopwatch()
+    for _ in range(PLANS):
+        watch(planner.step, observation, heights)
+    return watch.percentiles()

@@ -1,22 +1,22 @@
 """Ground reaction forces and the leg controller: exactness against another solver, and time on one core.
 
-    OMP_NUM_THREADS=1 python benchmarks/qp.py
+Forces are compared with quadprog on the full problem of twelve forces, where that package is installed. Times are given
+on the wall clock and as processor time of the thread, which other programs on the machine do not change.
 
-Times are given on the wall clock and as processor time of the thread, which other programs on the machine do not
-change. Forces are compared with quadprog on the full problem of twelve forces (development extra).
+    OMP_NUM_THREADS=1 saltus bench qp
 """
 
 import gc
-import json
+import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import quadprog
 from numpy.typing import NDArray
 
+from benchmarks._command import Command
+from benchmarks._measuring import Stopwatch
 from saltus import go1
 from saltus.action import Action
 from saltus.controller.estimator import Estimator
@@ -24,33 +24,87 @@ from saltus.controller.law import LegController
 from saltus.controller.signals import Plan, observe, plan_from_action
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.states import RobotStates
 
-PROBLEMS = 1000
-TICKS = 5000
-BATCH = 1024
+try:
+    import quadprog
+except ImportError:
+    quadprog = None
+
 CONFIG = StanceConfig()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Robots:
-    """What of `saltus.states.Proprioception` estimator and law read."""
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
 
-    quaternion_base_in_world: NDArray[np.float64]
-    angular_velocity_base: NDArray[np.float64]
-    acceleration_base: NDArray[np.float64]
-    joint_position: NDArray[np.float64]
-    joint_velocity: NDArray[np.float64]
-    velocity_base_in_world: NDArray[np.float64]
-    base_height: NDArray[np.float64]
+    problems: int = 1000
+    """Random stances whose forces are computed."""
+    ticks: int = 5000
+    """Steps of the leg controller of one robot."""
+    robots: int = 1024
+    """Whose controllers make one step together."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        rng = np.random.default_rng(0)
+        gc.collect()
+        gc.freeze()
+        figures = {"problems": self.problems, **self._forces(rng), **self._law(rng)}
+        gc.unfreeze()
+        return figures
+
+    def _forces(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Random problems of 0 to 4 standing feet: build, solve, compare."""
+        stance, solver = StanceLegs(CONFIG), ExactSolver(CONFIG)
+        plans, robots = random_robots(rng, (self.problems,))
+        contacts = rng.random((self.problems, 4)) < 0.6
+        build, solve, differences = Stopwatch(), Stopwatch(), []
+        for k in range(self.problems):
+            plan, body = row(plans, k), observe(row(robots, k))
+            acceleration = stance.acceleration_reference(body, plan.velocity, plan.angular_velocity)
+            qp = build(stance.build_qp, body, acceleration, contacts[k])
+            force = solve(solver.solve, qp)
+            if quadprog is not None:
+                differences.append(float(np.abs(force - independent(qp)).max()))
+        if not differences:
+            print("quadprog is not installed: forces are not compared (pip install quadprog)", file=sys.stderr)
+        worst = max(differences, default=None)
+        return {"worst_difference_n": worst, "build": build.percentiles(), "solve": solve.percentiles()}
+
+    def _law(self, rng: np.random.Generator) -> dict[str, Any]:
+        """The whole step of one robot, of a batch, and the estimator beside it."""
+        controller, estimator = LegController(), Estimator()
+        plans, robots = random_robots(rng, (self.ticks,))
+        state, estimate = controller.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
+        one, filtering = Stopwatch(), Stopwatch()
+        for k in range(self.ticks):
+            sensed = row(robots, k)
+            _, state, diagnostics = one(controller.step, row(plans, k), sensed, state)
+            estimate = filtering(estimator.step, sensed, diagnostics.gait.trusted, estimate)
+        return {
+            "law_step": one.percentiles(),
+            "estimator_step": filtering.percentiles(),
+            "batch": {"robots": self.robots, "cpu_us_per_robot": round(self._batch_us(rng), 1)},
+        }
+
+    def _batch_us(self, rng: np.random.Generator) -> float:
+        controller = LegController()
+        plan, sensed = random_robots(rng, (self.robots,))
+        state = controller.init((self.robots,), sensed.joint_position)
+        start = time.thread_time_ns()
+        for _ in range(10):
+            _, state, _ = controller.step(plan, sensed, state)
+        return (time.thread_time_ns() - start) / 1e3 / 10 / self.robots
 
 
-def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots]:
+def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, RobotStates]:
     """Random robots and plans over the whole range of motion policies."""
 
     def uniform(low: float, high: float, *shape: int) -> NDArray[np.float64]:
         return np.asarray(rng.uniform(low, high, (*batch, *shape)))
 
-    robots = Robots(
+    robots = RobotStates(
         quaternion_base_in_world=quaternion_from_roll_pitch_yaw(
             uniform(-0.5, 0.5), uniform(-0.8, 0.8), uniform(-3.1, 3.1)
         ),
@@ -60,6 +114,10 @@ def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots
         joint_velocity=uniform(-10.0, 10.0, 12),
         velocity_base_in_world=uniform(-2.0, 2.0, 3),
         base_height=uniform(0.15, 0.45),
+        leg_contact=np.ones((*batch, 4), dtype=np.bool_),
+        leg_progress=np.zeros((*batch, 4)),
+        leg_trusted=np.ones((*batch, 4), dtype=np.bool_),
+        cycle=np.zeros(batch, dtype=np.int64),
     )
     action = Action(
         stepping_frequency_hz=uniform(0.5, 4.0),
@@ -74,29 +132,8 @@ def draw(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Plan, Robots
 
 def row(value: Any, k: int) -> Any:
     """Robot `k` of a batch."""
-    return type(value)(**{f.name: np.asarray(getattr(value, f.name)[k]) for f in fields(value)})
-
-
-class Timer:
-    """Wall and processor time of many calls."""
-
-    def __init__(self) -> None:
-        self._wall: list[int] = []
-        self._cpu: list[int] = []
-
-    def __call__(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Calls and takes the time."""
-        wall, cpu = time.perf_counter_ns(), time.thread_time_ns()
-        result = function(*arguments)
-        self._cpu.append(time.thread_time_ns() - cpu)
-        self._wall.append(time.perf_counter_ns() - wall)
-        return result
-
-    def summary(self) -> dict[str, float]:
-        """Percentiles [us]."""
-        wall, cpu = np.percentile(self._wall, [50, 99]) / 1e3, np.percentile(self._cpu, [50, 99]) / 1e3
-        names = ("p50_us", "p99_us", "cpu_p50_us", "cpu_p99_us")
-        return {name: round(float(value), 1) for name, value in zip(names, (*wall, *cpu), strict=True)}
+    arrays = [f.name for f in fields(value) if np.ndim(getattr(value, f.name))]
+    return replace(value, **{name: np.asarray(getattr(value, name)[k]) for name in arrays})
 
 
 def independent(qp: StanceQP) -> NDArray[np.float64]:
@@ -113,56 +150,3 @@ def independent(qp: StanceQP) -> NDArray[np.float64]:
     constraints = np.array(equations + rows).T
     right = np.array([0.0] * len(equations) + bounds)
     return np.asarray(quadprog.solve_qp(qp.hessian, -qp.gradient, constraints, right, len(equations))[0])
-
-
-def forces(rng: np.random.Generator) -> dict[str, Any]:
-    """Random problems of 0 to 4 standing feet: build, solve, compare."""
-    stance, solver = StanceLegs(CONFIG), ExactSolver(CONFIG)
-    plans, robots = draw(rng, (PROBLEMS,))
-    contacts = rng.random((PROBLEMS, 4)) < 0.6
-    build, solve, worst = Timer(), Timer(), 0.0
-    for k in range(PROBLEMS):
-        plan, body = row(plans, k), observe(row(robots, k))
-        acceleration = stance.acceleration_reference(body, plan.velocity, plan.angular_velocity)
-        qp = build(stance.build_qp, body, acceleration, contacts[k])
-        force = solve(solver.solve, qp)
-        worst = max(worst, float(np.abs(force - independent(qp)).max()))
-    return {"problems": PROBLEMS, "worst_difference_n": worst, "build": build.summary(), "solve": solve.summary()}
-
-
-def law(rng: np.random.Generator) -> dict[str, Any]:
-    """The whole step of one robot, of a batch, and the estimator beside it."""
-    controller, estimator = LegController(), Estimator()
-    plans, robots = draw(rng, (TICKS,))
-    state, estimate = controller.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
-    one, filtering = Timer(), Timer()
-    for k in range(TICKS):
-        sensed = row(robots, k)
-        _, state, diagnostics = one(controller.step, row(plans, k), sensed, state)
-        estimate = filtering(estimator.step, sensed, diagnostics.gait.trusted, estimate)
-    plan, sensed = draw(rng, (BATCH,))
-    many_state = controller.init((BATCH,), sensed.joint_position)
-    start = time.thread_time_ns()
-    for _ in range(10):
-        _, many_state, _ = controller.step(plan, sensed, many_state)
-    batch_us = (time.thread_time_ns() - start) / 1e3 / 10 / BATCH
-    return {
-        "law_step": one.summary(),
-        "estimator_step": filtering.summary(),
-        "batch": {"robots": BATCH, "cpu_us_per_robot": round(batch_us, 1)},
-    }
-
-
-def main() -> None:
-    """Measures and prints."""
-    rng = np.random.default_rng(0)
-    gc.collect()
-    gc.freeze()
-    result = {**forces(rng), **law(rng)}
-    for name, value in result.items():
-        print(f"{name:20} {value}")
-    print(json.dumps({"benchmark": "qp", **result}))
-
-
-if __name__ == "__main__":
-    main()

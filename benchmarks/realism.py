@@ -1,7 +1,5 @@
 """What each part of the camera's realism is worth in the training of the heightmap network.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.realism --out runs/realism [--networks A D] [--updates 4000] [--runs 60]
-
 Networks are trained from nothing on the same motion, seed and number of updates, and differ in their images:
 
     A  stereo errors, 30 to 60 ms late with jitter, losses and pauses, noise: as shipped
@@ -19,20 +17,22 @@ whose images were always as late are therefore measured a second time, "age held
 new. On the images that they know this changes nothing. Cameras do not sit where they should in any of the data.
 
 The folder keeps data, checkpoints and results, and a run that was stopped goes on. Data that are there already, in
-`stereo` and `clean`, are taken. Prints one JSON object: errors in millimetres, shares in percent.
+`stereo` and `clean`, are taken. Errors are in millimetres, shares in percent.
+
+    OMP_NUM_THREADS=1 saltus bench realism -- --networks A D --out runs/realism
 """
 
-import argparse
 import copy
 import json
 import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 
+from benchmarks._command import Command
 from saltus.config import Camera
 from saltus.heightmap.data.closed_loop import ClosedLoop
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S, DeliveryName
@@ -80,33 +80,43 @@ SHOWN_AS = ("A", "C", "D")
 """Networks whose images the held-out episodes are shown with."""
 
 
-def main() -> None:
-    """Collects, trains, measures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of data, networks and results")
-    parser.add_argument("--networks", nargs="+", choices=tuple(NETWORKS), default=tuple(NETWORKS))
-    parser.add_argument("--updates", type=int, default=4000, help="of 16 windows")
-    parser.add_argument("--runs", type=int, default=60, help="held-out ones")
-    given = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
-    for name in _CAMERAS:
-        collect(given.out / name, name)
-    episodes = {name: read_dataset(given.out / name) for name in _CAMERAS}
-    check_twins(episodes[STEREO], episodes[CLEAN])
-    held_out = {name: split(found)[1][:SHOWN] for name, found in episodes.items()}
-    del episodes  # the training reads them again
-    table: dict[str, dict[str, Any]] = {}
-    for name in given.networks:
-        model, _ = load_checkpoint(trained(given.out, name, given.updates))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    out: Path = Path("runs/realism")
+    """Folder of data, networks and results."""
+    networks: tuple[Literal["A", "B", "C", "D", "E"], ...] = ("A", "B", "C", "D", "E")
+    """Which of them."""
+    updates: int = 4000
+    """Of 16 windows."""
+    runs: int = 60
+    """Held-out ones."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`; collects, trains, measures."""
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+        for name in _CAMERAS:
+            collect(self.out / name, name)
+        episodes = {name: read_dataset(self.out / name) for name in _CAMERAS}
+        check_twins(episodes[STEREO], episodes[CLEAN])
+        held_out = {name: split(found)[1][:SHOWN] for name, found in episodes.items()}
+        del episodes  # the training reads them again
+        table = {name: self._network(name, held_out) for name in self.networks}
+        return {"updates": self.updates, "runs": self.runs, "networks": table}
+
+    def _network(self, name: str, held_out: dict[str, list[Episode]]) -> dict[str, Any]:
+        """Trains one network, measures it, and leaves its figures in the folder."""
+        model, _ = load_checkpoint(trained(self.out, name, self.updates))
         logging.info("%s is trained", name)
-        table[name] = asdict(NETWORKS[name])
-        table[name] |= measured(exported(model, given.out / name / "heightmap.onnx"), given.runs, held_out)
+        figures = asdict(NETWORKS[name])
+        figures |= measured(exported(model, self.out / name / "heightmap.onnx"), self.runs, held_out)
         latency_s = DELIVERIES[NETWORKS[name].delivery].latency_s
         if latency_s[0] == latency_s[1]:
-            held = exported(with_age_held(model, latency_s[0]), given.out / name / "age_held.onnx")
-            table[name]["age held"] = measured(held, given.runs, held_out)
-        (given.out / f"{name}.json").write_text(json.dumps(table[name], indent=1) + "\n")
-    print(json.dumps({"updates": given.updates, "runs": given.runs, "networks": table}))
+            held = exported(with_age_held(model, latency_s[0]), self.out / name / "age_held.onnx")
+            figures["age held"] = measured(held, self.runs, held_out)
+        (self.out / f"{name}.json").write_text(json.dumps(figures, indent=1) + "\n")
+        return figures
 
 
 def collect(data: Path, name: str) -> None:
@@ -200,7 +210,3 @@ def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str
             "coverage90": round(1e2 * found.coverage90, 1),
         }
     return table
-
-
-if __name__ == "__main__":
-    main()

@@ -1,30 +1,26 @@
-"""Speed of the depth camera: frames per second of every back end that this machine has, and what they leave in memory.
+"""Speed of the depth camera: frames per second of every back end that this machine has, and growth of memory.
 
-python benchmarks/render.py [--backend NAME] [--noise NAME] [--seconds S] [--batch N] [--frames N] [--json]: ends with
-one line of JSON, whose rows say by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of
-the legs, which are in view in half of the frames; else terrain only), with which noise ("native": the sensor's 80 x 240
-pixels with their true second view, then pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the
-model), and the growth of the processes over 20,000 frames of 16 x 48, or of other images with as many pixels. Lines
-before the JSON name the processor time of a frame, too: on a shared machine it is the steadier one, and cores over it
-are the frames per second of a machine that is at rest.
+A row says by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the legs, which are in
+view in half of the frames; else terrain only), with which noise ("native": the sensor's 80 x 240 pixels with their true
+second view, then pooled to 16 x 48; "fast": the chain for training, three rays a pixel of the model), and the growth of
+the processes over 20,000 frames of 16 x 48, or of other images with as many pixels. The processor time of a frame is
+the steadier figure on a shared machine; cores over it are the frames per second of a machine that is at rest.
+
+    saltus bench render
+    saltus bench render -- --backend warp --seconds 2
 """
 
-import argparse
 import itertools
-import json
-import multiprocessing
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # before this folder, whose render.py is this file
-
+from benchmarks._command import Command, progress
+from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
@@ -32,12 +28,11 @@ from saltus.render.backends import make_renderer, present
 from saltus.render.stereo.model_view import COLUMNS, ROWS
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.wire.messages import Floats
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
 WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
-GROWTH_FRAMES = 20_000
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
@@ -46,6 +41,33 @@ WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
 
 Poses = tuple[Any, Any, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    backend: Literal["embree", "pyrender", "warp"] | None = None
+    """Only this one; all that are present by default."""
+    noise: Literal["none", "native", "fast"] | None = None
+    """Only these rows; all by default."""
+    seconds: float = 1.0
+    """Of each measurement."""
+    batch: int | None = None
+    """Images of 16x48 in a batch; what suits each back end by default."""
+    frames: int = 20_000
+    """Of 16x48 over which the growth of memory is measured."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        rows = [
+            case
+            for backend in ([self.backend] if self.backend else present())
+            for case in cases(backend, self.batch or BATCH[backend])
+            if self.noise in (None, case.noise)
+        ]
+        crops = {f"{c.width}x{c.height}": crop_ms(c, 0.2 * self.seconds) for c in (MODEL_CAMERA, D435I)}
+        return {"rows": [measure(case, self.seconds, self.frames) for case in progress(rows)], "crop_ms": crops}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,29 +182,23 @@ def instants_s() -> Iterator[float]:
     return itertools.count(0.0, 0.02)
 
 
-def measure(case: Case, seconds: float, growth_frames: int = GROWTH_FRAMES) -> dict[str, object]:
-    """One row; prints a line about it."""
+def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]:
+    """One row."""
     expose, close = exposure(case)
     growing = int(np.ceil(growth_frames / case.frames_of_model / case.batch))
     for _ in range(WARMING):
         expose()
-    calls, begin, processor = 0, time.perf_counter(), processor_s()
+    calls, begin, processor = 0, time.perf_counter(), processor_s(own_processes())
     while time.perf_counter() - begin < seconds:
         expose()
         calls += 1
     frames = calls * case.batch
-    wall, processor = time.perf_counter() - begin, processor_s() - processor
+    wall, processor = time.perf_counter() - begin, processor_s(own_processes()) - processor
     before = settled_mb(expose)
     for _ in range(growing):
         expose()
     growth = settled_mb(expose) - before
     close()
-    scene = "with legs" if case.legs else "terrain"
-    print(
-        f"{case.backend:9}{case.size:9}{scene:10} noise {case.noise:7} batch {case.batch:5}: {frames / wall:9.0f} /s, "
-        f"{1e6 * processor / frames:8.1f} us of processor a frame, growth {growth:.2f} MB",
-        flush=True,
-    )
     return {
         "backend": case.backend,
         "size": case.size,
@@ -191,6 +207,7 @@ def measure(case: Case, seconds: float, growth_frames: int = GROWTH_FRAMES) -> d
         "noise": case.noise,
         "batch": case.batch,
         "fps": round(frames / wall, 1),
+        "processor_us": round(1e6 * processor / frames, 1),
         "rss_growth_mb": round(growth, 2),
     }
 
@@ -200,63 +217,17 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def own_processes() -> list[Path]:
-    """Where the system tells about this process and those that it has started."""
-    return [Path(f"/proc/{pid}") for pid in (os.getpid(), *(p.pid for p in multiprocessing.active_children()))]
-
-
-def resident_mb() -> float:
-    """Memory of this process and of those that it has started."""
-    pages = sum(int((folder / "statm").read_text().split()[1]) for folder in own_processes())
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def settled_mb(expose: Callable[[], object]) -> float:
     """The most memory after any of some calls: the heap gives pages back at one and takes them again at another."""
-    return max((expose(), resident_mb())[1] for _ in range(SETTLING))
-
-
-def processor_s() -> float:
-    """Processor time that this process and those that it has started have used."""
-    fields = [(folder / "stat").read_text().rpartition(")")[2].split() for folder in own_processes()]
-    return sum(int(f[11]) + int(f[12]) for f in fields) / os.sysconf("SC_CLK_TCK")
+    return max((expose(), resident_mb(own_processes()))[1] for _ in range(SETTLING))
 
 
 def crop_ms(camera: Intrinsics, seconds: float) -> float:
     """Time to make the model's image of a frame."""
-    depth = np.random.default_rng(0).integers(0, 4000, (camera.height, camera.width)).astype(np.uint16)
-    frame = DepthFrame(
-        time_ns=0, frame_id=0, depth=depth, depth_unit_m=0.001, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy
-    )
+    frame = random_frames(camera, 1, np.random.default_rng(0))[0]
     model_image(frame)
     calls, begin = 0, time.perf_counter()
     while (elapsed := time.perf_counter() - begin) < seconds:
         model_image(frame)
         calls += 1
     return round(1e3 * elapsed / calls, 4)
-
-
-def main() -> None:
-    """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--backend", choices=list(BATCH), help="only this one; all that are present by default")
-    parser.add_argument("--noise", choices=["none", "native", "fast"], help="only these rows; all by default")
-    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
-    parser.add_argument("--batch", type=int, help="images of 16x48 in a batch; what suits each back end by default")
-    parser.add_argument(
-        "--frames", type=int, default=GROWTH_FRAMES, help="of 16x48 over which the growth of memory is measured"
-    )
-    parser.add_argument("--json", action="store_true", help="the last line is JSON with or without it")
-    given = parser.parse_args()
-    rows = [
-        measure(case, given.seconds, given.frames)
-        for backend in ([given.backend] if given.backend else present())
-        for case in cases(backend, given.batch or BATCH[backend])
-        if given.noise in (None, case.noise)
-    ]
-    crops = {f"{c.width}x{c.height}": crop_ms(c, 0.2 * given.seconds) for c in (MODEL_CAMERA, D435I)}
-    print(json.dumps({"rows": rows, "crop_ms": crops}))
-
-
-if __name__ == "__main__":
-    main()

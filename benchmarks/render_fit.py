@@ -1,20 +1,21 @@
 """How well the fit of the stereo camera finds hidden parameters, on rendered recordings of a step and a wall.
 
-python -m benchmarks.render_fit [--cameras N] [--frames N] [--seed S]: each camera has its own baseline, sub-pixel noise
-and disparity step, and looks from its own pose past a step of its own at a wall, while the robot stands. Embree renders
-both views at 424 x 240, the chain makes the frames. Prints a line a camera, then one line of JSON with the median and
-the largest errors.
+Each camera has its own baseline, sub-pixel noise and disparity step, and looks from its own pose past a step of its own
+at a wall, while the robot stands. Embree renders both views at 424 x 240, the chain makes the frames. The figures are
+median and largest errors of each parameter.
+
+    saltus bench render_fit -- --cameras 96
 """
 
-import argparse
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from benchmarks._command import Command, progress, tell
+from benchmarks._measuring import depth_frame
 from saltus import go1
-from saltus.depth import D435I, MILLIMETRE, depth_in_millimetres
+from saltus.depth import D435I, depth_in_millimetres
 from saltus.render.fit import fit
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
@@ -27,6 +28,31 @@ PERIOD_S = 1.0 / 30.0  # rate of a D435i at 424x240 as it comes out of the box
 STEPS_PX = (1 / 16, 1 / 32, 1 / 64)
 HIDDEN = ("baseline_m", "sigma_px", "step_px")
 WALL_M = 1.5  # high: beyond what the camera sees of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    cameras: int = 24
+    """That are drawn and fitted."""
+    frames: int = 60
+    """Of each recording."""
+    seed: int = 0
+    """Of what is drawn."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        return summary([self._camera(index) for index in progress(range(self.cameras))])
+
+    def _camera(self, index: int) -> dict[str, float | None]:
+        rng = np.random.default_rng([self.seed, index])
+        hidden = Hidden.draw(rng)
+        found = errors(hidden, recording(hidden, self.frames, rng))
+        off = ", ".join(f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in found.items())
+        true = f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, 1/{1 / hidden.step_px:.0f} px"
+        tell(f"camera {index:2} ({true}): {off}")
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,23 +120,17 @@ def recording(hidden: Hidden, count: int, rng: np.random.Generator) -> list[Dept
     position = np.array([FIRST_EDGE_X - hidden.distance_m, 0.0, hidden.trunk_m])
     pair = StereoEmbree(hidden.terrain, optics, D435I)
     scene = pair.render_pair(position, quaternion_from_roll_pitch_yaw(*angles), go1.STAND_POSE)
-    camera = StereoCamera(hidden.config, optics)
+    return frames_of(StereoCamera(hidden.config, optics), scene, count, rng)
+
+
+def frames_of(camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.random.Generator) -> list[DepthFrame]:
+    """What a D435i sends of a scene at rest: depth and what the right imager does not see."""
     state = camera.init((), rng)
     frames = []
     for k in range(count):
         image, state = camera.step(*scene, np.asarray(PERIOD_S * k), state)
-        frames.append(
-            DepthFrame(
-                time_ns=round(1e9 * PERIOD_S * k),
-                frame_id=k,
-                depth=depth_in_millimetres(image.depth),
-                depth_unit_m=MILLIMETRE,
-                fx=D435I.fx,
-                fy=D435I.fy,
-                cx=D435I.cx,
-                cy=D435I.cy,
-            )
-        )
+        depth = depth_in_millimetres(image.depth)
+        frames.append(depth_frame(D435I, depth, time_ns=round(1e9 * PERIOD_S * k), frame_id=k))
     return frames
 
 
@@ -135,25 +155,3 @@ def summary(rows: list[dict[str, float | None]]) -> dict[str, Any]:
             "untestable": len(rows) - len(size),
         }
     return result
-
-
-def main() -> None:
-    """Draws cameras, fits them and prints how far off the fit is."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--cameras", type=int, default=24)
-    parser.add_argument("--frames", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    rows = []
-    for index in range(given.cameras):
-        rng = np.random.default_rng([given.seed, index])
-        hidden = Hidden.draw(rng)
-        rows.append(errors(hidden, recording(hidden, given.frames, rng)))
-        off = ", ".join(f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in rows[-1].items())
-        true = f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, 1/{1 / hidden.step_px:.0f} px"
-        print(f"camera {index:2} ({true}): {off}", flush=True)
-    print(json.dumps(summary(rows)))
-
-
-if __name__ == "__main__":
-    main()

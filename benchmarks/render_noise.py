@@ -1,19 +1,19 @@
 """The stereo camera beside what is published of the D435i, and what each of its effects costs.
 
-python -m benchmarks.render_noise [--plot FILE.png] [--recording FILE.bag]: prints the table, then one line of JSON.
-With a PNG it draws the stages of the chain in front of stairs; with a recording it compares invalid pixels.
+With a picture it draws the stages of the chain in front of stairs; with a recording it compares invalid pixels.
+
+    saltus bench render_noise -- --recording FILE.bag
 """
 
-import argparse
-import json
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from benchmarks._command import Command
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics
@@ -35,6 +35,25 @@ REPEATS = 200
 # front feet ahead and inwards, where the camera sees them
 REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95, 0.0, 0.9, -1.8, 0.0, 0.9, -1.8])
 CONTOUR_M = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    picture: Path | None = None
+    """PNG of the stages of the chain."""
+    recording: Path | None = None
+    """A RealSense bag whose invalid pixels are compared."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        table, costs = sigma_rows() + place_rows(), cost_rows()
+        if self.recording:
+            table += recorded_rows(self.recording)
+        if self.picture:
+            draw(self.picture)
+        return {"table": table, "costs": costs}
 
 
 def wall(camera: Intrinsics, depth_m: float) -> tuple[Any, Any]:
@@ -220,26 +239,3 @@ def titled(title: str, image: Any) -> Any:
     right = 12 + round(image.shape[0] * D435I.width / D435I.height) - image.shape[1]
     page = cv2.copyMakeBorder(image, 34, 10, 0, right, cv2.BORDER_CONSTANT, value=(255, 255, 255))
     return cv2.putText(page, title, (2, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (40, 40, 40), 2, cv2.LINE_AA)
-
-
-def main() -> None:
-    """Measures, prints, and draws where a file is given."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plot", type=Path, help="PNG to draw the stages of the chain into")
-    parser.add_argument("--recording", type=Path, help="a RealSense bag to compare invalid pixels with")
-    arguments = parser.parse_args()
-    table, costs = sigma_rows() + place_rows(), cost_rows()
-    if arguments.recording:
-        table += recorded_rows(arguments.recording)
-    for row in table:
-        print(f"{row['what']:70s} published {row['published']!s:>9}  model {row['model']}", end="")
-        print(f"  ({row['model_in_mm_units']} in whole millimetres)" if "model_in_mm_units" in row else "")
-    for cost in costs:
-        print(f"{cost['effect']:20s} {cost['ms']:.3f} ms")
-    if arguments.plot:
-        draw(arguments.plot)
-    print(json.dumps({"table": table, "costs": costs}))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,29 +1,26 @@
 """What faults of the camera's stream do to the heights: error over time after each, on runs of the whole stack.
 
-    saltus bench service_faults [--arguments=--runs --arguments=6] [--arguments=--out --arguments=FILE]
-
 The learned policy crosses long stairs with a D435i in lockstep; states, images and arrival times of these runs go
-through the service once as they were, and once for each fault and moment. Prints a table and one JSON object last.
+through the service once as they were, and once for each fault and moment.
+
+    saltus bench service_faults -- --runs 6 --picture service_faults.png
 """
 
-import argparse
-import json
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib import pyplot as plt
 
+from benchmarks import _pictures
+from benchmarks._command import Command, progress
+from benchmarks._measuring import recorded_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.heightmap.evaluation.comparison import Run, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
-from saltus.recordings.recording import read_recording
 from saltus.resources import resource
-from saltus.runtime.stack import Stack
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
 
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
@@ -34,6 +31,32 @@ SHOWN_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.0)
 BEFORE_S, AFTER_S = 0.6, 1.2
 NORMAL = 1.1  # an error at most 10 % above that of an undisturbed run, as for the warm-up of a model
 WINDOW = 5  # ticks of the running mean of the plot and the table: error varies within a cycle of the gait
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    runs: int = 4
+    """Of the stack, half a minute each."""
+    picture: Path | None = None
+    """PNG of the errors over time; needs matplotlib."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`; errors [mm] at some times after the end of each fault."""
+        if self.picture is not None:
+            _pictures.check()
+        runs = [run for run in map(record, progress(range(self.runs))) if long_enough(run)]
+        curves = measure(runs)
+        if self.picture is not None:
+            draw(curves, self.picture)
+        return {
+            "loss_rms_ratio": loss_ratios(runs),
+            "after_s": SHOWN_S,
+            "runs": len(runs),
+            "short_runs": self.runs - len(runs),
+            "faults": {name: curve.figures for name, curve in curves.items()},
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,6 +186,13 @@ class Curves:
         bad = np.flatnonzero(np.any(self.status[:, round(BEFORE_S / TICK_S) :] != HeightmapStatus.OK, axis=0))
         return TICK_S * (bad[-1] + 1) if len(bad) else 0.0
 
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Mean errors [mm] at the times that are shown, and times to normal [s]."""
+        places = [round((BEFORE_S + after) / TICK_S) for after in SHOWN_S]
+        error, clean = ([round(1e3 * float(part[place]), 1) for place in places] for part in self.mean)
+        return {"error_mm": error, "clean_mm": clean, "normal_s": self.normal_s, "ok_s": self.ok_s}
+
 
 def smoothed(error: Floats) -> Floats:
     """Mean over trials and over the last ticks; where some trial has no answer there is none."""
@@ -211,8 +241,7 @@ def loss_ratios(runs: Sequence[Run]) -> dict[float, float]:
 
 def draw(curves: dict[str, Curves], out: Path) -> None:
     """One panel for each fault."""
-    mpl.use("Agg")
-    figure, axes = plt.subplots(len(curves), 1, figsize=(8.0, 9.0), sharex=True, sharey=True, layout="constrained")
+    figure, axes = _pictures.subplots(len(curves), 1, figsize=(8.0, 9.0), sharex=True, sharey=True)
     for axis, (name, curve) in zip(axes, curves.items(), strict=True):
         error, clean = curve.mean
         time_s = TICK_S * np.arange(len(error)) - BEFORE_S
@@ -228,69 +257,15 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
     axes[0].legend(loc="upper right", ncols=2, fontsize=8)
     axes[0].set_ylim(bottom=0.0)
     axes[-1].set_xlabel("time since the end of the fault [s]; grey: status of some run not OK")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=150)
-    plt.close(figure)
+    _pictures.save(figure, out)
 
 
-def record(count: int) -> list[Run]:
-    """Runs of the stack."""
-    runs = []
-    for seed in range(count):
-        config = RunConfig(terrain=STAIRS, camera="d435i", planner="learned", seed=seed)
-        with tempfile.TemporaryDirectory() as directory:
-            with Stack(config, Path(directory)) as stack:
-                stack.wait()
-            runs.append(read_run(read_recording(Path(directory) / "recording.mcap")))
-    return runs
+def record(seed: int) -> Run:
+    """A run of the stack."""
+    return read_run(recorded_run(RunConfig(terrain=STAIRS, camera="d435i", planner="learned", seed=seed)))
 
 
 def long_enough(run: Run) -> bool:
     """Whether the robot was still running when the last of the longest faults was over."""
     needed_s = FIRST_S + MOMENTS * APART_S + 3.0 + AFTER_S
     return len(run.states) > needed_s / TICK_S and len(run.truths) > needed_s / TICK_S
-
-
-def main() -> None:
-    """Measures, prints and draws."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=4)
-    parser.add_argument("--out", type=Path, default=Path("docs/images/service_faults.png"))
-    options = parser.parse_args()
-    recorded = record(options.runs)
-    runs = [run for run in recorded if long_enough(run)]
-    curves = measure(runs)
-    draw(curves, options.out)
-    places = [round((BEFORE_S + after) / TICK_S) for after in SHOWN_S]
-    print("error [mm] at a time after the end of the fault, with / without it")
-    print(f"{'':32}" + "".join(f"{after:>12.1f}" for after in SHOWN_S) + "   normal [s]   OK [s]")
-    for name, curve in curves.items():
-        error, clean = (1e3 * part[places] for part in curve.mean)
-        cells = "".join(f"{e:6.1f}/{c:5.1f}" for e, c in zip(error, clean, strict=True))
-        print(f"{name:32}{cells}   {curve.normal_s:10.2f}   {curve.ok_s:6.2f}")
-    table = {
-        name: {
-            "error_mm": [round(1e3 * float(curve.mean[0][p]), 1) for p in places],
-            "normal_s": curve.normal_s,
-            "ok_s": curve.ok_s,
-        }
-        for name, curve in curves.items()
-    }
-    losses = loss_ratios(runs)
-    for share, ratio in losses.items():
-        print(f"{100 * share:3.0f} % of the images lost at random: RMS error {100 * (ratio - 1):+.1f} %")
-    print(
-        json.dumps(
-            {
-                "loss_rms_ratio": losses,
-                "after_s": SHOWN_S,
-                "runs": len(runs),
-                "short_runs": len(recorded) - len(runs),
-                "faults": table,
-            }
-        )
-    )
-
-
-if __name__ == "__main__":
-    main()

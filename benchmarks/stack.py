@@ -1,42 +1,38 @@
-"""A real-time run of the whole stack: the rates it holds, the ages of its messages, the ticks that it misses.
+"""A real-time run of the whole stack: the rates it holds, the ages of its messages, what is lost.
 
-    saltus bench stack
-
-Prints a table and, last, one JSON object.
+saltus bench stack -- --terrain stairs
 """
 
-import argparse
-import json
 import os
-import tempfile
-from pathlib import Path
+from dataclasses import dataclass
+from typing import Any
 
-from saltus.config import RunConfig, TerrainConfig
-from saltus.recordings.recording import Recording, rates_and_ages, read_recording
-from saltus.runtime.stack import Stack
+from benchmarks._command import Command
+from benchmarks._measuring import recorded_run
+from saltus.config import RunConfig, TerrainConfig, TerrainKind
+from saltus.recordings.recording import Recording, rates_and_ages
 from saltus.wire.messages import ProcessStatus
 
 
-def main() -> None:
-    """Runs and prints."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--terrain", default="flat")
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    config = RunConfig(terrain=TerrainConfig(terrain=options.terrain), pace="realtime", seed=options.seed)
-    load = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory() as directory:
-        with Stack(config, Path(directory)) as stack:
-            stack.wait()
-        recording = read_recording(Path(directory) / "recording.mcap")
-    timing = rates_and_ages(recording)
-    print(f"{'topic':22} {'rate Hz':>8} {'p50 ms':>8} {'p99 ms':>8} {'lost':>5}")
-    for topic, row in timing.items():
-        print(f"{topic:22} {row.rate_hz:8.1f} {row.age_p50_ms:8.2f} {row.age_p99_ms:8.2f} {row.lost:5d}")
-    control = control_rate_hz(recording)
-    print(f"control {control:.1f} Hz; load average at the start {load:.1f}")
-    table = {topic: {"hz": r.rate_hz, "p50": r.age_p50_ms, "p99": r.age_p99_ms} for topic, r in timing.items()}
-    print(json.dumps({"control_hz": control, "load": load, "topics": table}))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    terrain: TerrainKind = "flat"
+    """What the robot crosses."""
+    seed: int = 0
+    """Of the trial."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        load = os.getloadavg()[0]
+        config = RunConfig(terrain=TerrainConfig(terrain=self.terrain), pace="realtime", seed=self.seed)
+        recording = recorded_run(config)
+        topics = {
+            topic: {"hz": row.rate_hz, "p50": row.age_p50_ms, "p99": row.age_p99_ms, "lost": row.lost}
+            for topic, row in rates_and_ages(recording).items()
+        }
+        return {"control_hz": control_rate_hz(recording), "load": load, "topics": topics}
 
 
 def control_rate_hz(recording: Recording) -> float:
@@ -46,7 +42,3 @@ def control_rate_hz(recording: Recording) -> float:
         return float("nan")
     first, last = statuses[0], statuses[-1]
     return 1e9 * (last.ticks - first.ticks) / (last.time_ns - first.time_ns)
-
-
-if __name__ == "__main__":
-    main()

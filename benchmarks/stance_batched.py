@@ -1,51 +1,65 @@
 """How far the batched stance solver of training is from the exact one, on what bounding robots ask for.
 
-    python benchmarks/stance_batched.py
+Robots bound over all terrains with random exploration around a slow bound. Force error (largest component) [N] and
+excess of the tracking cost over the exact solution's, for the batched solver, and for the closed form that is clipped
+afterwards (original).
 
-Robots bound over all terrains with random exploration around a slow bound. Prints one JSON object: force error (largest
-component) [N] and excess of the tracking cost over the exact solution's, each at p50, p90 and p99, for the batched
-solver, and for the closed form that is clipped afterwards (original).
+    saltus bench stance_batched
 """
 
-import json
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
+from benchmarks._command import Command
+from benchmarks._measuring import percentiles
+from saltus.config import DEFAULT_ROBOT
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.training.learner import FIRST_ACTION
+from saltus.robots.loading import load_robot
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
 from saltus.wire.messages import Floats
 
-ROBOTS, STEPS = 100, 60
+SHOWN = (50, 90, 99)
 
 
-def main() -> None:
-    """Measures."""
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    robots: int = 100
+    """That bound side by side."""
+    steps: int = 60
+    """Of the policy, 10 ms each."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        qp = problems(self.robots, self.steps)
+        config = StanceConfig()
+        legs, exact = StanceLegs(config), ExactSolver(config).solve(qp)
+        figures: dict[str, Any] = {"problems": len(exact)}
+        for name, force in (("batched", BatchedSolver(config).solve(qp)), ("clipped", clipped(qp, config))):
+            excess = legs.tracking_cost(qp, force) - legs.tracking_cost(qp, exact)
+            figures[f"{name}_force_error_n"] = percentiles(np.abs(force - exact).max(axis=-1), SHOWN)
+            figures[f"{name}_excess_cost"] = percentiles(excess, SHOWN)
+        return {**figures, "exact_cost": percentiles(legs.tracking_cost(qp, exact), SHOWN)}
+
+
+def problems(robots: int, steps: int) -> StanceQP:
+    """What the controllers of exploring robots ask for."""
     torch.manual_seed(0)
     solver = Recorder()
-    env = JumpEnv(BatchEngine(ROBOTS, BOXES), EnvConfig(), seed=0, solver=solver)
+    env = JumpEnv(BatchEngine(load_robot(DEFAULT_ROBOT), robots, BOXES), EnvConfig(), seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
-    for _ in range(STEPS):
-        env.step(output + 0.4 * torch.randn(ROBOTS, output.shape[1]))
-    qp = solver.every()
-    config = StanceConfig()
-    legs, exact = StanceLegs(config), ExactSolver(config).solve(qp)
-    report: dict[str, Any] = {"problems": len(exact)}
-    for name, force in (("batched", BatchedSolver(config).solve(qp)), ("clipped", clipped(qp, config))):
-        error = np.abs(force - exact).max(axis=-1)
-        excess = legs.tracking_cost(qp, force) - legs.tracking_cost(qp, exact)
-        report[name] = {
-            "force_error_n": _percentiles(error),
-            "excess_cost": _percentiles(excess),
-        }
-    report["exact_cost"] = _percentiles(legs.tracking_cost(qp, exact))
-    print(json.dumps(report))
+    for _ in range(steps):
+        env.step(output + 0.4 * torch.randn(robots, output.shape[1]))
+    return solver.every()
 
 
 class Recorder:
@@ -82,11 +96,3 @@ def clipped(qp: StanceQP, config: StanceConfig) -> Floats:
     fz = np.clip(force[..., 2], *config.force_z_range_n) * qp.contact
     scale = np.minimum(1.0, config.friction * fz / (np.linalg.norm(force[..., :2], axis=-1) + 1e-3))
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)
-
-
-def _percentiles(values: Floats) -> list[float]:
-    return [round(float(v), 3) for v in np.percentile(values, [50, 90, 99])]
-
-
-if __name__ == "__main__":
-    main()

@@ -1,27 +1,24 @@
 """real2sim beside `mujoco.sysid`, on a question that both can answer: armature, damping and friction of the calves.
 
-    pip install "mujoco[sysid]"
-    python -m benchmarks.sysid [--seed 0]
-
 Three effects are hidden in a held robot and one log of joint chirps is written. `mujoco.sysid` is told which three
-parameters are unknown and fits them by rollouts of the engine from measured states; real2sim is told nothing. Prints
-both values with their 90 % intervals, and as JSON on the last line.
+parameters are unknown and fits them by rollouts of the engine from measured states; real2sim is told nothing. Both
+values come with their 90 % intervals. Needs `pip install "mujoco[sysid]"`.
+
+    saltus bench sysid -- --seed 0
 """
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from mujoco.sysid._src import optimize
-from mujoco.sysid._src.parameter import Parameter, ParameterDict
 from scipy import stats
 
+from benchmarks._command import Command, tell
 from saltus import go1
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.armature import Armature
@@ -40,6 +37,9 @@ from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
 from saltus.wire.messages import Floats
 
+if TYPE_CHECKING:
+    from mujoco.sysid._src.parameter import Parameter, ParameterDict
+
 CALVES = np.arange(12) % 3 == 2
 HIDDEN = {"armature": 0.004, "viscous_friction": 0.15, "coulomb_friction": 0.25}
 """Added at the calves [kg m^2, Nm s/rad, Nm]: middling for robots of this class (published)."""
@@ -51,22 +51,26 @@ NOISE = SensorNoise()
 QUANTILE = float(stats.norm.ppf(0.95))
 
 
-def main() -> None:
-    """Runs the comparison."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise")
-    options = parser.parse_args()
-    log = run(experiment_named("joint_chirp"), _robot(), seed=options.seed)
-    told: dict[str, Any] = {"hidden": HIDDEN}
-    for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):
-        start = time.process_time()
-        told[name] = way(log)
-        print(f"{name}: {time.process_time() - start:.0f} s of CPU")
-        for effect, (value, low, high) in told[name].items():
-            hidden = HIDDEN.get(effect, 0.0)
-            holds = "holds" if low <= hidden <= high else "misses"
-            print(f"  {effect:17} {value:.5f} ({low:.5f} to {high:.5f}), {holds} {hidden:g}")
-    print(json.dumps(told))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    seed: int = 0
+    """Of the sensors' noise."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`; value and interval of each effect."""
+        log = run(experiment_named("joint_chirp"), _robot(), seed=self.seed)
+        figures: dict[str, Any] = {"hidden": HIDDEN}
+        for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):
+            start = time.process_time()
+            found = way(log)
+            figures[name] = {
+                effect: {"value": value, "low": low, "high": high, "holds": low <= HIDDEN.get(effect, 0.0) <= high}
+                for effect, (value, low, high) in found.items()
+            }
+            figures[f"{name}_cpu_s"] = round(time.process_time() - start, 1)
+        return figures
 
 
 def _robot() -> Profile:
@@ -86,7 +90,7 @@ def _by_real2sim(log: RunLog) -> dict[str, tuple[float, float, float]]:
     with tempfile.TemporaryDirectory() as folder:
         write_run_log(log, Path(folder) / "log")
         verdict = find([Path(folder) / "log"], Path(folder), report=False).verdict
-    print(f"  says {verdict.verdict}: {', '.join(effect.name for effect in verdict.effects)}")
+    tell(f"real2sim says {verdict.verdict}: {', '.join(effect.name for effect in verdict.effects)}")
     found = {}
     for effect in verdict.effects:
         interval = next(iter(effect.params.values()))
@@ -95,6 +99,9 @@ def _by_real2sim(log: RunLog) -> dict[str, tuple[float, float, float]]:
 
 
 def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
+    from mujoco.sysid._src import optimize
+    from mujoco.sysid._src.parameter import Parameter, ParameterDict
+
     unknown = ParameterDict()
     for name, largest in LARGEST.items():
         unknown.add(Parameter(name, nominal=0.1 * largest, min_value=0.0, max_value=largest, modifier=_modifier(name)))
@@ -112,8 +119,8 @@ def _by_sysid(log: RunLog) -> dict[str, tuple[float, float, float]]:
     }
 
 
-def _modifier(name: str) -> Callable[[mujoco.MjSpec, Parameter], None]:
-    def modify(spec: mujoco.MjSpec, parameter: Parameter) -> None:
+def _modifier(name: str) -> Callable[[mujoco.MjSpec, "Parameter"], None]:
+    def modify(spec: mujoco.MjSpec, parameter: "Parameter") -> None:
         for leg, joint in enumerate(np.flatnonzero(CALVES)):
             hinge = spec.joint(f"{LEGS[leg]}_calf")
             added = float(parameter.value[0])
@@ -127,7 +134,7 @@ def _modifier(name: str) -> Callable[[mujoco.MjSpec, Parameter], None]:
     return modify
 
 
-def _model(params: ParameterDict) -> mujoco.MjModel:
+def _model(params: "ParameterDict") -> mujoco.MjModel:
     spec = scene.build_spec(load_robot(DEFAULT_ROBOT), flat.make())
     for name in LARGEST:
         params[name].apply_modifier(spec)
@@ -155,7 +162,3 @@ def _apart(log: RunLog, model: mujoco.MjModel) -> Floats:
             data.ctrl[:] = kp * (joints.q_des[row] - q) + kd * (joints.dq_des[row] - dq)
             mujoco.mj_step(model, data)
     return np.concatenate(apart)
-
-
-if __name__ == "__main__":
-    main()

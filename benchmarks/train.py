@@ -1,20 +1,19 @@
 """How fast the motion policy trains, and where the time goes.
 
-    python benchmarks/train.py [--robots N] [--device cpu]
+Environment steps per second with learning, and milliseconds per policy step of all robots. "learning" is the update of
+the networks, divided by the steps that it learns from.
 
-Prints one JSON object: engine, robots, environment steps per second with learning, and milliseconds per policy step
-of all robots. "learning" is the update of the networks, divided by the steps that it learns from.
+    saltus bench train -- --robots 16384
 """
 
-import argparse
-import json
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import torch
 
+from benchmarks._command import Command
 from saltus.config import DEFAULT_ROBOT
 from saltus.constants import POLICY_STEPS
 from saltus.policy.env.env import JumpEnv
@@ -27,18 +26,22 @@ _WARM_UPS = 2  # iterations: the first ones allocate, and on a GPU choose their 
 _REPEATS = 50  # of a stage
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int)
-    parser.add_argument("--device", choices=("auto", "cpu"), default="auto")
-    parser.add_argument("--iterations", type=int, default=5)
-    given = parser.parse_args(arguments)
-    device = device_of_this_process(given.device).device
-    config = for_cpu() if device == "cpu" else for_gpu()
-    if given.robots:
-        config = replace(config, robots=given.robots)
-    print(json.dumps(measure(config, device, given.iterations)))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    robots: int | None = None
+    """How many train; as many as a training on this device has, by default."""
+    device: Literal["auto", "cpu"] = "auto"
+    """auto: a GPU where there is one."""
+    iterations: int = 5
+    """Of the learning."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        device = device_of_this_process(self.device).device
+        config = for_cpu() if device == "cpu" else for_gpu()
+        return measure(replace(config, robots=self.robots or config.robots), device, self.iterations)
 
 
 def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
@@ -96,7 +99,3 @@ def _now(device: str) -> float:
     if device != "cpu":
         torch.cuda.synchronize()
     return time.perf_counter()
-
-
-if __name__ == "__main__":
-    main()

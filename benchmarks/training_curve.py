@@ -1,25 +1,25 @@
-"""Draws how a training went, from the table that it writes.
-
-    python benchmarks/training_curve.py runs/policy [--kinds stairs gap] [--out docs/images/training.png]
+"""How a training of the motion policy went: the last row of the table that it writes, and a picture of all.
 
 A column for each kind of terrain. Above: the share of episodes that came to the end of the course, exploring, and the
 mean level of the courses. Below: speed. Dots: what the deployed stack did with the policy of that moment, where the
-training was evaluated with it. Ends with one JSON object.
+training was evaluated with it.
+
+    saltus bench training_curve -- runs/policy --kinds stairs gap --picture training.png
 """
 
-import argparse
 import csv
-import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
+import tyro
 from numpy.typing import NDArray
 
+from benchmarks import _pictures
+from benchmarks._command import Command
+from saltus.errors import SaltusError, nearest_hint
 from saltus.policy.training.evaluation_table import Row, read_rows
 from saltus.policy.training.standard_evaluation import COURSES
 from saltus.terrain.batch import KINDS
@@ -27,20 +27,33 @@ from saltus.terrain.batch import KINDS
 Column = NDArray[np.float64]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Draws, and prints the last row."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="of the training")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, help="of terrain; default: all that it trained on")
-    parser.add_argument("--out", type=Path, help="picture; default: curve.png in the folder")
-    given = parser.parse_args(arguments)
-    table = read_columns(given.folder / "progress.csv")
-    kinds = given.kinds or [kind for kind in KINDS if f"{kind}/level" in table]
-    mpl.use("Agg")
-    draw(table, read_rows(given.folder / "evaluation.csv"), kinds, given.out or given.folder / "curve.png")
-    last = {name: float(table[name][-1]) for name in ("iteration", "steps", "seconds")}
-    names = [f"{kind}/{name}" for kind in kinds for name in ("way_m", "speed", "level", "finished")]
-    print(json.dumps(last | {name: float(table[name][-1]) for name in names}))
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Of the training."""
+    kinds: tuple[str, ...] = ()
+    """Of terrain; all that it trained on where none is given."""
+    picture: Path | None = None
+    """PNG of the curves; needs matplotlib."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`; the last row."""
+        table = read_columns(self.folder / "progress.csv")
+        for kind in self.kinds:
+            if f"{kind}/level" not in table:
+                raise SaltusError(f"'{kind}' is no terrain of this training: {nearest_hint(kind, KINDS)}")
+        kinds = self.kinds or [kind for kind in KINDS if f"{kind}/level" in table]
+        if self.picture is not None:
+            _pictures.check()
+            draw(table, read_rows(self.folder / "evaluation.csv"), kinds, self.picture)
+        last = {name: float(table[name][-1]) for name in ("iteration", "steps", "seconds")}
+        rows = {
+            kind: {name: float(table[f"{kind}/{name}"][-1]) for name in ("way_m", "speed", "level", "finished")}
+            for kind in kinds
+        }
+        return {**last, "terrains": rows}
 
 
 def read_columns(path: Path) -> dict[str, Column]:
@@ -52,22 +65,18 @@ def read_columns(path: Path) -> dict[str, Column]:
 
 def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], path: Path) -> None:
     """Draws the curves of some kinds of terrain over minutes."""
-    figure, axes = plt.subplots(
-        2, len(kinds), figsize=(max(7.0, 4.0 * len(kinds)), 5.5), sharex=True, sharey="row", layout="constrained",
-        squeeze=False,
-    )  # fmt: skip
+    size = max(7.0, 4.0 * len(kinds)), 5.5
+    figure, axes = _pictures.subplots(2, len(kinds), figsize=size, sharex=True, sharey="row", squeeze=False)
     for (above, below), kind in zip(axes.T, kinds, strict=True):
         mine = [row for row in rows if COURSES[row.course].terrain == kind]
         _draw_kind(above, below, table, mine, kind)
     axes[0, 0].set_ylim(0.0, 1.05)
     axes[1, 0].set_ylim(bottom=0.0)
     figure.suptitle(f"{table['steps'][-1] / 1e6:.1f} million steps of training")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    _pictures.save(figure, path)
 
 
-def _draw_kind(above: Axes, below: Axes, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:
+def _draw_kind(above: Any, below: Any, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:
     minutes = table["seconds"] / 60.0
     above.plot(minutes, table[f"{kind}/finished"], label="came to the end")
     above.plot(minutes, 0.1 * table[f"{kind}/level"], label="level, of the hardest")
@@ -84,7 +93,3 @@ def _draw_kind(above: Axes, below: Axes, table: dict[str, Column], rows: Sequenc
     for axes in (above, below):
         axes.legend(fontsize=7, loc="lower right")
         axes.grid(alpha=0.3)
-
-
-if __name__ == "__main__":
-    main()

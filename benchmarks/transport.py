@@ -1,22 +1,20 @@
-r"""What the bus costs: codec times, latency of each message, and the way from an image to the heightmap made of it.
-
-    saltus bench transport --json [--arguments=--count --arguments=6000] [--arguments=--robots --arguments=8]
+r"""What the bus costs: codec, latency of each message, the way from an image to the heightmap made of it.
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from before `put` to after
 `wait`, so it holds encoding, one hop of TCP, the receiver's waking up and decoding.
 
 Frame to heightmap: a robot's process and the heightmap service, linked directly as in a stack; beside them a consumer
-that takes heightmaps at a quarter of the rate. Sending goes by absolute deadlines, whatever becomes of the answers. An
+that takes heightmaps at a quarter of the rate. Images are sent at fixed times, whether answers have come or not. An
 image counts from before it is published to after the heightmap made of it was taken; one whose heightmap never came, or
-came after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes. Prints
-one JSON object last.
+came after that of a later image, counts as unanswered and as infinitely late. 60,000 images take ten minutes.
+
+    saltus bench transport -- --count 6000 --robots 8
 
 An idle processor sleeps, and waking it is a good part of what is measured. To measure without (root, bash):
 
-    exec 3<>/dev/cpu_dma_latency; printf '\0\0\0\0' >&3; saltus bench transport --json
+    exec 3<>/dev/cpu_dma_latency; printf '\0\0\0\0' >&3; saltus bench transport
 """
 
-import argparse
 import multiprocessing
 import os
 import subprocess
@@ -26,17 +24,17 @@ import time
 import timeit
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 
+from benchmarks._command import Command
+from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
 from saltus.action import REST, plan_message
-from saltus.cli.output import print_json
 from saltus.config import RunConfig, to_toml
-from saltus.depth import MILLIMETRE
+from saltus.depth import D435I
 from saltus.heightmap.service.replay import AssumeLevel
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.runtime.child import ENVIRONMENT
@@ -65,13 +63,44 @@ EDGES_MS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 5.0
 SPAWN = multiprocessing.get_context("spawn")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    messages: int = 1000
+    """Of each topic."""
+    count: int = 60_000
+    """Images of each robot; the first 500 do not count."""
+    robots: int = 1
+    """Whom one service answers."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`."""
+        endpoint, router = open_router()
+        with closing(router):
+            table = {name: self._topic(endpoint, name, message) for name, message in sample_messages().items()}
+        return {**frame_to_heightmap(self.count, self.robots), "transport": table}
+
+    def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
+        data, kind = encode(message), type(message)
+        times = latencies_ms(endpoint, topic, self.messages)
+        latency = percentiles(times)
+        return {
+            "bytes": len(data),
+            "encode_us": round(microseconds(lambda: encode(message)), 1),
+            "decode_us": round(microseconds(lambda: decode(kind, data)), 1),
+            "latency_p50_ms": latency["p50"],
+            "latency_p99_ms": latency["p99"],
+            "received": len(times) + WARM_UP,
+            "sent": self.messages,
+        }
+
+
 def sample_messages() -> dict[str, Message]:
     """One message a topic, in the sizes that travel."""
-    depth = np.random.default_rng(0).integers(0, 3000, (240, 424), dtype=np.uint16)
-    frame = DepthFrame(time_ns=0, frame_id=0, depth=depth, depth_unit_m=0.001, fx=213.0, fy=213.0, cx=212.0, cy=120.0)
-    state = standing_state()
+    frame = random_frames(D435I, 1, np.random.default_rng(0))[0]
     plan = plan_message(REST, PlanStatus.GO)
-    return {"policy/plan": plan, "controller/state": state, "camera/depth": frame}
+    return {"policy/plan": plan, "controller/state": standing_state(), "camera/depth": frame}
 
 
 def send(endpoint: str, topic: str, count: int) -> None:
@@ -105,23 +134,12 @@ class Scenes:
 
     def __init__(self) -> None:
         camera = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
-        size = SCENES, camera.height, camera.width
-        self._depth = np.random.default_rng(0).integers(300, 2500, size).astype(np.uint16)
-        self._frame = DepthFrame(
-            time_ns=0,
-            frame_id=0,
-            depth=self._depth[0],
-            depth_unit_m=MILLIMETRE,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=camera.cx,
-            cy=camera.cy,
-        )
-        self._state = AssumeLevel().states([self._frame])[0]
+        self._frames = random_frames(camera, SCENES, np.random.default_rng(0))
+        self._state = AssumeLevel().states(self._frames[:1])[0]
 
     def at(self, number: int, time_ns: int) -> tuple[DepthFrame, RobotState]:
         """Both with the same number and time, so that a heightmap is due that is made of this image."""
-        frame = replace(self._frame, frame_id=number, time_ns=time_ns, depth=self._depth[number % SCENES])
+        frame = replace(self._frames[number % SCENES], frame_id=number, time_ns=time_ns)
         return frame, replace(self._state, step=number, time_ns=time_ns)
 
 
@@ -217,15 +235,16 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")
-            latency, overruns, ages, behind, share, memory = _watched(service.pid, endpoint, prefixes, epoch_ns, count)
+            latency, overruns, ages, behind, share, memory_mb = _watched(
+                service.pid, endpoint, prefixes, epoch_ns, count
+            )
         finally:
             service.terminate()
             service.wait()
     edges = np.array([0.0, *EDGES_MS, np.inf])
     histogram = np.histogram(np.where(np.isfinite(latency), latency, np.finfo(float).max), edges)[0]
-    p50, p99 = np.percentile(latency, [50, 99], method="higher")
     return {
-        "frame_to_heightmap_ms": {"p50": round(float(p50), 3), "p99": round(float(p99), 3)},
+        "frame_to_heightmap_ms": percentiles(latency, method="higher"),
         "slow_consumer_age_ms": {"max": round(max(ages), 2), "p50": round(float(np.median(ages)), 2)},
         "slow_consumer_frames_behind": {"max": max(behind)},
         "samples": len(latency),
@@ -234,7 +253,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         "histogram": {"edges_ms": list(EDGES_MS), "counts": histogram.tolist()},
         "robots": robots,
         "service_core_share": round(share, 3),
-        "service_rss_mb": round(1e-6 * memory),
+        "service_rss_mb": round(memory_mb),
         "load": round(load, 1),
         "cpu_dma_latency_us": allowed_latency_us(),
     }
@@ -250,8 +269,8 @@ def allowed_latency_us() -> int | None:
 
 def _watched(
     pid: int, endpoint: str, prefixes: list[str], epoch_ns: int, count: int
-) -> tuple[Floats, int, list[float], list[int], float, int]:
-    """Latencies [ms], overruns of the sender, ages [ms] and lags of the consumer, core share and RSS of the service."""
+) -> tuple[Floats, int, list[float], list[int], float, float]:
+    """Latencies [ms] and overruns of the sender, ages [ms] and lags of the consumer, core share and MB of service."""
     newest, over = SPAWN.Value("q", -1), SPAWN.Event()
     robots_end, robots_result = SPAWN.Pipe(duplex=False)
     consumer_end, consumer_result = SPAWN.Pipe(duplex=False)
@@ -259,51 +278,19 @@ def _watched(
     consumer = SPAWN.Process(
         target=run_slow_consumer, args=(endpoint, prefixes[0], epoch_ns, newest, over, consumer_result)
     )
-    service, start_s = psutil.Process(pid), time.monotonic()
-    before = service.cpu_times()
+    start_s, before_s = time.monotonic(), processor_s([pid])
     robots.start()
     consumer.start()
     latency, overruns = robots_end.recv()
-    after = service.cpu_times()
-    share = (after.user + after.system - before.user - before.system) / (time.monotonic() - start_s)
-    memory = service.memory_info().rss
+    share = (processor_s([pid]) - before_s) / (time.monotonic() - start_s)
+    memory_mb = resident_mb([pid])
     over.set()
     ages, behind = consumer_end.recv()
     robots.join()
     consumer.join()
-    return latency, overruns, ages, behind, share, memory
+    return latency, overruns, ages, behind, share, memory_mb
 
 
 def microseconds(call: Callable[[], object]) -> float:
     """Median over repeats of the mean time of a call."""
     return float(np.median(timeit.repeat(call, number=NUMBER, repeat=REPEATS))) / NUMBER * 1e6
-
-
-def main() -> None:
-    """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--messages", type=int, default=1000, help="messages of each topic")
-    parser.add_argument("--count", type=int, default=60_000, help="images of each robot")
-    parser.add_argument("--robots", type=int, default=1, help="whom one service answers")
-    options = parser.parse_args()
-    endpoint, router = open_router()
-    table = {}
-    for topic, message in sample_messages().items():
-        data, kind = encode(message), type(message)
-        times = latencies_ms(endpoint, topic, options.messages)
-        p50, p99 = np.percentile(times, [50, 99])
-        table[topic] = {
-            "bytes": len(data),
-            "encode_us": round(microseconds(lambda m=message: encode(m)), 1),  # type: ignore[misc]
-            "decode_us": round(microseconds(lambda k=kind, d=data: decode(k, d)), 1),  # type: ignore[misc]
-            "latency_p50_ms": round(float(p50), 3),
-            "latency_p99_ms": round(float(p99), 3),
-            "received": len(times) + WARM_UP,
-            "sent": options.messages,
-        }
-    router.close()
-    print_json({**frame_to_heightmap(options.count, options.robots), "transport": table})
-
-
-if __name__ == "__main__":
-    main()

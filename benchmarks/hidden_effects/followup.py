@@ -18,12 +18,19 @@ STANDING = ("body", "imu")
 joint then."""
 
 
-def followup(cases: list[Case], logs: Path) -> None:
-    """Writes a second log for each set that holds the truth and comes with an experiment, where none is there yet."""
+def followup(cases: list[Case], logs: Path) -> int:
+    """Writes a second log for each set that holds the truth and comes with an experiment, where none is there yet.
+
+    Returns:
+        How many of the robots could do what was proposed.
+    """
     proposed = [case for case in cases if case.proposal]
+    count = 0
     for number, case in enumerate(proposed, start=1):
         done = follow(case, logs)
+        count += done
         print(f"{number}/{len(proposed)} {case.truth['name']}: {case.proposal}{'' if done else ' cannot be done'}")
+    return count
 
 
 def follow(case: Case, logs: Path) -> bool:

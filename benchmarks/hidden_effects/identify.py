@@ -16,8 +16,8 @@ LIMIT_S = 600.0
 """What one log may take: the time that sixty seconds of log may take on two cores."""
 
 
-def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> None:
-    """Writes a verdict for every log that has none yet, then the hashes of all.
+def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> int:
+    """Writes a verdict for every log that has none yet, then the hashes of all; returns how many there are.
 
     With second logs those robots are looked at that have one, in both together.
 
@@ -36,6 +36,7 @@ def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | N
     hashes = {name: digest(verdicts / name / "verdict.json") for name in names}
     verdicts.mkdir(parents=True, exist_ok=True)
     (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1))
+    return len(names)
 
 
 def digest(path: Path) -> str:
@@ -45,7 +46,7 @@ def digest(path: Path) -> str:
 
 def command(logs: tuple[Path, ...], out: Path) -> None:
     """Finds with the project's command line, in a process of its own on one core."""
-    find = [sys.executable, "-m", "saltus.cli.main", "real2sim", "find", *map(str, logs), "--out", str(out)]
+    find = [sys.executable, "-P", "-m", "saltus.cli.main", "real2sim", "find", *map(str, logs), "--out", str(out)]
     call = [*find, "--json", "--no-report"]
     done = subprocess.run(
         call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False

@@ -1,52 +1,83 @@
 """`saltus bench`: the measurements behind the numbers in the documentation."""
 
-import runpy
+import ast
+import importlib
 import sys
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
 
 import tyro
 
-from saltus.resources import resource
+from saltus.cli.output import print_figures, print_json
+from saltus.cli.parsing import parse
+from saltus.errors import SaltusError, nearest_hint
+from saltus.policy.training.command import TRAINING
+
+SOURCE = Path(__file__).resolve().parents[2]
+"""The checkout, where this is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Measures this machine; each benchmark prints its figures and ends with one JSON object on the last line."""
+    """Measures this machine: lists the benchmarks, or runs one of them.
 
-    what: Annotated[
-        Literal[
-            "qp",
-            "render",
-            "inference",
-            "transport",
-            "stack",
-            "planner",
-            "train",
-            "stance_batched",
-            "faults",
-            "landing",
-            "service_faults",
-        ],
-        tyro.conf.Positional,
-    ]
-    """qp: ground reaction forces and the leg controller. render: the depth cameras. inference: the heightmap service.
-    transport: the bus. stack: a real-time run. planner: its success on fresh seeds. train: the
-    motion policy's training. stance_batched: its stance solver against the exact one. faults: processes killed during
-    a run. landing: robots at full speed that are left without a planner. service_faults: error of the heights after
-    faults of the camera's stream."""
-    arguments: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Passed to the benchmark, one at a time."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """The last line is JSON with or without it; here for uniformity with the other commands."""
+    Each prints its figures; with --json one JSON object is the last line. They are part of a checkout, not of a wheel.
+
+        saltus bench
+        saltus bench qp --help
+        saltus bench qp -- --problems 200 --json
+    """
+
+    name: tyro.conf.Positional[str] = ""
+    """Which benchmark; without a name they are listed."""
+    arguments: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Flags of the benchmark, after its name or after --."""
 
     def run(self) -> int:
-        """Runs the benchmark's script in this process."""
-        script = str(resource(f"benchmarks/{self.what}.py"))
-        before = sys.argv
-        sys.argv = [script, *self.arguments]
+        """Lists or runs."""
+        folder = _folder()
+        files = {path.stem: path for path in folder.glob("[!_]*.py")}
+        files |= {path.parent.name: path for path in folder.glob("*/command.py")}
+        if not self.name:
+            for name, path in sorted(files.items()):
+                print(f"{name:16} {(ast.get_docstring(ast.parse(path.read_text())) or '').splitlines()[0]}")
+            return 0
+        if self.name not in files:
+            raise SaltusError(f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}")
+        return self._measure(folder, files[self.name])
+
+    def _measure(self, folder: Path, file: Path) -> int:
+        root = str(folder.parent)
+        if root not in sys.path:
+            sys.path.insert(0, root)  # processes that a benchmark starts get it from here
+        arguments = self.arguments[1:] if self.arguments[:1] == ("--",) else self.arguments
+        module = ".".join(file.relative_to(folder.parent).with_suffix("").parts)
         try:
-            runpy.run_path(script, run_name="__main__")
-        finally:
-            sys.argv = before
+            found = importlib.import_module(module)
+            benchmark = parse(
+                found.Benchmark, arguments, prog=f"saltus bench {self.name}", description=found.__doc__ or ""
+            )
+            figures = benchmark.measure()
+        except ModuleNotFoundError as error:
+            raise SaltusError(
+                f"benchmark '{self.name}' needs the package '{error.name}', which is not installed: {TRAINING}, "
+                f"or what {file.relative_to(folder.parent)} says"
+            ) from error
+        if benchmark.json:
+            print_json(figures)
+        else:
+            print_figures(figures)
         return 0
+
+
+def _folder() -> Path:
+    """The benchmarks of the checkout that runs; of the one around, where saltus is installed from a wheel.
+
+    Raises:
+        SaltusError: this is no checkout.
+    """
+    for root in (SOURCE, Path.cwd()):
+        project = root / "pyproject.toml"
+        if (root / "benchmarks").is_dir() and project.is_file() and 'name = "saltus"' in project.read_text():
+            return root / "benchmarks"
+    raise SaltusError("benchmarks are not in the installed package: run `saltus bench` in a checkout of saltus")

@@ -60,10 +60,7 @@ def _run(arguments: Sequence[str]) -> int:
         if list(arguments) == ["--version"]:
             print(f"saltus {package_version('saltus')} ({commit()})")
             return 0
-        command: Command = parse(
-            Command, arguments, prog="saltus", description="A legged robot that sees where it steps."
-        )
-        return command.run()
+        return _command(arguments).run()
     except Ended:
         raise
     except SaltusError as error:
@@ -79,6 +76,14 @@ def _run(arguments: Sequence[str]) -> int:
             raise  # nothing that a user has named
         print(f"saltus: cannot use '{error.filename}': {error.strerror}", file=sys.stderr)
         return BAD_INPUT
+
+
+def _command(arguments: Sequence[str]) -> Command:
+    """What is to be run; what follows the name of a benchmark is for that benchmark to read."""
+    if arguments[:1] == ["bench"] and len(arguments) > 1 and not arguments[1].startswith("-"):
+        return Bench(name=arguments[1], arguments=tuple(arguments[2:]))
+    command: Command = parse(Command, arguments, prog="saltus", description="A legged robot that sees where it steps.")
+    return command
 
 
 if __name__ == "__main__":

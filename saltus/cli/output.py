@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,12 @@ def print_json(table: dict[str, Any]) -> None:
     print(json.dumps(finite(table)), flush=True)
 
 
+def print_figures(figures: Mapping[str, Any]) -> None:
+    """Prints figures for people: one a line, and a table where several rows have figures of the same names."""
+    for line in _lines(figures):
+        print(line, flush=True)
+
+
 def finite(value: Any) -> Any:
     """`value` with NaN and infinities replaced by None, which JSON can say."""
     if isinstance(value, float):
@@ -56,3 +62,49 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return value
+
+
+def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
+    width = max(map(len, figures), default=0)
+    for name, value in figures.items():
+        rows = _rows(value)
+        if rows:
+            yield f"{name}:"
+            yield from ("  " + line for line in _table(rows))
+        elif isinstance(value, dict) and any(isinstance(part, dict) or _rows(part) for part in value.values()):
+            yield f"{name}:"
+            yield from ("  " + line for line in _lines(value))
+        else:
+            yield f"{name:{width}}  {_cell(value)}"
+
+
+def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
+    """Labels and rows of a table; nothing where a value is no table."""
+    pairs = list(value.items()) if isinstance(value, dict) else []
+    if isinstance(value, list | tuple):
+        pairs = [("", row) for row in value]
+    flat = all(isinstance(row, dict) and all(map(_is_cell, row.values())) for _, row in pairs)
+    return pairs if flat else []
+
+
+def _is_cell(value: Any) -> bool:
+    """Whether it is short enough for a table; counts by name are."""
+    return not isinstance(value, dict) or all(isinstance(part, int) for part in value.values())
+
+
+def _table(rows: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
+    columns = list(dict.fromkeys(name for _, row in rows for name in row))
+    cells = [["", *columns], *([label, *(_cell(row.get(name)) for name in columns)] for label, row in rows)]
+    label, *widths = (max(map(len, column)) for column in zip(*cells, strict=True))
+    for line in cells:
+        yield "  ".join([line[0].ljust(label), *map(str.rjust, line[1:], widths)]).rstrip()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_cell(part)}" for name, part in value.items()) or "-"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_cell, value))}]"
+    if isinstance(value, float):
+        return f"{value:.4g}" if math.isfinite(value) else "-"
+    return "-" if value is None else str(value)

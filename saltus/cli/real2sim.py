@@ -1,6 +1,5 @@
 """`saltus real2sim`: what the simulator lacks, found in run logs, added to a profile, and shown to be gone."""
 
-import runpy
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -253,28 +252,6 @@ class Demo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark:
-    """Hidden effects: generates logs of a simulator that shares no code with this one, identifies them, scores."""
-
-    arguments: tyro.conf.Positional[tyro.conf.UseAppendAction[tuple[str, ...]]] = ()
-    """After --, e.g. -- generate --seed 1 --out LOGS --truth TRUTH; -- --help lists the parts."""
-
-    def run(self) -> int:
-        """Runs the benchmark in this process."""
-        from saltus.resources import resource
-
-        root = str(resource("benchmarks/hidden_effects").parent.parent)
-        before, path = sys.argv, list(sys.path)
-        sys.argv = ["saltus real2sim benchmark", *self.arguments]
-        sys.path.insert(0, root)
-        try:
-            runpy.run_module("benchmarks.hidden_effects", run_name="__main__")
-        finally:
-            sys.argv, sys.path[:] = before, path
-        return 0
-
-
-@dataclass(frozen=True, kw_only=True)
 class Real2sim:
     """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
 
@@ -284,7 +261,6 @@ class Real2sim:
             | Annotated[Apply, subcommand("apply")]
             | Annotated[Experiments, subcommand("experiments")]
             | Annotated[Demo, subcommand("demo")]
-            | Annotated[Benchmark, subcommand("benchmark")]
         ]
     ]
 

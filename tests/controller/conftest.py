@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.qp import draw as draw_robots
+from benchmarks.qp import random_robots
 
 Draw = Callable[..., tuple[Any, Any]]
 
@@ -13,4 +13,4 @@ Draw = Callable[..., tuple[Any, Any]]
 @pytest.fixture
 def draw() -> Draw:
     """Of a generator and a batch: plans and robots."""
-    return draw_robots
+    return random_robots

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.planner import bounding
 from saltus import go1
 from saltus.action import Action
 from saltus.grid import HEIGHTMAP_X
@@ -114,12 +115,7 @@ def test_plans_are_finite_and_within_their_bounds() -> None:
 def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: float) -> None:
     """Seen from a level robot at 1 m/s with a step ahead of its front feet."""
     base_height = 0.28
-    observation = observed(
-        velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-        base_height=base_height,
-        leg_contact=np.array([False, False, True, True]),
-        leg_progress=np.array([progress, progress, 0.7, 0.7]),
-    )
+    observation = bounding(base_height, (False, True), (progress, 0.7))
     heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - go1.FOOT_RADIUS
@@ -129,12 +125,7 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
 
 
 def test_a_foot_does_not_aim_into_a_trench() -> None:
-    observation = observed(
-        velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
-        base_height=0.28,
-        leg_contact=np.array([False, False, True, True]),
-        leg_progress=np.array([0.2, 0.2, 0.5, 0.5]),
-    )
+    observation = bounding(0.28, (False, True), (0.2, 0.5))
     flat = np.full(len(HEIGHTMAP_X), -0.28)
     planner = ScriptedPlanner()
     level = planner.step(observation, flat).foot_residual_front[0]

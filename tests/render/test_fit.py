@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from stereo_scenes import flat_wall, wall_and_panel
 
+from benchmarks.render_fit import frames_of
 from saltus.config import from_table
-from saltus.depth import D435I, depth_in_millimetres
+from saltus.depth import D435I
 from saltus.errors import RecordingError
 from saltus.render.fit import FitResult, fit, load_frames
 from saltus.render.fit_plot import write_fit_plot
@@ -19,28 +20,10 @@ from saltus.render.stereo.optics import Optics
 from saltus.wire.messages import DepthFrame
 
 BAG = Path(__file__).resolve().parents[3] / "shared" / "data" / "realsense_d435_640x480.bag"
-PERIOD_S = 1.0 / 30.0
 
 
 def recording(config: StereoConfig, optics: Optics, scene: Any, count: int) -> list[DepthFrame]:
-    camera = StereoCamera(config, optics)
-    state = camera.init((), np.random.default_rng(6))
-    frames = []
-    for k in range(count):
-        image, state = camera.step(*scene, np.asarray(PERIOD_S * k), state)
-        frames.append(
-            DepthFrame(
-                time_ns=round(1e9 * PERIOD_S * k),
-                frame_id=k,
-                depth=depth_in_millimetres(image.depth),
-                depth_unit_m=0.001,
-                fx=D435I.fx,
-                fy=D435I.fy,
-                cx=D435I.cx,
-                cy=D435I.cy,
-            )
-        )
-    return frames
+    return frames_of(StereoCamera(config, optics), scene, count, np.random.default_rng(6))
 
 
 def hidden(sigma: float, step: float, **changes: Any) -> StereoConfig:

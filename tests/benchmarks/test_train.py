@@ -9,7 +9,7 @@ from saltus.cli.main import main
 
 def test_says_where_the_time_of_training_goes(capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--device", "cpu", "--robots", "8", "--iterations", "1"]
-    assert main(["bench", "train", "--json", *(f"--arguments={flag}" for flag in flags)]) == 0
+    assert main(["bench", "train", "--", *flags, "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert set(report) == {"engine", "robots", "steps_per_s", "ms"}
     assert (report["engine"], report["robots"]) == ("BatchEngine", 8)

@@ -1,22 +1,21 @@
-"""Tracking of body angular velocity with feed-forward alone and with velocity feedback, as in the paper's figure.
-
-    OMP_NUM_THREADS=1 python benchmarks/feedback_plot.py [--out docs/images/feedback.png]
+"""Tracking of the body's pitch rate with feed-forward alone and with velocity feedback, as in the paper's figure.
 
 A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state. The reference pitch
 rate is a sine of the gait's phase, nose up in the middle of the front stance, nose down in the middle of the rear
 stance. Errors count where a leg that is to stand does touch the ground: nothing can track in the air.
+
+    OMP_NUM_THREADS=1 saltus bench feedback -- --picture feedback.png
 """
 
-import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
+from benchmarks import _pictures
+from benchmarks._command import Command, progress
 from saltus import go1
 from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
@@ -38,9 +37,31 @@ VELOCITY_X = 0.8  # [m/s], the paper's speed on stairs
 VELOCITY_Z = 0.4  # [m/s], keeps the base up at all three frequencies
 LIFT_M = 0.1
 FRONT_STANCE_PHASE = 0.15  # middle of the front stance in cycles; the rear stance follows 0.45 later
-STAND_S, RUN_S = 1.0, 3.0
+STAND_S = 1.0
 FREQUENCIES_HZ = (1.5, 2.0, 3.0)
 SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """Flags of this benchmark."""
+
+    seconds: float = 3.0
+    """Of running, after a second of standing."""
+    picture: Path | None = None
+    """PNG of the tracking at 2 Hz; needs matplotlib."""
+
+    def measure(self) -> dict[str, Any]:
+        """See `Command`; RMS of the error [rad/s] at each stepping frequency [Hz]."""
+        if self.picture is not None:
+            _pictures.check()
+        errors = {}
+        for frequency_hz in progress(FREQUENCIES_HZ):
+            forward, both = (run(kd, frequency_hz, self.seconds) for kd in (0.0, 1.0))
+            errors[str(frequency_hz)] = {"feedforward": round(forward.rms, 2), "feedback": round(both.rms, 2)}
+            if frequency_hz == SHOWN_HZ and self.picture is not None:
+                draw(forward, both, self.picture)
+        return {"rms_rad_s": errors}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,13 +95,13 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
     return plan_from_action(action, np.asarray(0.0))
 
 
-def run(kd: float, frequency_hz: float) -> Trace:
+def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
     plant = Plant(load_robot(DEFAULT_ROBOT), make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []
-    for tick in range(round((STAND_S + RUN_S) / PHYSICS_DT)):
+    for tick in range(round((STAND_S + seconds) / PHYSICS_DT)):
         state = plant.state
         estimate = estimator.step(state, gait.trusted, estimate)
         mode = ControllerMode.STAND if tick * PHYSICS_DT < STAND_S else ControllerMode.RUN
@@ -98,8 +119,7 @@ def run(kd: float, frequency_hz: float) -> Trace:
 
 def draw(forward: Trace, both: Trace, out: Path) -> None:
     """Two panels, one for each controller; stretches without ground contact are shaded."""
-    mpl.use("Agg")
-    figure, axes = plt.subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True, layout="constrained")
+    figure, axes = _pictures.subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
     for axis, trace, name in ((axes[0], forward, "Feed-forward only"), (axes[1], both, "Feed-forward and feedback")):
         axis.fill_between(
             trace.time_s, 0, 1, where=~trace.touching, transform=axis.get_xaxis_transform(), color="0.92", step="post"
@@ -113,25 +133,4 @@ def draw(forward: Trace, both: Trace, out: Path) -> None:
         axis.legend(loc="upper right", ncols=2, fontsize=8)
     axes[1].set_xlabel("time [s]; grey: no leg in stance touches the ground")
     axes[1].set_xlim(*SHOWN_S)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=150)
-    plt.close(figure)
-
-
-def main() -> None:
-    """Measures, prints and draws."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("docs/images/feedback.png"))
-    out = parser.parse_args().out
-    errors = {}
-    for frequency_hz in FREQUENCIES_HZ:
-        forward, both = run(0.0, frequency_hz), run(1.0, frequency_hz)
-        errors[str(frequency_hz)] = {"feedforward": round(forward.rms, 2), "feedback": round(both.rms, 2)}
-        print(f"{frequency_hz} Hz: RMS of the pitch rate {forward.rms:.2f} rad/s, with feedback {both.rms:.2f} rad/s")
-        if frequency_hz == SHOWN_HZ:
-            draw(forward, both, out)
-    print(json.dumps({"benchmark": "feedback", "rms_rad_s": errors, "plot": str(out)}))
-
-
-if __name__ == "__main__":
-    main()
+    _pictures.save(figure, out)

@@ -1,0 +1,36 @@
+"""Pictures of what was measured. They need matplotlib; benchmarks without a picture do not."""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+from saltus.errors import SaltusError
+
+
+def check() -> None:
+    """Refuses to begin where no picture could be drawn at the end.
+
+    Raises:
+        SaltusError: matplotlib is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise SaltusError("--picture needs matplotlib, which is not installed: pip install matplotlib")
+
+
+def subplots(rows: int, columns: int, **options: Any) -> tuple[Any, Any]:
+    """A figure and its axes, as matplotlib's function of this name makes them, without a screen."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    return plt.subplots(rows, columns, layout="constrained", **options)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Writes a figure as PNG, and forgets it."""
+    from matplotlib import pyplot as plt
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
