@@ -18,15 +18,13 @@ from saltus.wire.messages import ControllerMode
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     trials: int = 5
     """Kills of each process."""
     seed: int = 0
     """Of the first trial, and of the moments of the kills."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; the worst case of each process."""
+        """The worst case of each process."""
         rng = np.random.default_rng(self.seed)
         table = {}
         for process in PRODUCT:

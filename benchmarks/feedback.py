@@ -24,12 +24,13 @@ from saltus.controller.estimator import Estimator
 from saltus.controller.feedback import FeedbackConfig
 from saltus.controller.gait import standing
 from saltus.controller.law import LegController, LegControllerConfig
+from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.profile import GO1
 from saltus.robots.loading import load_robot
-from saltus.sim.plant import Plant
 from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
 
 AMPLITUDE = 4.0  # [rad/s], two thirds of what motion policies may ask for
@@ -44,15 +45,13 @@ SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     seconds: float = 3.0
     """Of running, after a second of standing."""
     picture: Path | None = None
     """PNG of the tracking at 2 Hz; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; RMS of the error [rad/s] at each stepping frequency [Hz]."""
+        """RMS of the error [rad/s] at each stepping frequency [Hz]."""
         if self.picture is not None:
             _pictures.check()
         errors = {}
@@ -97,24 +96,23 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
 
 def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
-    plant = Plant(load_robot(DEFAULT_ROBOT), make_terrain(TerrainConfig(terrain="flat")), chain=GO1.actuator_chain)
+    robot = MujocoRobot(load_robot(DEFAULT_ROBOT), make_terrain(TerrainConfig(terrain="flat")), Trial(), GO1)
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []
     for tick in range(round((STAND_S + seconds) / PHYSICS_DT)):
-        state = plant.state
-        estimate = estimator.step(state, gait.trusted, estimate)
+        measured = robot.read().measurement
+        estimate = estimator.step(measured, gait.trusted, estimate)
         mode = ControllerMode.STAND if tick * PHYSICS_DT < STAND_S else ControllerMode.RUN
         plan = make_plan(float(law_state.gait.phase), frequency_hz)
-        command, law_state, diagnostics = law.step(plan, states_of(state, estimate, gait), law_state, mode)
+        command, law_state, diagnostics = law.step(plan, states_of(measured, estimate, gait), law_state, mode)
         gait = diagnostics.gait
-        touching = bool((gait.contact & (state.foot_force > 1.0)).any())
-        body = diagnostics.body
+        touching = bool((gait.contact & (robot.state.foot_force > 1.0)).any())
         reference = diagnostics.angular_velocity_reference[1]
-        rows.append((tick * PHYSICS_DT, reference, body.angular_velocity[1], touching))
-        plant.step(command)
-    time_s, reference, measured, touching_rows = np.array(rows).T
-    return Trace(time_s=time_s, reference=reference, measured=measured, touching=touching_rows > 0.0)
+        rows.append((tick * PHYSICS_DT, reference, diagnostics.body.angular_velocity[1], touching))
+        robot.write(command)
+    time_s, reference, pitch_rate, touching_rows = np.array(rows).T
+    return Trace(time_s=time_s, reference=reference, measured=pitch_rate, touching=touching_rows > 0.0)
 
 
 def draw(forward: Trace, both: Trace, out: Path) -> None:

@@ -35,13 +35,10 @@ SCENES = 50  # different images, shown in turn
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     ticks: int = 4000
     """Steps of one robot, the first 200 of them to warm up; several robots make half as many."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
         network = HeightmapNetwork(resource("models/heightmap.onnx"))
         small = frames(self.ticks, MODEL_CAMERA, rng)

@@ -35,8 +35,6 @@ AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     terrain: Literal["flat", "stairs"] = "flat"
     """What the robots cross."""
     planner: Literal["learned", "scripted"] = "learned"
@@ -53,7 +51,6 @@ class Benchmark(Command):
     """Of the first trial."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         rise_m = self.rise_m if self.terrain == "stairs" else None
         terrain = make_terrain(TerrainConfig(terrain=self.terrain, rise_m=rise_m))
         planner = make_planner(self.planner)

@@ -29,15 +29,12 @@ LARGE = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     logs: Annotated[Path, tyro.conf.Positional]
     """Folder of run logs."""
     truth: Annotated[Path, tyro.conf.Positional]
     """Folder of what is true of them."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         truths = {path.stem: json.loads(path.read_text()) for path in sorted(self.truth.glob("*.json"))}
         if not truths:
             raise SaltusError(f"'{self.truth}' holds no truths: write some with saltus bench hidden_effects")

@@ -34,13 +34,10 @@ NEAREST_NM = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     seeds: tuple[int, ...] = (0, 1, 2)
     """Of the sensors' noise."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         cases = (saturation, latency_in_chirps, latency_in_a_sine)
         results = []
         for case, seed in progress([(case, seed) for seed in self.seeds for case in cases]):

@@ -37,15 +37,12 @@ PLANS = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     trials: int = 20
     """In each row."""
     seed: int = 0
     """Of the first trial of each row."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         rows = {name: self._row(*row) for name, row in progress(ROWS.items())}
         return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
 

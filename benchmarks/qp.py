@@ -36,8 +36,6 @@ CONFIG = StanceConfig()
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     problems: int = 1000
     """Random stances whose forces are computed."""
     ticks: int = 5000
@@ -46,7 +44,6 @@ class Benchmark(Command):
     """Whose controllers make one step together."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         rng = np.random.default_rng(0)
         gc.collect()
         gc.freeze()

@@ -82,8 +82,6 @@ SHOWN_AS = ("A", "C", "D")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     out: Path = Path("runs/realism")
     """Folder of data, networks and results."""
     networks: tuple[Literal["A", "B", "C", "D", "E"], ...] = ("A", "B", "C", "D", "E")
@@ -94,7 +92,7 @@ class Benchmark(Command):
     """Held-out ones."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; collects, trains, measures."""
+        """Collects, trains, measures."""
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
         for name in _CAMERAS:
             collect(self.out / name, name)

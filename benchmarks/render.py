@@ -45,8 +45,6 @@ Poses = tuple[Any, Any, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     backend: Literal["embree", "pyrender", "warp"] | None = None
     """Only this one; all that are present by default."""
     noise: Literal["none", "native", "fast"] | None = None
@@ -59,7 +57,6 @@ class Benchmark(Command):
     """Of 16x48 over which the growth of memory is measured."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         rows = [
             case
             for backend in ([self.backend] if self.backend else present())

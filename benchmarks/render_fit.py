@@ -32,8 +32,6 @@ WALL_M = 1.5  # high: beyond what the camera sees of it
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     cameras: int = 24
     """That are drawn and fitted."""
     frames: int = 60
@@ -42,7 +40,6 @@ class Benchmark(Command):
     """Of what is drawn."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         return summary([self._camera(index) for index in progress(range(self.cameras))])
 
     def _camera(self, index: int) -> dict[str, float | None]:

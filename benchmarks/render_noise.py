@@ -39,15 +39,12 @@ CONTOUR_M = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     picture: Path | None = None
     """PNG of the stages of the chain."""
     recording: Path | None = None
     """A RealSense bag whose invalid pixels are compared."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         table, costs = sigma_rows() + place_rows(), cost_rows()
         if self.recording:
             table += recorded_rows(self.recording)

@@ -29,8 +29,6 @@ LAST = round(AFTER_S[-1] / TICK_S) + SPAN  # ticks that must follow on the loss
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     data: Annotated[Path, tyro.conf.Positional]
     """Folder of a dataset that no model was trained on."""
     models: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("models/heightmap.onnx"),)
@@ -39,7 +37,6 @@ class Benchmark(Command):
     """At most."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         long_enough = [e for e in read_dataset(self.data) if len(e.height) >= 2 * LAST]
         if not long_enough:
             raise SaltusError(f"no episode of {self.data} lasts {2 * LAST * TICK_S:g} s")

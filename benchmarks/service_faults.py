@@ -35,15 +35,13 @@ WINDOW = 5  # ticks of the running mean of the plot and the table: error varies 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     runs: int = 4
     """Of the stack, half a minute each."""
     picture: Path | None = None
     """PNG of the errors over time; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; errors [mm] at some times after the end of each fault."""
+        """Errors [mm] at some times after the end of each fault."""
         if self.picture is not None:
             _pictures.check()
         runs = [run for run in map(record, progress(range(self.runs))) if long_enough(run)]

@@ -16,15 +16,12 @@ from saltus.wire.messages import ProcessStatus
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     terrain: TerrainKind = "flat"
     """What the robot crosses."""
     seed: int = 0
     """Of the trial."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         load = os.getloadavg()[0]
         config = RunConfig(terrain=TerrainConfig(terrain=self.terrain), pace="realtime", seed=self.seed)
         recording = recorded_run(config)

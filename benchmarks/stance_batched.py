@@ -31,15 +31,12 @@ SHOWN = (50, 90, 99)
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     robots: int = 100
     """That bound side by side."""
     steps: int = 60
     """Of the policy, 10 ms each."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         qp = problems(self.robots, self.steps)
         config = StanceConfig()
         legs, exact = StanceLegs(config), ExactSolver(config).solve(qp)

@@ -53,13 +53,11 @@ QUANTILE = float(stats.norm.ppf(0.95))
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     seed: int = 0
     """Of the sensors' noise."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; value and interval of each effect."""
+        """Value and interval of each effect."""
         log = run(experiment_named("joint_chirp"), _robot(), seed=self.seed)
         figures: dict[str, Any] = {"hidden": HIDDEN}
         for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):

@@ -28,8 +28,6 @@ _REPEATS = 50  # of a stage
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     robots: int | None = None
     """How many train; as many as a training on this device has, by default."""
     device: Literal["auto", "cpu"] = "auto"
@@ -38,7 +36,6 @@ class Benchmark(Command):
     """Of the learning."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         device = device_of_this_process(self.device).device
         config = for_cpu() if device == "cpu" else for_gpu()
         return measure(replace(config, robots=self.robots or config.robots), device, self.iterations)

@@ -4,7 +4,7 @@ A column for each kind of terrain. Above: the share of episodes that came to the
 mean level of the courses. Below: speed. Dots: what the deployed stack did with the policy of that moment, where the
 training was evaluated with it.
 
-    saltus bench training_curve -- runs/policy --kinds stairs gap --picture training.png
+    saltus bench training_curve -- runs/policy --picture training.png
 """
 
 import csv
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from benchmarks import _pictures
 from benchmarks._command import Command
-from saltus.errors import SaltusError, nearest_hint
 from saltus.policy.training.evaluation_table import Row, read_rows
 from saltus.policy.training.standard_evaluation import COURSES
 from saltus.terrain.batch import KINDS
@@ -29,22 +28,15 @@ Column = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     folder: Annotated[Path, tyro.conf.Positional]
     """Of the training."""
-    kinds: tuple[str, ...] = ()
-    """Of terrain; all that it trained on where none is given."""
     picture: Path | None = None
     """PNG of the curves; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`; the last row."""
+        """The last row."""
         table = read_columns(self.folder / "progress.csv")
-        for kind in self.kinds:
-            if f"{kind}/level" not in table:
-                raise SaltusError(f"'{kind}' is no terrain of this training: {nearest_hint(kind, KINDS)}")
-        kinds = self.kinds or [kind for kind in KINDS if f"{kind}/level" in table]
+        kinds = [kind for kind in KINDS if f"{kind}/level" in table]
         if self.picture is not None:
             _pictures.check()
             draw(table, read_rows(self.folder / "evaluation.csv"), kinds, self.picture)

@@ -65,8 +65,6 @@ SPAWN = multiprocessing.get_context("spawn")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Flags of this benchmark."""
-
     messages: int = 1000
     """Of each topic."""
     count: int = 60_000
@@ -75,7 +73,6 @@ class Benchmark(Command):
     """Whom one service answers."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Command`."""
         endpoint, router = open_router()
         with closing(router):
             table = {name: self._topic(endpoint, name, message) for name, message in sample_messages().items()}

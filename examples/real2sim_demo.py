@@ -1,16 +1,16 @@
-"""A robot with an effect hidden in it: found in its log, added to the simulator, and gone from the second look.
+"""real2sim from Python: an effect hidden in a robot is found in its log; one joint is drawn before and after the patch.
 
-    python examples/real2sim_demo.py [--seed 2] [--out runs/real2sim] [--picture real2sim.png]
-
-The picture needs matplotlib.
+pip install matplotlib
+python examples/real2sim_demo.py --seed 2 --out runs/real2sim
 """
 
-import argparse
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+import tyro
 
-from saltus.effects.profile import IDEAL, Profile, profile_to_toml
+from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.motions import Floats
@@ -20,28 +20,23 @@ from saltus.recordings.run_log import RunLog, read_run_log
 from saltus.robots.robot import JOINTS
 
 
-def main() -> None:
-    """Runs the demonstration and says what it came to."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=2, help="which effect, where and how large")
-    parser.add_argument("--out", type=Path, default=Path("runs/real2sim"))
-    parser.add_argument("--picture", type=Path, help="PNG of one joint before and after")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    shown = demonstrate(options.out, seed=options.seed)
-    print(f"hidden:\n{profile_to_toml(shown.hidden)}")
+def main(*, seed: int = 2, out: Path = Path("runs/real2sim")) -> None:
+    """Hides an effect in a simulated robot, finds it, applies the patch, and draws picture.png.
+
+    Args:
+        seed: Which effect, where and how large.
+        out: Folder for logs, verdicts, patch, profile and the picture.
+    """
+    shown = demonstrate(out, seed=seed)
     print(f"found: {sentence(shown.found.verdict)}")
     print(f"with the patch: {sentence(shown.again.verdict)}")
-    if options.picture:
-        draw(shown, read_run_log(options.out / "logs" / shown.experiments[0].name), options.picture)
+    draw(shown, read_run_log(out / "logs" / shown.experiments[0].name), out / "picture.png")
 
 
 def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
     """One joint as measured and as simulated with and without the patch, and the gap on segments unseen by any fit."""
-    import matplotlib as mpl
-
     mpl.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import pyplot as plt
 
     without, patched = _simulated(shown, IDEAL), _simulated(shown, shown.profile)
     miss = np.abs(without - log.joints.q)
@@ -59,8 +54,6 @@ def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
     if gap is not None:
         right.bar(["before", "after", "noise"], [gap.before, gap.after, gap.floor], color=["#d1495b", "#1f5fa8", "0.6"])
         right.set(yscale="log", title="gap, unseen segments")
-    for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)
 
 
@@ -78,4 +71,4 @@ def _simulated(shown: Demonstration, profile: Profile) -> Floats:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

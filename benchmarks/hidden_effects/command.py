@@ -6,7 +6,6 @@ saltus bench hidden_effects -- score VERDICTS TRUTH
 """
 
 import json
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,15 +19,11 @@ from benchmarks.hidden_effects.plan import KINDS, Kind, make_plan
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part(ABC):
-    """Flags of all parts."""
+class Part:
+    """Flags of all parts; each has a method `measure`, which does the part and returns figures."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print the figures as one JSON object on the last line."""
-
-    @abstractmethod
-    def measure(self) -> dict[str, Any]:
-        """Does the part, and returns its figures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +46,6 @@ class Generate(Part):
     """Other motions and colours of noise, to tune methods on."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Part`."""
         runs = make_plan(self.seed, self.runs, self.kinds, tuning=self.tuning)
         generate(runs, self.out, self.truth, tuning=self.tuning, jobs=self.jobs)
         return {"runs": len(runs), "logs": str(self.out), "truth": str(self.truth)}
@@ -71,41 +65,38 @@ class Identify(Part):
     """Second logs of some of the robots: both are read as one."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Part`."""
         count = identify.identify(self.logs, self.out, identify.command, self.jobs, self.second)
         return {"verdicts": count, "folder": str(self.out)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class FollowUp(Part):
-    """Has robots do what was proposed for them; opens the truth."""
-
+class _Judged(Part):
     verdicts: Positional[Path]
     """Folder of sealed verdicts."""
     truth: Positional[Path]
     """Folder of what is true."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowUp(_Judged):
+    """Has robots do what was proposed for them; opens the truth."""
+
     out: Path
     """Folder of the second logs."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Part`."""
         count = followup.followup(cases.read_cases(self.verdicts, self.truth), self.out)
         return {"logs": count, "folder": str(self.out)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score(Part):
-    """Compares sealed verdicts with the truth."""
+class Score(_Judged):
+    """Compares sealed verdicts with the truth; writes score.json and the confusion matrix beside the verdicts."""
 
-    verdicts: Positional[Path]
-    """Folder of sealed verdicts."""
-    truth: Positional[Path]
-    """Folder of what is true."""
     followup: Path | None = None
     """Verdicts on robots that did what was proposed."""
 
     def measure(self) -> dict[str, Any]:
-        """See `Part`; also writes score.json and the confusion matrix beside the verdicts."""
         marked = cases.read_cases(self.verdicts, self.truth)
         again = None if self.followup is None else cases.read_cases(self.followup, self.truth)
         table = score.table(marked, again)

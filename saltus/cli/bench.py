@@ -44,25 +44,21 @@ class Bench:
             return 0
         if self.name not in files:
             raise SaltusError(f"there is no benchmark '{self.name}': {nearest_hint(self.name, files)}")
-        return self._measure(folder, files[self.name])
-
-    def _measure(self, folder: Path, file: Path) -> int:
-        root = str(folder.parent)
-        if root not in sys.path:
-            sys.path.insert(0, root)  # processes that a benchmark starts get it from here
-        arguments = self.arguments[1:] if self.arguments[:1] == ("--",) else self.arguments
-        module = ".".join(file.relative_to(folder.parent).with_suffix("").parts)
+        file = files[self.name].relative_to(folder.parent)
         try:
-            found = importlib.import_module(module)
-            benchmark = parse(
-                found.Benchmark, arguments, prog=f"saltus bench {self.name}", description=found.__doc__ or ""
-            )
-            figures = benchmark.measure()
+            return self._measure(folder.parent, ".".join(file.with_suffix("").parts))
         except ModuleNotFoundError as error:
-            raise SaltusError(
-                f"benchmark '{self.name}' needs the package '{error.name}', which is not installed: {TRAINING}, "
-                f"or what {file.relative_to(folder.parent)} says"
-            ) from error
+            needed = f"the package '{error.name}', which is not installed"
+            raise SaltusError(f"benchmark '{self.name}' needs {needed}: {TRAINING}, or what {file} says") from error
+
+    def _measure(self, root: Path, module: str) -> int:
+        if str(root) not in sys.path:
+            sys.path.insert(0, str(root))  # processes that a benchmark starts get it from here
+        found = importlib.import_module(module)
+        arguments = self.arguments[1:] if self.arguments[:1] == ("--",) else self.arguments
+        prog = f"saltus bench {self.name}"
+        benchmark = parse(found.Benchmark, arguments, prog=prog, description=found.__doc__ or "")
+        figures = benchmark.measure()
         if benchmark.json:
             print_json(figures)
         else:
@@ -77,7 +73,6 @@ def _folder() -> Path:
         SaltusError: this is no checkout.
     """
     for root in (SOURCE, Path.cwd()):
-        project = root / "pyproject.toml"
-        if (root / "benchmarks").is_dir() and project.is_file() and 'name = "saltus"' in project.read_text():
+        if (root / "benchmarks" / "_command.py").is_file():
             return root / "benchmarks"
     raise SaltusError("benchmarks are not in the installed package: run `saltus bench` in a checkout of saltus")

@@ -47,10 +47,18 @@ def print_json(table: dict[str, Any]) -> None:
     print(json.dumps(finite(table)), flush=True)
 
 
-def print_figures(figures: Mapping[str, Any]) -> None:
+def print_figures(figures: Mapping[str, Any], indent: str = "") -> None:
     """Prints figures for people: one a line, and a table where several rows have figures of the same names."""
-    for line in _lines(figures):
-        print(line, flush=True)
+    width = max(map(len, figures), default=0)
+    for name, value in figures.items():
+        rows = _rows(value)
+        if rows:
+            print(f"{indent}{name}:", *_table(rows), sep=f"\n{indent}  ")
+        elif isinstance(value, dict) and any(isinstance(part, dict) or _rows(part) for part in value.values()):
+            print(f"{indent}{name}:")
+            print_figures(value, indent + "  ")
+        else:
+            print(f"{indent}{name:{width}}  {_cell(value)}")
 
 
 def finite(value: Any) -> Any:
@@ -64,27 +72,13 @@ def finite(value: Any) -> Any:
     return value
 
 
-def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
-    width = max(map(len, figures), default=0)
-    for name, value in figures.items():
-        rows = _rows(value)
-        if rows:
-            yield f"{name}:"
-            yield from ("  " + line for line in _table(rows))
-        elif isinstance(value, dict) and any(isinstance(part, dict) or _rows(part) for part in value.values()):
-            yield f"{name}:"
-            yield from ("  " + line for line in _lines(value))
-        else:
-            yield f"{name:{width}}  {_cell(value)}"
-
-
 def _rows(value: Any) -> list[tuple[str, dict[str, Any]]]:
     """Labels and rows of a table; nothing where a value is no table."""
-    pairs = list(value.items()) if isinstance(value, dict) else []
     if isinstance(value, list | tuple):
-        pairs = [("", row) for row in value]
-    flat = all(isinstance(row, dict) and all(map(_is_cell, row.values())) for _, row in pairs)
-    return pairs if flat else []
+        rows: list[tuple[str, Any]] = [("", row) for row in value]
+    else:
+        rows = list(value.items()) if isinstance(value, dict) else []
+    return rows if all(isinstance(row, dict) and all(map(_is_cell, row.values())) for _, row in rows) else []
 
 
 def _is_cell(value: Any) -> bool:
