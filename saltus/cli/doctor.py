@@ -2,23 +2,22 @@
 
 import hashlib
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from importlib.metadata import requires
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from saltus.cli.output import print_json
+from saltus.errors import SaltusError
 from saltus.provenance import commit, package_version
 
-PACKAGES = (
-    "numpy", "scipy", "mujoco", "eclipse-zenoh", "onnxruntime", "open3d", "trimesh", "pyrender", "PyOpenGL",
-    "opencv-python-headless", "daqp", "mcap", "rosbags", "plotly", "imageio-ffmpeg", "tyro",
-)  # fmt: skip
-TRAINING_PACKAGES = ("torch", "kornia", "onnx", "h5py")
+EXTRAS = ("train", "gpu", "ray")
 MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
 LIBRARIES = "install Debian's libgl1, libegl1, libx11-6, libusb-1.0-0, libidn2-0 and libgomp1"
 NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with room to spare
@@ -32,11 +31,16 @@ class Finding:
     ok: bool
     detail: str
     cure: str = ""
+    optional: bool = False
+    """Something that only some commands need."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Doctor:
-    """Checks the installation: versions, models, renderers, transport; names the cure for what is missing."""
+    """Checks the installation: versions, models, renderers, transport; names the cure for what is missing.
+
+    Example: saltus doctor --json
+    """
 
     image: Path | None = None
     """Write the rendered test image to this PNG file."""
@@ -44,28 +48,48 @@ class Doctor:
     """Print the findings as one JSON object on the last line."""
 
     def run(self) -> int:
-        """Prints every finding; 0 where all is well, else 1."""
+        """Prints every finding; 0 where nothing that all commands need is wrong, else 1."""
+        if self.image is not None and not self.image.parent.is_dir():
+            raise SaltusError(f"cannot write '{self.image}': there is no folder '{self.image.parent}'")
         findings = [*_versions(), *_attempts(self.image)]
         if self.json:
             print_json({"commit": commit(), "findings": [asdict(finding) for finding in findings]})
         else:
             for finding in findings:
+                word = "ok" if finding.ok else "-" if finding.optional else "FAIL"
                 cure = "" if finding.ok else f"  -> {finding.cure}"
-                print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.name:28} {finding.detail}{cure}")
-        return 0 if all(finding.ok for finding in findings) else 1
+                print(f"{word:4} {finding.name:28} {finding.detail}{cure}")
+        return 0 if all(finding.ok or finding.optional for finding in findings) else 1
 
 
 def _versions() -> list[Finding]:
     supported = (3, 11) <= sys.version_info[:2] <= (3, 12)
     python = Finding(name="python", ok=supported, detail=platform.python_version(), cure="use Python 3.11 or 3.12")
     findings = [Finding(name="saltus", ok=True, detail=commit()), python]
-    for name in PACKAGES:
+    for name, extra in _packages().items():
         found = package_version(name)
-        findings.append(Finding(name=name, ok=found != "missing", detail=found, cure="pip install saltus"))
-    for name in TRAINING_PACKAGES:
-        findings.append(Finding(name=f"{name} (only for training)", ok=True, detail=package_version(name)))
-    findings.append(Finding(name="ray (only for many hosts)", ok=True, detail=package_version("ray")))
+        missing = "optional, not installed" if extra else "not installed"
+        findings.append(
+            Finding(
+                name=name,
+                ok=found != "missing",
+                detail=missing if found == "missing" else found,
+                cure=f"pip install 'saltus[{extra}]'" if extra else "pip install saltus",
+                optional=bool(extra),
+            )
+        )
     return findings
+
+
+def _packages() -> dict[str, str]:
+    """What saltus declares that it needs, each with the extra that brings it; none for what all commands need."""
+    packages: dict[str, str] = {}
+    for requirement in requires("saltus") or ():
+        name = re.match(r"[\w.-]+", requirement)
+        extra = re.search(r"extra == ['\"](\w+)", requirement)
+        if name is not None and (extra is None or extra[1] in EXTRAS):
+            packages.setdefault(name[0], extra[1] if extra else "")
+    return packages
 
 
 def _attempts(image: Path | None) -> list[Finding]:
@@ -123,7 +147,8 @@ def _render(backend: str, image: Path | None) -> str:
         import cv2
 
         grey = (255 * (1 - np.clip(depth / 3.0, 0, 1))).astype(np.uint8)
-        cv2.imwrite(str(image), cv2.resize(grey, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST))
+        if not cv2.imwrite(str(image), cv2.resize(grey, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST)):
+            raise RuntimeError(f"cannot write {image}")
     return f"{depth.shape[1]}x{depth.shape[0]} image, nearest {np.nanmin(depth):.2f} m"
 
 
