@@ -6,15 +6,16 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
-from saltus.config import RunConfig
 from saltus.depth import MILLIMETRE, Intrinsics
-from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.stack import Stack
 from saltus.wire.messages import DepthFrame, Floats
+
+if TYPE_CHECKING:
+    from saltus.config import RunConfig
+    from saltus.recordings.recording import Recording
 
 Result = TypeVar("Result")
 
@@ -73,8 +74,11 @@ def resident_mb(processes: Iterable[int]) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def recorded_run(config: RunConfig) -> Recording:
+def recorded_run(config: "RunConfig") -> "Recording":
     """A run of the whole stack, from its start to its end."""
+    from saltus.recordings.recording import read_recording
+    from saltus.runtime.stack import Stack
+
     with tempfile.TemporaryDirectory() as directory:
         with Stack(config, Path(directory)) as stack:
             stack.wait()

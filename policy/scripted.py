@@ -46,7 +46,7 @@ class ScriptedParameters:
 
     Found by CMA-ES in the batched plant, with the effects of the "go1" profile and everything that a trial draws: 62
     generations of 60 candidates, each on flat ground and on stairs of 6, 6, 6, 7 and 8 cm, from numbers that were tuned
-    by hand. The search is gone (docs/history.md, "Policy"). `benchmarks/planner.py` measures what they are worth.
+    by hand. The search is gone (docs/history.md, "Policy"). `saltus bench planner` measures what they are worth.
     """
 
     stepping_frequency_hz: Value = 3.46
