@@ -1,7 +1,8 @@
 """real2sim from Python: an effect hidden in a robot is found in its log; one joint is drawn before and after the patch.
 
-pip install matplotlib
-python examples/real2sim_demo.py --seed 2 --out runs/real2sim
+Needs matplotlib; `saltus real2sim demo` does the same without the picture.
+
+    python examples/real2sim_demo.py --seed 2 --out runs/real2sim
 """
 
 from pathlib import Path

@@ -1,8 +1,10 @@
 """Does real2sim find, name and measure effects that are hidden in run logs? Generate, identify, follow up, score.
 
-saltus bench hidden_effects -- generate --seed 1 --out LOGS --truth TRUTH
-saltus bench hidden_effects -- identify LOGS --out VERDICTS
-saltus bench hidden_effects -- score VERDICTS TRUTH
+Each part goes on where it was stopped. It shares no code with what it measures.
+
+    saltus bench hidden_effects -- generate --seed 1 --out LOGS --truth TRUTH
+    saltus bench hidden_effects -- identify LOGS --out VERDICTS
+    saltus bench hidden_effects -- score VERDICTS TRUTH
 """
 
 import json
