@@ -220,14 +220,15 @@ def test_pyrender_and_mujoco_share_a_process() -> None:
 
 GROWTH = """
 import sys, numpy
-from benchmarks.render import TERRAIN, poses, resident_mb
+from benchmarks._measuring import own_processes, resident_mb
+from benchmarks.render import TERRAIN, poses
 from saltus.render.backends import make_renderer
 
 renderer, robots = make_renderer(sys.argv[1], TERRAIN), poses(100)
 def render(count):
     for _ in range(0, count, 100):
         renderer.render_batch(*robots)
-    return resident_mb()
+    return resident_mb(own_processes())
 first = render(500)
 print(render(4000) - first)
 """
