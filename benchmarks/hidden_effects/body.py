@@ -6,13 +6,12 @@ import mujoco
 import numpy as np
 
 from benchmarks.hidden_effects import stances
-from benchmarks.hidden_effects.joint_effects import Family, draw_sign
 from benchmarks.hidden_effects.mjcf import model_text
 from benchmarks.hidden_effects.motions import Segment
 from benchmarks.hidden_effects.noise import coloured
 from benchmarks.hidden_effects.pushes import Pushes
 from benchmarks.hidden_effects.robot import STAND, Floats
-from benchmarks.hidden_effects.scene import Scene, Setting
+from benchmarks.hidden_effects.scene import Family, Scene, Setting, draw_sign
 
 STEP_S = 0.0005
 CONTROL_DT = 0.002
@@ -97,6 +96,7 @@ class BodyScene(Scene):
         imu: The library is that of the IMU.
     """
 
+    families = FAMILIES
     sizing_rounds = 1
 
     def __init__(self, seed: int, *, tuning: bool, imu: bool) -> None:
@@ -130,17 +130,8 @@ class BodyScene(Scene):
         self._ideal = self._simulate({})
         self._index()
 
-    def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
-        """See `Scene`."""
-        family = FAMILIES[effect]
-        return Setting(effect=effect, size=family.usual, where=where, shape=family.shape(rng))
-
-    def largest(self, setting: Setting) -> float:
-        """See `Scene`."""
-        return FAMILIES[setting.effect].largest
-
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
-        """See `Scene`; where the robot has wandered to does not count: small slips add up."""
+        """Where the robot has wandered to does not count: small slips add up."""
         for settings in variants:
             if repr(settings) not in self._known:
                 read = self.read(settings)
@@ -149,7 +140,6 @@ class BodyScene(Scene):
         return np.stack([self._known[repr(settings)] for settings in variants])
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
-        """See `Scene`."""
         size = setting.size
         if setting.effect in ("com_offset", "imu_bias"):
             return {name: part * size for name, part in setting.shape.items()}

@@ -14,8 +14,6 @@ EVERY = 2
 
 
 class BodyStage(Stage):
-    """See `Stage`."""
-
     place = ("trunk",)
 
     def __init__(self, run: Run, tuning: bool) -> None:
@@ -24,7 +22,6 @@ class BodyStage(Stage):
         self.sizing = self._body
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
-        """See `Stage`."""
         if experiment not in experiments.BODY:
             return False
         position, segments = experiments.body_commands(experiment, CONTROL_DT, rng)
@@ -33,7 +30,6 @@ class BodyStage(Stage):
         return True
 
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
-        """See `Stage`."""
         scene, start = self._body, float(rng.uniform(0, 1000))
         clean = scene.read(settings)
         load = clean.pop("load")

@@ -1,16 +1,15 @@
 """Runs of the camera: what hides in it, its noise, and what it delivers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from benchmarks.hidden_effects import view
-from benchmarks.hidden_effects.joint_effects import Family, draw_sign
 from benchmarks.hidden_effects.ray_kernel import FAR
 from benchmarks.hidden_effects.robot import Floats
-from benchmarks.hidden_effects.scene import Scene, Setting
+from benchmarks.hidden_effects.scene import Family, Scene, Setting, draw_sign
 
 BASELINE_M = 0.050  # between the two imagers of a D435i
 SAMPLES = 60_000
@@ -85,6 +84,7 @@ class CameraScene(Scene):
         flat: There is nothing but a floor.
     """
 
+    families = FAMILIES
     library = tuple(LIBRARY)
     outside = tuple(OUTSIDE)
 
@@ -119,24 +119,20 @@ class CameraScene(Scene):
         self._index(rng)
 
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
-        """See `Scene`."""
-        shape = FAMILIES[effect].shape(rng)
-        if effect == "camera_latency" and self.latency < 0.04:
-            shape = {"sign": 1.0}
-        return Setting(effect=effect, size=FAMILIES[effect].usual, where=where, shape=shape)
+        drawn = super().draw(effect, where, rng)
+        return replace(drawn, shape={"sign": 1.0}) if effect == "camera_latency" and self.latency < 0.04 else drawn
 
     def largest(self, setting: Setting) -> float:
-        """See `Scene`."""
         if setting.effect == "camera_latency" and setting.shape["sign"] < 0:
             return self.latency
-        return FAMILIES[setting.effect].largest
+        return super().largest(setting)
 
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
-        """See `Scene`: depth away from edges, and holes, of pixels drawn at random."""
+        """Depth away from edges, and holes, of pixels drawn at random."""
         return np.stack([self._respond(settings) for settings in variants])
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
-        """See `Scene`; of frames the part that was lost indeed."""
+        """Of frames the part that was lost indeed."""
         size, signed = setting.size, setting.size * setting.shape.get("sign", 1.0)
         table: dict[str, dict[str, float]] = {
             "camera_latency": {"latency": self.latency + signed},

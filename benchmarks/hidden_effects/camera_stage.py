@@ -18,8 +18,6 @@ AT_EDGES = {"edge_holes", "hole_fill", "range_clip", "lens_distortion", "depth_r
 
 
 class CameraStage(Stage):
-    """See `Stage`."""
-
     place = ("camera",)
 
     def __init__(self, run: Run, tuning: bool) -> None:
@@ -32,7 +30,6 @@ class CameraStage(Stage):
         self._tells_capture = rng.uniform() < 0.5
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
-        """See `Stage`."""
         if experiment not in experiments.CAMERA:
             return False
         path, boxes = experiments.camera_path(experiment)
@@ -40,7 +37,6 @@ class CameraStage(Stage):
         return True
 
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
-        """See `Stage`."""
         scene, start = self._camera, float(rng.uniform(0, 1000))
         path = scene.path
         t = np.arange(0, path.segments[-1].end_s, 0.01)

@@ -1,6 +1,5 @@
 """Effects of drives: from a size and a shape to a table for the kernel, and to the schema's parameters."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,25 +7,13 @@ import numpy as np
 from benchmarks.hidden_effects.leg_kernel import CURVE_POINTS
 from benchmarks.hidden_effects.legs import Hidden
 from benchmarks.hidden_effects.robot import JOINTS, STAND, TORQUE_LIMIT, Floats
-from benchmarks.hidden_effects.scene import Setting
+from benchmarks.hidden_effects.scene import Family, Setting, draw_sign
 
 # Torque of the original's knee by table [Nm]: commanded, delivered
 TABLE_COMMANDED = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0])
 TABLE_DELIVERED = np.array([0.0, 5.0, 9.78, 14.12, 17.23, 20.34, 24.01, 25.68])
 GEAR = {"gear_stiffness": 2.0e4, "gear_damping": 2.0}
 """Teeth in contact [Nm/rad, Nm s/rad]: 10 Nm twist them by half an encoder's noise."""
-
-ShapeDraw = Callable[[np.random.Generator], dict[str, float]]
-
-
-def _none(rng: np.random.Generator) -> dict[str, float]:
-    del rng
-    return {}
-
-
-def draw_sign(rng: np.random.Generator) -> dict[str, float]:
-    """Shape of an effect that goes either way."""
-    return {"sign": float(rng.choice([-1, 1]))}
 
 
 def _knee(rng: np.random.Generator) -> dict[str, float]:
@@ -35,16 +22,6 @@ def _knee(rng: np.random.Generator) -> dict[str, float]:
         "table": float(rng.uniform() < 0.5),
         "power": float(rng.uniform(1.3, 2)),
     }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Family:
-    """Sizes that an effect can have."""
-
-    usual: float
-    """Where the search for one sigma starts."""
-    largest: float
-    shape: ShapeDraw = _none
 
 
 LIBRARY = {

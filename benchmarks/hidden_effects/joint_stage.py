@@ -12,7 +12,7 @@ from benchmarks.hidden_effects.tables import RunFiles, claim, joint_columns
 
 
 class JointStage(Stage):
-    """See `Stage`. One leg stands for all in what is measured of effects: the others are the same leg mirrored."""
+    """One leg stands for all in what is measured of effects: the others are the same leg mirrored."""
 
     def __init__(self, run: Run, tuning: bool) -> None:
         self._rng = np.random.default_rng(run.seed + 1)
@@ -26,12 +26,10 @@ class JointStage(Stage):
             self._joints.peak, self.sizing = full.peak, full
 
     def where(self, effect: str, rng: np.random.Generator) -> tuple[str, ...]:
-        """See `Stage`."""
         del effect
         return self.place if rng.uniform() < 0.5 else self._other(rng)
 
     def follow(self, experiment: str, rng: np.random.Generator) -> bool:
-        """See `Stage`."""
         if experiment not in experiments.JOINTS:
             return False
         command, segments = experiments.joint_commands(experiment, self._joints.rig.control_dt, rng)
@@ -39,7 +37,6 @@ class JointStage(Stage):
         return True
 
     def record(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> RunFiles:
-        """See `Stage`."""
         rig = self._joints.rig
         start = rng.uniform(0, 1000)
         t = start + np.arange(len(rig.command)) * rig.control_dt

@@ -41,6 +41,7 @@ class JointScene(Scene):
         legs: Legs that are simulated for responses; the log always has all four.
     """
 
+    families = FAMILIES
     library = tuple(LIBRARY)
     outside = tuple(OUTSIDE)
 
@@ -74,22 +75,16 @@ class JointScene(Scene):
         rest = np.stack([STAND, np.zeros(12), np.zeros(12)], axis=-1)
         self.rig, self.segments = replace(rig, command=rest + part * (command - rest)), segments
 
-    def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
-        """See `Scene`."""
-        family = FAMILIES[effect]
-        return Setting(effect=effect, size=family.usual, where=where, shape=family.shape(rng))
-
     def largest(self, setting: Setting) -> float:
-        """See `Scene`."""
         return joint_effects.largest(setting, self.peak)
 
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
-        """See `Scene`; every second row of the legs that are simulated."""
+        """Every second row of the legs that are simulated."""
         hidden = [joint_effects.hidden(settings, self.peak) for settings in variants]
         return self._shown(simulate(self.rig, hidden, self.legs, self.seed))
 
     def parameters(self, setting: Setting) -> dict[str, float | list[list[float]]]:
-        """See `Scene`; delays as the packets had them, from their sending to their first use."""
+        """Delays as the packets had them, from their sending to their first use."""
         result = joint_effects.parameters(setting, self.peak)
         if setting.effect in ("command_delay", "feedforward_delay"):
             joint = JOINTS.index(setting.where[0])
@@ -98,7 +93,6 @@ class JointScene(Scene):
         return result
 
     def parameters_at(self, setting: Setting) -> dict[str, dict[str, float | list[list[float]]]]:
-        """See `Scene`."""
         return joint_effects.parameters_at(setting, self.peak)
 
     def measure(self, settings: tuple[Setting, ...], rng: np.random.Generator) -> Floats:

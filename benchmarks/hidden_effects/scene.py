@@ -1,12 +1,35 @@
 """What every kind of run has in common: effects of a certain size at a certain place, and a scene that shows them."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hidden_effects.robot import Floats
+
+ShapeDraw = Callable[[np.random.Generator], dict[str, float]]
+
+
+def _none(rng: np.random.Generator) -> dict[str, float]:
+    del rng
+    return {}
+
+
+def draw_sign(rng: np.random.Generator) -> dict[str, float]:
+    """Shape of an effect that goes either way."""
+    return {"sign": float(rng.choice([-1, 1]))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """Sizes that an effect can have."""
+
+    usual: float
+    """Where the search for one sigma starts."""
+    largest: float
+    shape: ShapeDraw = _none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +53,7 @@ class Scene(ABC):
     """A rig and a motion: simulates what its sensors read when some effects are there.
 
     Attributes:
+        families: Sizes of all effects by their names.
         library: Names of the effects of the schema that this kind of log can show.
         outside: Names of effects that no library has.
         group: Segment and signal to which each entry of a response belongs, as one number, shape (m,).
@@ -38,6 +62,7 @@ class Scene(ABC):
             that it can have, in either direction; shape (k, m).
     """
 
+    families: Mapping[str, Family]
     library: tuple[str, ...]
     outside: tuple[str, ...]
     group: NDArray[np.int64]
@@ -46,18 +71,19 @@ class Scene(ABC):
     sizing_rounds: int = 9
     """Rounds of the search for the one-sigma sizes of the library: few where a simulation takes long."""
 
-    @abstractmethod
     def draw(self, effect: str, where: tuple[str, ...], rng: np.random.Generator) -> Setting:
         """An effect with a shape of its own and a size that is of the right order."""
+        family = self.families[effect]
+        return Setting(effect=effect, size=family.usual, where=where, shape=family.shape(rng))
 
     def place(self, effect: str, where: tuple[str, ...]) -> tuple[str, ...]:
         """Where an effect sits that is compared with another one at `where`."""
         del effect
         return where
 
-    @abstractmethod
     def largest(self, setting: Setting) -> float:
         """Largest size that a real robot could have."""
+        return self.families[setting.effect].largest
 
     @abstractmethod
     def respond(self, variants: list[tuple[Setting, ...]]) -> Floats:
