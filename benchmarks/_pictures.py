@@ -1,20 +1,29 @@
 """Pictures of what was measured. They need matplotlib; benchmarks without a picture do not."""
 
 import importlib.util
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks._command import Command
 from saltus.errors import SaltusError
 
 
-def check() -> None:
-    """Refuses to begin where no picture could be drawn at the end.
+@dataclass(frozen=True, kw_only=True)
+class Pictured(Command):
+    """A benchmark that can draw what it measured.
 
     Raises:
-        SaltusError: matplotlib is not installed.
+        SaltusError: a picture is asked for, and matplotlib is not installed.
     """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise SaltusError("--picture needs matplotlib, which is not installed: pip install matplotlib")
+
+    picture: Path | None = None
+    """PNG to draw the figures into; needs matplotlib."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.picture is not None and importlib.util.find_spec("matplotlib") is None:
+            raise SaltusError("--picture needs matplotlib, which is not installed: pip install matplotlib")
 
 
 def subplots(rows: int, columns: int, **options: Any) -> tuple[Any, Any]:

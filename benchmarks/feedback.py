@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import _pictures
-from benchmarks._command import Command, progress
+from benchmarks._command import progress
+from benchmarks._pictures import Pictured, save, subplots
 from saltus import go1
 from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
@@ -44,16 +44,12 @@ SHOWN_HZ, SHOWN_S = 2.0, (2.0, 4.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark(Command):
+class Benchmark(Pictured):
     seconds: float = 3.0
     """Of running, after a second of standing."""
-    picture: Path | None = None
-    """PNG of the tracking at 2 Hz; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
         """RMS of the error [rad/s] at each stepping frequency [Hz]."""
-        if self.picture is not None:
-            _pictures.check()
         errors = {}
         for frequency_hz in progress(FREQUENCIES_HZ):
             forward, both = (run(kd, frequency_hz, self.seconds) for kd in (0.0, 1.0))
@@ -117,7 +113,7 @@ def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
 
 def draw(forward: Trace, both: Trace, out: Path) -> None:
     """Two panels, one for each controller; stretches without ground contact are shaded."""
-    figure, axes = _pictures.subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
+    figure, axes = subplots(2, 1, figsize=(8.0, 5.0), sharex=True, sharey=True)
     for axis, trace, name in ((axes[0], forward, "Feed-forward only"), (axes[1], both, "Feed-forward and feedback")):
         axis.fill_between(
             trace.time_s, 0, 1, where=~trace.touching, transform=axis.get_xaxis_transform(), color="0.92", step="post"
@@ -131,4 +127,4 @@ def draw(forward: Trace, both: Trace, out: Path) -> None:
         axis.legend(loc="upper right", ncols=2, fontsize=8)
     axes[1].set_xlabel("time [s]; grey: no leg in stance touches the ground")
     axes[1].set_xlim(*SHOWN_S)
-    _pictures.save(figure, out)
+    save(figure, out)

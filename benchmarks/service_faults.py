@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import _pictures
-from benchmarks._command import Command, progress
+from benchmarks._command import progress
 from benchmarks._measuring import recorded_run
+from benchmarks._pictures import Pictured, save, subplots
 from saltus.config import RunConfig, TerrainConfig
 from saltus.heightmap.evaluation.comparison import Run, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -34,16 +34,12 @@ WINDOW = 5  # ticks of the running mean of the plot and the table: error varies 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark(Command):
+class Benchmark(Pictured):
     runs: int = 4
     """Of the stack, half a minute each."""
-    picture: Path | None = None
-    """PNG of the errors over time; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
         """Errors [mm] at some times after the end of each fault."""
-        if self.picture is not None:
-            _pictures.check()
         runs = [run for run in map(record, progress(range(self.runs))) if long_enough(run)]
         curves = measure(runs)
         if self.picture is not None:
@@ -239,7 +235,7 @@ def loss_ratios(runs: Sequence[Run]) -> dict[float, float]:
 
 def draw(curves: dict[str, Curves], out: Path) -> None:
     """One panel for each fault."""
-    figure, axes = _pictures.subplots(len(curves), 1, figsize=(8.0, 9.0), sharex=True, sharey=True)
+    figure, axes = subplots(len(curves), 1, figsize=(8.0, 9.0), sharex=True, sharey=True)
     for axis, (name, curve) in zip(axes, curves.items(), strict=True):
         error, clean = curve.mean
         time_s = TICK_S * np.arange(len(error)) - BEFORE_S
@@ -255,7 +251,7 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
     axes[0].legend(loc="upper right", ncols=2, fontsize=8)
     axes[0].set_ylim(bottom=0.0)
     axes[-1].set_xlabel("time since the end of the fault [s]; grey: status of some run not OK")
-    _pictures.save(figure, out)
+    save(figure, out)
 
 
 def record(seed: int) -> Run:

@@ -17,8 +17,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from benchmarks import _pictures
-from benchmarks._command import Command
+from benchmarks._pictures import Pictured, save, subplots
 from saltus.policy.training.evaluation_table import Row, read_rows
 from saltus.policy.training.standard_evaluation import COURSES
 from saltus.terrain.batch import KINDS
@@ -27,18 +26,15 @@ Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark(Command):
+class Benchmark(Pictured):
     folder: Annotated[Path, tyro.conf.Positional]
     """Of the training."""
-    picture: Path | None = None
-    """PNG of the curves; needs matplotlib."""
 
     def measure(self) -> dict[str, Any]:
         """The last row."""
         table = read_columns(self.folder / "progress.csv")
         kinds = [kind for kind in KINDS if f"{kind}/level" in table]
         if self.picture is not None:
-            _pictures.check()
             draw(table, read_rows(self.folder / "evaluation.csv"), kinds, self.picture)
         last = {name: float(table[name][-1]) for name in ("iteration", "steps", "seconds")}
         rows = {
@@ -58,14 +54,14 @@ def read_columns(path: Path) -> dict[str, Column]:
 def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], path: Path) -> None:
     """Draws the curves of some kinds of terrain over minutes."""
     size = max(7.0, 4.0 * len(kinds)), 5.5
-    figure, axes = _pictures.subplots(2, len(kinds), figsize=size, sharex=True, sharey="row", squeeze=False)
+    figure, axes = subplots(2, len(kinds), figsize=size, sharex=True, sharey="row", squeeze=False)
     for (above, below), kind in zip(axes.T, kinds, strict=True):
         mine = [row for row in rows if COURSES[row.course].terrain == kind]
         _draw_kind(above, below, table, mine, kind)
     axes[0, 0].set_ylim(0.0, 1.05)
     axes[1, 0].set_ylim(bottom=0.0)
     figure.suptitle(f"{table['steps'][-1] / 1e6:.1f} million steps of training")
-    _pictures.save(figure, path)
+    save(figure, path)
 
 
 def _draw_kind(above: Any, below: Any, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:

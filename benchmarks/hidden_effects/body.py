@@ -91,8 +91,6 @@ class BodyScene(Scene):
     """A robot that moves its body with its feet on the ground.
 
     Args:
-        seed: Draws gains, motion and noise.
-        tuning: Motions and noise of the set that methods are tuned on.
         imu: The library is that of the IMU.
     """
 

@@ -78,8 +78,6 @@ class CameraScene(Scene):
     """A camera on a trunk that is moved before boxes.
 
     Args:
-        seed: Draws camera, surroundings, motion and noise.
-        tuning: Motions and noise of the set that methods are tuned on.
         static: The trunk stands still at several places.
         flat: There is nothing but a floor.
     """

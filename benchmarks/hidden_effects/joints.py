@@ -35,8 +35,6 @@ class JointScene(Scene):
     """Four legs in the air.
 
     Args:
-        seed: Draws rig, motion and noise.
-        tuning: Motions and noise of the set that methods are tuned on.
         quiet: Slow and small motions only, which show few effects.
         legs: Legs that are simulated for responses; the log always has all four.
     """

@@ -52,6 +52,9 @@ class Setting:
 class Scene(ABC):
     """A rig and a motion: simulates what its sensors read when some effects are there.
 
+    A scene's seed draws rig, motion and noise; with `tuning` motions and noise are those of the set that methods are
+    tuned on.
+
     Attributes:
         families: Sizes of all effects by their names.
         library: Names of the effects of the schema that this kind of log can show.

@@ -155,6 +155,14 @@ def test_a_package_that_is_not_installed_is_named(
     assert "saltus[train]" in said
 
 
+def test_a_picture_without_matplotlib_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert main(["bench", "feedback", "--picture", "feedback.png"]) == 2
+    assert "pip install matplotlib" in capsys.readouterr().err
+
+
 def test_figures_as_text(capsys: pytest.CaptureFixture[str]) -> None:
     print_figures(
         {

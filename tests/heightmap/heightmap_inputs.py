@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from benchmarks._measuring import depth_frame
+from saltus.depth import MODEL_CAMERA
 from saltus.heightmap.service.replay import AssumeLevel
 from saltus.wire.messages import DepthFrame, RobotState
 
@@ -15,17 +16,7 @@ def frame(frame_id: int, time_ms: float, depth: np.ndarray | None = None) -> Dep
     """An image of the model's camera; random but always the same for one id."""
     if depth is None:
         depth = np.random.default_rng(frame_id).integers(300, 2500, (48, 16)).astype(np.uint16)
-    camera = MODEL_CAMERA
-    return DepthFrame(
-        time_ns=round(time_ms * MS),
-        frame_id=frame_id,
-        depth=depth,
-        depth_unit_m=MILLIMETRE,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-    )
+    return depth_frame(MODEL_CAMERA, depth, time_ns=round(time_ms * MS), frame_id=frame_id)
 
 
 def states(count: int) -> list[RobotState]:
