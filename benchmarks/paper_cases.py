@@ -44,8 +44,8 @@ class Benchmark(Command):
             start = time.process_time()
             with tempfile.TemporaryDirectory() as folder:
                 result = {"case": case.__name__, "seed": seed, **case(Path(folder), seed)}
+            tell(f"{case.__name__}, seed {seed}: {result.pop('in_words')}")
             results.append({**result, "cpu_s": round(time.process_time() - start, 1)})
-            tell(f"{case.__name__}, seed {seed}: {result['in_words']}")
         return {"cases": results}
 
 
