@@ -186,7 +186,7 @@ def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]
     for _ in range(WARMING):
         expose()
     calls, begin, processor = 0, time.perf_counter(), processor_s(own_processes())
-    while time.perf_counter() - begin < seconds:
+    while calls == 0 or time.perf_counter() - begin < seconds:
         expose()
         calls += 1
     frames = calls * case.batch
