@@ -26,7 +26,7 @@ from saltus.controller.gait import standing
 from saltus.controller.law import LegController, LegControllerConfig
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.signals import Plan, plan_from_action
-from saltus.effects.profile import GO1
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.robots.loading import load_robot
 from saltus.states import states_of
 from saltus.terrain.curriculum import make_terrain
@@ -92,7 +92,9 @@ def make_plan(phase: float, frequency_hz: float) -> Plan:
 
 def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     """Bounds with the given gain of the feedback; 0 is feed-forward alone."""
-    robot = MujocoRobot(load_robot(DEFAULT_ROBOT), make_terrain(TerrainConfig(terrain="flat")), Trial(), GO1)
+    model = load_robot(DEFAULT_ROBOT)
+    profile = load_profile(SHIPPED, model)
+    robot = MujocoRobot(model, make_terrain(TerrainConfig(terrain="flat")), Trial(), profile)
     law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []

@@ -17,7 +17,7 @@ from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.effects.profile import GO1
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
@@ -82,7 +82,8 @@ class Landing:
 
 def land(terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
-    robot = MujocoRobot(load_robot(DEFAULT_ROBOT), terrain, trial, trial.applied_to(GO1))
+    kind = load_robot(DEFAULT_ROBOT)
+    robot = MujocoRobot(kind, terrain, trial, trial.applied_to(load_profile(SHIPPED, kind)))
     robot.reset()
     loop, process = ControlLoop(), PlannerProcess(planner)
     plan: MotionPlan | None = None

@@ -16,14 +16,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.profile import IDEAL, Profile
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
+from saltus.robots.loading import load_robot
 
 LATENCY_S = 0.050  # paper
 FARTHEST_NM = 35.0
@@ -49,9 +51,15 @@ class Benchmark(Command):
         return {"cases": results}
 
 
+def _table() -> TorqueSaturation:
+    """The dynamometer's."""
+    shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    return next(effect for effect in shipped.actuator if isinstance(effect, TorqueSaturation))
+
+
 def saturation(folder: Path, seed: int) -> dict[str, Any]:
     """The table of torque in large steps."""
-    hidden = Profile(actuator=(TorqueSaturation(curve=GO1_CURVE),))
+    hidden = Profile(actuator=(_table(),))
     first = _search("large_steps", hidden, seed, folder)
     names = [effect.name for effect in first.verdict.effects]
     curves = [effect.curve for effect in first.verdict.effects if "FR_calf" in effect.where and effect.curve]
@@ -102,7 +110,7 @@ def _search(experiment: str, hidden: Profile, seed: int, folder: Path) -> Judgem
 def _apart(curve: tuple[tuple[float, float], ...]) -> float:
     """Largest relative error of a curve against the table."""
     torque = np.linspace(NEAREST_NM, FARTHEST_NM, 500)
-    fitted, table = (np.interp(torque, *np.array(((0.0, 0.0), *pairs)).T) for pairs in (curve, GO1_CURVE))
+    fitted, table = (np.interp(torque, *np.array(((0.0, 0.0), *pairs)).T) for pairs in (curve, _table().curve))
     return float(np.max(np.abs(fitted / table - 1.0)))
 
 

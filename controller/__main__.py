@@ -39,7 +39,7 @@ AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
     trial = Trial.draw(context.config.seed)
-    profile = trial.applied_to(load_profile(context.config.profile))
+    profile = trial.applied_to(load_profile(context.config.profile, context.robot))
     robot = MujocoRobot(context.robot, make_terrain(context.config.terrain), trial, profile)
     robot.reset()
     try:

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
@@ -39,6 +40,7 @@ from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus.recordings.run_log import RunLog
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 
 SCHEMA = "saltus-patch/1"
@@ -187,9 +189,10 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
     before = next((effect for effect in effects if effect.name == found.name), kind())
     after: Effect[Any]
     if isinstance(before, TorqueSaturation) and found.curve:
-        after = with_curve(before, range(len(JOINTS)) if found.where == "all" else _joints(found), found.curve)
+        joints = range(len(JOINTS)) if found.where == "all" else _joints(found)
+        after = with_curve(load_robot(DEFAULT_ROBOT), before, joints, found.curve)
     else:
-        before = as_knee(before) if isinstance(before, TorqueSaturation) else before
+        before = as_knee(load_robot(DEFAULT_ROBOT), before) if isinstance(before, TorqueSaturation) else before
         after = replace(before, **_values(before, found))
     if isinstance(after, BatterySag) and reach.duration_s is not None:
         after = replace(after, duration_s=reach.duration_s)

@@ -7,12 +7,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown, WrappedProblem
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 
 FITS = 0.02
@@ -69,7 +71,7 @@ def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProb
     unknown = sorted({name for block in names for name in block} - set(JOINTS))
     if unknown:
         raise ConfigError(f"a saturation that is given as a curve is one of a Go1; this robot has joints {unknown}")
-    starts, falls = saturation.corners
+    starts, falls = saturation.fitted(load_robot(DEFAULT_ROBOT)).corners
     columns = np.array([[JOINTS.index(name) for name in block] for block in names])
     corners: Floats = np.asarray(starts[:, columns[0]].T, dtype=np.float64)
     slopes: Floats = np.asarray(falls[:, columns].transpose(1, 2, 0), dtype=np.float64)

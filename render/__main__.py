@@ -24,7 +24,7 @@ def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
     config = context.config
     terrain = make_terrain(config.terrain)
-    profile = Trial.draw(config.seed).applied_to(load_profile(config.profile))
+    profile = Trial.draw(config.seed).applied_to(load_profile(config.profile, context.robot))
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
     exposure: Exposure
     if config.camera == "d435i":

@@ -67,8 +67,8 @@ class RunConfig:
     renderer: Renderer = "auto"
     camera: Camera = "ideal"
     """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240 (Embree)."""
-    profile: str = "go1"
-    """Effects of the hardware: "ideal", "go1", or the name or path of a TOML profile."""
+    profile: str = "shipped"
+    """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a TOML profile."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
     heightmap_model: str | None = None

@@ -1,14 +1,26 @@
 """Plausible messages of every kind, for tests of what carries them."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from saltus.effects.profile import load_profile
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.robots.loading import load_robot
+from saltus.runtime.process import ROBOT_FILE
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message
 
 ROBOT = load_robot("go1")
+PROFILE = load_profile("go1", ROBOT)
+CURVE = next(effect.curve for effect in PROFILE.actuator if isinstance(effect, TorqueSaturation))
+
+
+def put_robot(folder: Path) -> Path:
+    """Makes a folder that of a run of this robot; returns it."""
+    (folder / ROBOT_FILE).write_text(ROBOT.to_toml())
+    return folder
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.arrays import Floats
-from saltus.config import Camera, TerrainConfig, TerrainKind, check_at_least
+from saltus.config import DEFAULT_ROBOT, Camera, TerrainConfig, TerrainKind, check_at_least
 from saltus.effects.frame_drop import FrameDrop
-from saltus.effects.profile import GO1, Profile
+from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION, varied
@@ -28,6 +28,7 @@ from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutSte
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
@@ -94,6 +95,7 @@ class ClosedLoop:
         # Beyond the seeds of all evaluations and other rounds of data.
         first = int(rng.integers(2**32, 2**62))
         rollout = Rollout(
+            load_robot(DEFAULT_ROBOT),
             terrains,
             [Trial.draw(first + i) for i in range(self.robots)],
             MixedPlanner(rng, self.robots, learned=self.learned, variation=self.variation),
@@ -138,7 +140,8 @@ class MixedPlanner:
 def _heights(model: Path | None, loss: float) -> HeightsFactory | None:
     if model is None:
         return None
-    profile = replace(GO1, camera=(*GO1.camera, FrameDrop(fraction=loss)))
+    shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    profile = replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=loss)))
     return partial(_predicted, HeightmapNetwork(model), profile)
 
 

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.config import TerrainConfig, TerrainKind
-from saltus.effects.profile import GO1, Profile
+from saltus.config import DEFAULT_ROBOT, TerrainConfig, TerrainKind
+from saltus.effects.profile import Profile
 from saltus.heightmap.data.planner_randomisation import VARIATION, varied
 from saltus.heightmap.data.rollouts import Trajectory
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -35,8 +36,8 @@ class PlannedBounding:
     time_limit_s: float = 8.0
     first_seed: int = 2_000_000
     """Of the trials; apart from those of evaluations."""
-    profile: Profile = GO1
-    """Hardware of the robots."""
+    profile: Profile | None = None
+    """Hardware of the robots; as shipped where it is not given."""
 
     def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
         """Yields `count` trajectories: each robot's first trial, from its start to its end, failures included."""
@@ -52,7 +53,9 @@ class PlannedBounding:
     def _batch(self, rng: np.random.Generator, trials: list[Trial]) -> Iterator[Trajectory]:
         terrains = [make_terrain(_course(rng, self.hardest)) for _ in trials]
         planner = ScriptedPlanner(varied(rng, self.variation, len(trials)))
-        steps = list(Rollout(terrains, trials, planner, profile=self.profile, time_limit_s=self.time_limit_s).run())
+        kind = load_robot(DEFAULT_ROBOT)
+        rollout = Rollout(kind, terrains, trials, planner, profile=self.profile, time_limit_s=self.time_limit_s)
+        steps = list(rollout.run())
         running = np.array([step.running for step in steps])  # (ticks, robots)
         truth = [step.truth for step in steps]
         position = np.array([t.position_base_in_world for t in truth])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import Camera
+from saltus.config import DEFAULT_ROBOT, Camera
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
@@ -22,6 +22,7 @@ from saltus.heightmap.service.service import MAX_HEIGHT_M
 from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
 from saltus.resources import resource
+from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
@@ -32,7 +33,7 @@ from saltus.trial import Trial
 class PredictedHeightsFactory:
     """Makes `PredictedHeights` for a batch; can be sent to another process."""
 
-    profile: str = "go1"
+    profile: str = "shipped"
     """Effects of the hardware; those of the camera matter here."""
     model: Path | None = None
     """ONNX file; the shipped model where it is not given."""
@@ -46,7 +47,7 @@ class PredictedHeightsFactory:
             ModelError: the model is unreadable or does not fit.
         """
         network = HeightmapNetwork(self.model or resource("models/heightmap.onnx"))
-        profile = load_profile(self.profile)
+        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
         if self.camera == "d435i":
             rng = np.random.default_rng(np.random.SeedSequence([trials[0].seed, RANDOM_STREAM]))

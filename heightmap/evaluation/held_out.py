@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
+from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
-from saltus.effects.profile import GO1
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S
@@ -33,6 +33,7 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
 from saltus.policy.planner import make_planner
+from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
 from saltus.terrain.curriculum import make_terrain
@@ -91,6 +92,7 @@ class HeldOutRuns:
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
         rollout = Rollout(
+            load_robot(DEFAULT_ROBOT),
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
             make_planner(planner),
@@ -104,7 +106,8 @@ class HeldOutRuns:
     def _source(
         self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]
     ) -> PredictedHeights:
-        profile = dataclasses.replace(GO1, camera=(*GO1.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
+        shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+        profile = dataclasses.replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
         cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
         if self.camera == "d435i":
             cameras = StereoCameras(terrains, profile.view_chain, drawn_cameras(len(trials), rng), rng)

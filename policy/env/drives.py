@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import JOINT_ORDER, TORQUE_ORDER, proportional_derivative
 from saltus.effects.effect import Effect
 from saltus.effects.order import ordered
-from saltus.effects.profile import GO1, Profile
+from saltus.effects.profile import Profile
 from saltus.effects.signals import Drive, Resistance
 from saltus.effects.torque_gain import TorqueGain
+from saltus.robots.robot import Robot
 from saltus.wire.messages import JointCommand
 
 DRAWN = ("torque_gain", "feedforward_delay")
@@ -35,22 +35,23 @@ class Drives:
     """From joint commands to torques, for a batch whose robots differ.
 
     Args:
+        robot: Whose drives they are.
         longest_delay_s: No robot's delay is longer.
         profile: Its gain multiplies the strength. Its effects on torque that have no memory are applied as they are,
             friction as a torque that cannot turn a joint round within a step. Others are left out, with a warning.
     """
 
-    def __init__(self, longest_delay_s: float, profile: Profile = GO1) -> None:
+    def __init__(self, robot: Robot, longest_delay_s: float, profile: Profile) -> None:
         self.length = math.ceil(longest_delay_s / PHYSICS_DT - 1e-6) + 2
         """Number of feed-forward torques to remember."""
-        kept = [effect for effect in profile.actuator if effect.name not in DRAWN and effect.name not in LEFT_OUT]
+        kept = [e.fitted(robot) for e in profile.actuator if e.name not in DRAWN and e.name not in LEFT_OUT]
         torque, joint = (tuple(e for e in kept if e.site == site) for site in ("torque", "joint"))
         self._effects: tuple[Effect[Any], ...] = ordered(torque, TORQUE_ORDER, "an actuator")
         self._resisting: tuple[Effect[Any], ...] = ordered(joint, JOINT_ORDER, "an actuator")
         gains = [effect.gain for effect in profile.actuator if isinstance(effect, TorqueGain)] or [1.0]
-        self._gain = Constant(np.broadcast_to(np.asarray(gains[0], dtype=np.float64), go1.ARMATURE.shape).copy())
+        self._gain = Constant(np.broadcast_to(np.asarray(gains[0], dtype=np.float64), robot.armature.shape).copy())
         self._ages = Constant(range(self.length))
-        self._reach = Constant(go1.ARMATURE / PHYSICS_DT)
+        self._reach = Constant(robot.armature / PHYSICS_DT)
         left_out = [effect.name for effect in profile.actuator if effect.name in LEFT_OUT]
         if left_out:
             logging.getLogger(__name__).warning("robots in training are without %s", ", ".join(left_out))

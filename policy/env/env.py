@@ -77,7 +77,7 @@ class JumpEnv:
         device: str = "cpu",
         solver: StanceSolver | None = None,
     ) -> None:
-        self.config = config
+        self.config, robot = config, engine.robot
         self.count = engine.count
         self.device = torch.device(device)
         self._engine = engine
@@ -85,7 +85,7 @@ class JumpEnv:
         self._ctrl = torch.as_tensor(engine.ctrl)
         self._law = LegController(solver=solver or BatchedSolver())
         self._estimator = Estimator()
-        self._drives = Drives(config.randomisation.feedforward_delay_s[1], load_profile(config.profile))
+        self._drives = Drives(robot, config.randomisation.feedforward_delay_s[1], load_profile(config.profile, robot))
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, self._drives.length, plans, self.device)

@@ -47,8 +47,8 @@ class EnvConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
-    profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "go1"
-    """Effects of the drives: ideal, go1, one of your own, or a TOML file."""
+    profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
+    """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from saltus.config import TerrainConfig, check_between
+from saltus.config import DEFAULT_ROBOT, TerrainConfig, check_between
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
@@ -39,7 +40,7 @@ class Evaluation:
     trials: int = 20
     seed: int = 0
     """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
-    profile: str = "go1"
+    profile: str = "shipped"
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what the computer of a real robot takes."""
@@ -49,7 +50,7 @@ class Evaluation:
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
-        load_profile(self.profile)
+        load_profile(self.profile, load_robot(DEFAULT_ROBOT))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,10 +131,11 @@ def run_batch(
     """Runs the trials of some seeds in one batch."""
     terrains = courses_of(evaluation.course, seeds)
     rollout = Rollout(
+        load_robot(DEFAULT_ROBOT),
         terrains,
         [Trial.draw(seed) for seed in seeds],
         planner(),
-        profile=load_profile(evaluation.profile),
+        profile=load_profile(evaluation.profile, load_robot(DEFAULT_ROBOT)),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.action import Action
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
@@ -22,12 +21,12 @@ from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.profile import GO1, Profile
+from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
-from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
@@ -62,10 +61,12 @@ class Rollout:
     """Runs a planner on many robots, one policy step at a time.
 
     Args:
+        robot: Which one, for all.
         terrains: One for each trial.
         trials: What differs from robot to robot.
         planner: Plans for all of them.
-        profile: Hardware; each trial's motor strength and delay are put into it.
+        profile: Hardware, the robot's as shipped where it is not given; each trial's motor strength and delay are put
+            into it.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
@@ -75,17 +76,19 @@ class Rollout:
 
     def __init__(
         self,
+        robot: Robot,
         terrains: Sequence[Terrain],
         trials: Sequence[Trial],
         planner: Planner,
         *,
-        profile: Profile = GO1,
+        profile: Profile | None = None,
         heights: HeightsFactory | None = None,
         time_limit_s: float = TIME_LIMIT_S,
         stand_steps: int = STAND_STEPS,
         plan_delay_s: float = 0.0,
         threads: int = 1,
     ) -> None:
+        profile = profile or load_profile(SHIPPED, robot)
         self.trials = tuple(trials)
         self.count = len(self.trials)
         self.planner = planner
@@ -95,7 +98,7 @@ class Rollout:
         self._plans_ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
         self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
         self._plant = BatchPlant(
-            load_robot(DEFAULT_ROBOT),
+            robot,
             terrains,
             self.count,
             friction=np.array([trial.friction for trial in trials]),

@@ -15,8 +15,9 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log
-from saltus.robots.loading import load_robot, shipped_robots
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import shipped_robots
 
 PAUSE_S = 1.0  # between runs that are read as one; joints and cameras remember less
 BLOCK_S = 5.0  # length of segments in a log that names none and never rests: several periods of any motion

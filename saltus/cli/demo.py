@@ -8,7 +8,7 @@ import tyro
 from tqdm import tqdm
 
 from saltus.cli.output import follow, print_json, run_directory
-from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import DEFAULT_ROBOT, Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.wire.messages import GroundTruth
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ class Demo:
     """Back end of the ideal camera."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
-    profile: str = "go1"
-    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
+    profile: str = "shipped"
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     time_limit_s: float = 20.0
     """The run ends after this much simulated time."""
     video: bool = True
@@ -51,10 +51,11 @@ class Demo:
         from saltus.recordings.recording import read_recording
         from saltus.recordings.report import write_report
         from saltus.recordings.summary import summarise
+        from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
         terrain = make_terrain(self.course)
-        load_profile(self.profile)
+        load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
             profile=self.profile, planner=self.planner, speed=self.speed, time_limit_s=self.time_limit_s,

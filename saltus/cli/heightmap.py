@@ -15,7 +15,7 @@ from saltus.cli.heightmap_data import Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.serve import Peer, serve
-from saltus.config import Camera, RunConfig, check_at_least
+from saltus.config import DEFAULT_ROBOT, Camera, RunConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import DeliveryName
 from saltus.policy.training.command import TRAINING
@@ -127,9 +127,9 @@ class Collect:
     """How many episodes. With --source policy how many robots, for 6 s each: falls make more episodes of them."""
     seed: int = 0
     """Seed of terrains and trials."""
-    profile: str = "go1"
-    """Hardware of the robots and how their cameras sit: ideal, go1, one of your own, or a TOML file. With --source
-    policy that of the policy's training."""
+    profile: str = "shipped"
+    """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
+    file. With --source policy that of the policy's training."""
     policy: Path | None = None
     """With --source policy: checkpoint of the policy that leads; that of this checkout where it is not given."""
     predictor: Path | None = None
@@ -182,8 +182,9 @@ class Collect:
         from saltus.effects.profile import load_profile
         from saltus.heightmap.data.planned import PlannedBounding
         from saltus.heightmap.data.rollouts import collect
+        from saltus.robots.loading import load_robot
 
-        profile = load_profile(self.profile)
+        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         source = PlannedBounding(first_seed=TRIALS * (1 + self.seed), profile=profile)
         config = {"source": self.source, "episodes": self.episodes, "profile": self.profile}
         view = profile.view_chain

@@ -45,8 +45,8 @@ class Eval:
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
     """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
     predicted: what the heightmap service makes of late depth images."""
-    profile: str = "go1"
-    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
+    profile: str = "shipped"
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None

@@ -11,6 +11,7 @@ from tyro.conf import subcommand
 
 from saltus.cli.flags import Flag, shown
 from saltus.cli.output import print_json
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ConfigError
 from saltus.folders import ask_for_room, new_folder
 
@@ -39,7 +40,7 @@ class Find:
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for the results."""
     profile: str = "ideal"
-    """Effects that the simulator has already: ideal, go1, one of your own, or a TOML file."""
+    """Effects that the simulator has already: shipped (the robot's), ideal, one of your own, or a TOML file."""
     seed: int = 0
     """Seed of the bootstrap, which gives the intervals of the compared models."""
     report: bool = True
@@ -52,8 +53,9 @@ class Find:
         from saltus.effects.profile import load_profile
         from saltus.real2sim.pipeline import find
         from saltus.real2sim.reporting.words import sentence
+        from saltus.robots.loading import load_robot
 
-        profile = load_profile(self.profile)
+        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
             judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
@@ -105,7 +107,8 @@ class Apply:
     profile: Annotated[str, tyro.conf.arg(metavar="NAME")]
     """Name of the profile, written to profiles/NAME.toml. If there is one of this name, the patch is added to it."""
     base: str = "ideal"
-    """Profile to begin with if there is none of this name yet: ideal, go1, one of your own, or a TOML file."""
+    """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
+    file."""
     json: Flag = False
     """Print one JSON object on the last line."""
 
@@ -113,10 +116,11 @@ class Apply:
         """Writes profiles/NAME.toml."""
         from saltus.effects.profile import load_profile, profiles_folder, save_profile
         from saltus.real2sim.patch import load_patch
+        from saltus.robots.loading import load_robot
 
         patch = load_patch(self.patch)
         exists = (profiles_folder() / f"{self.profile}.toml").is_file()
-        before = load_profile(self.profile if exists else self.base)
+        before = load_profile(self.profile if exists else self.base, load_robot(DEFAULT_ROBOT))
         path = save_profile(self.profile, patch.applied_to(before))
         names = [effect.name for effect in patch.effects]
         if self.json:
@@ -142,8 +146,8 @@ class Experiments:
         str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
     ] = None
     """Name of an experiment to run."""
-    profile: str = "go1"
-    """Effects of the robot's hardware: ideal, go1, one of your own, or a TOML file."""
+    profile: str = "shipped"
+    """Effects of the robot's hardware: shipped (the robot's), ideal, one of your own, or a TOML file."""
     camera_latency: float = 0.05
     """Latency that the log claims of the camera [s], 0 to 1; for experiments with a camera."""
     seed: int = 0
@@ -179,10 +183,11 @@ class Experiments:
         from saltus.real2sim.experiments.footage import Camera
         from saltus.real2sim.experiments.run import run
         from saltus.recordings.run_log import refuse_run_log, write_run_log
+        from saltus.robots.loading import load_robot
 
         if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
             raise ConfigError(f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s")
-        profile = load_profile(self.profile)
+        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         directory = self.out or new_folder(experiment.name)
         refuse_run_log(directory)
         ask_for_room(directory)

@@ -55,7 +55,7 @@ class List:
 
     def run(self) -> int:
         """Prints a name a line; 0."""
-        from saltus.robots.loading import shipped_robots
+        from saltus.robots.shipped import shipped_robots
 
         print("\n".join(shipped_robots()))
         return 0

@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from saltus.cli.output import follow, run_directory
-from saltus.config import Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import DEFAULT_ROBOT, Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 
 FOREVER_S = 1e6
 
@@ -28,19 +28,20 @@ class Up:
     """Back end of the ideal camera."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: the shipped policy."""
-    profile: str = "go1"
-    """Effects of the hardware: ideal, go1, one of your own, or a TOML file."""
+    profile: str = "shipped"
+    """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     out: Path | None = None
     """Folder for logs and recording; a new one under runs/ where it is not given."""
 
     def run(self) -> int:
         """Runs until the end; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.effects.profile import load_profile
+        from saltus.robots.loading import load_robot
         from saltus.runtime.stack import Stack
         from saltus.terrain.curriculum import make_terrain
 
         make_terrain(self.course)
-        load_profile(self.profile)
+        load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         config = RunConfig(
             terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera, renderer=self.renderer,
             profile=self.profile, planner=self.planner, speed=self.speed, time_limit_s=FOREVER_S,

@@ -1,15 +1,15 @@
 """Play between a drive and its joint."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Site, Values, like, parameter, period
+from saltus.effects.effect import Effect, Site, Values, from_robot, like, parameter, period
 from saltus.effects.signals import Drive
-from saltus.go1 import ARMATURE
 
 Play = tuple[Array, Array, Array, Array, Array] | tuple[()]
 """How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming
@@ -32,6 +32,12 @@ class Backlash(Effect[Drive]):
     width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
+    # inertia of the rotors; the robot's armature where it is not given
+    rotor: Values | None = from_robot("armature", unit="kg m^2", high=10.0)
+
+    @cached_property
+    def _rotor(self) -> Constant:
+        return Constant(self.of_robot("rotor"))
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Play:
         """Empty: the first torque is taken to have been there for long."""
@@ -44,7 +50,7 @@ class Backlash(Effect[Drive]):
         torque = signal.torque
         xp = namespace(torque)
         half = 0.5 * like(self.width, torque, xp)
-        velocity, rotor = signal.velocity, _ROTOR.like(torque)
+        velocity, rotor = signal.velocity, self._rotor.like(torque)
         zero = xp.zeros_like(torque)
         if not state:
             return signal, (xp.where(torque < 0.0, -half + zero, half + zero), zero, zero == zero, velocity, zero)
@@ -71,7 +77,4 @@ class Backlash(Effect[Drive]):
             return 0.0
         _, rate, touches, _, _ = state
         xp = namespace(rate)
-        return xp.where(touches, xp.zeros_like(rate), _ROTOR.like(rate))
-
-
-_ROTOR = Constant(ARMATURE)
+        return xp.where(touches, xp.zeros_like(rate), self._rotor.like(rate))

@@ -10,6 +10,7 @@ from saltus.effects.backlash import Backlash
 from saltus.effects.effect import Effect, Signal
 from saltus.effects.order import ordered
 from saltus.effects.signals import Drive, JointState, Resistance
+from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, JointCommand
 
 COMMAND_ORDER = ("command_delay", "feedforward_delay")
@@ -61,6 +62,10 @@ class ActuatorChain:
     def __post_init__(self) -> None:
         order = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
         object.__setattr__(self, "effects", ordered(self.effects, order, "an actuator"))
+
+    def fitted(self, robot: Robot) -> "ActuatorChain":
+        """The chain in the drives of a robot, from which its effects take what they do not say themselves."""
+        return ActuatorChain(tuple(effect.fitted(robot) for effect in self.effects))
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> ActuatorState:
         """State before the first command, for `batch` robots."""

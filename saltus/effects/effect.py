@@ -4,12 +4,12 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 from saltus.wire.messages import Floats
 
 Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "view"]
@@ -29,6 +29,11 @@ def parameter(*, unit: str, null: Any, low: float, high: float, default: Any = N
     """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect."""
     metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint}
     return field(default=null if default is None else default, metadata=metadata)
+
+
+def from_robot(source: str, *, unit: str, high: float) -> Any:
+    """Declares what an effect takes from a field of the robot where it is not given; not an effect in itself."""
+    return field(default=None, metadata={"unit": unit, "low": 0.0, "high": high, "per_joint": True, "robot": source})
 
 
 def period(default: float) -> Any:
@@ -54,7 +59,7 @@ class Effect(ABC, Generic[Signal]):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if "low" in f.metadata:
+            if "low" in f.metadata and not ("robot" in f.metadata and getattr(self, f.name) is None):
                 _check(f"{self.name}.{f.name}", getattr(self, f.name), f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
@@ -65,6 +70,25 @@ class Effect(ABC, Generic[Signal]):
     @abstractmethod
     def apply(self, signal: Signal, time_s: float, state: Any) -> tuple[Signal, Any]:
         """Returns the changed signal and the next state; changes neither argument."""
+
+    def fitted(self, robot: Robot) -> Self:
+        """The effect in the drives of a robot, with what `from_robot` declares taken from there unless it is given."""
+        lacking = [f for f in fields(self) if "robot" in f.metadata and getattr(self, f.name) is None]
+        # what the robot has without limit is as high as may be
+        values = [np.minimum(getattr(robot, f.metadata["robot"]), f.metadata["high"]).tolist() for f in lacking]
+        taken = {f.name: tuple(found) for f, found in zip(lacking, values, strict=True)}
+        return dataclasses.replace(self, **taken) if taken else self
+
+    def of_robot(self, name: str) -> Floats:
+        """A parameter that `fitted` takes from the robot.
+
+        Raises:
+            ConfigError: the effect has not been fitted to one.
+        """
+        values = getattr(self, name)
+        if values is None:
+            raise ConfigError(f"{self.name}.{name} is not given: fit the effect to a robot first")
+        return np.asarray(values, dtype=np.float64)
 
     def is_null(self) -> bool:
         """Whether every parameter has the value at which nothing changes."""

@@ -22,17 +22,14 @@ import tomli_w
 
 from saltus.effects.body import BodyChain
 from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
-from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.imu import ImuChain
 from saltus.effects.registry import EFFECTS
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
-from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError, nearest_hint
-from saltus.wire.topics import CAMERA_LATENCY_S
+from saltus.robots.robot import Robot
+from saltus.robots.shipped import shipped_profiles
 
 PARTS = {
     "command": "actuator",
@@ -100,20 +97,12 @@ class Profile:
 IDEAL = Profile()
 """No effects at all."""
 
-GO1 = Profile(
-    actuator=(
-        FeedforwardDelay(delay=0.010),  # original
-        TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),  # original
-        TorqueSaturation(curve=GO1_CURVE),
-    ),
-    camera=(CameraLatency(latency=CAMERA_LATENCY_S),),
-)
-"""What the authors of the paper measured on their Go1."""
-
 TRAINING_SHIFT = HeightmapShift(x_range=0.08, z_range=0.05)
 """What a policy must tolerate (paper)."""
 
-_NAMED = {"ideal": IDEAL, "go1": GO1}
+SHIPPED = "shipped"
+"""Names the profile that a robot has as shipped."""
+_IDEAL = "ideal"
 
 
 def profiles_folder() -> Path:
@@ -128,9 +117,9 @@ def save_profile(name: str, profile: Profile) -> Path:
         ConfigError: a name that is none or that is taken by a profile that Saltus ships, or a folder that cannot be
             written.
     """
-    if name in _NAMED or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        taken = ", ".join(_NAMED)
-        raise ConfigError(f"'{name}' cannot name a profile: use letters, digits, _ and -; taken are {taken}")
+    taken = [SHIPPED, _IDEAL, *shipped_profiles()]
+    if name in taken or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        raise ConfigError(f"'{name}' cannot name a profile: use letters, digits, _ and -; taken are {', '.join(taken)}")
     path = profiles_folder() / f"{name}.toml"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,22 +129,29 @@ def save_profile(name: str, profile: Profile) -> Path:
     return path
 
 
-def load_profile(name_or_path: str) -> Profile:
-    """A profile by name ("ideal", "go1", or a file of `profiles_folder`), or from a TOML file.
+def load_profile(name_or_path: str, robot: Robot) -> Profile:
+    """A profile by name, or from a TOML file.
+
+    Args:
+        name_or_path: "shipped" (the one that the robot has as shipped), "ideal", the name of a robot that Saltus ships
+            with a profile, a file of `profiles_folder`, or the path of a TOML file.
+        robot: Whose drives, camera and body they are.
 
     Raises:
         ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the nearest is named); a value
             out of bounds.
     """
-    if name_or_path in _NAMED:
-        return _NAMED[name_or_path]
-    path = Path(name_or_path)
-    own = profiles_folder()
-    if path.suffix != ".toml" and not path.is_file():
-        path = own / f"{name_or_path}.toml"
+    name = robot.profile if name_or_path == SHIPPED else name_or_path
+    if name == _IDEAL:
+        return IDEAL
+    path, own, shipped = Path(name), profiles_folder(), shipped_profiles()
+    if name in shipped:
+        path = shipped[name]
+    elif path.suffix != ".toml" and not path.is_file():
+        path = own / f"{name}.toml"
         if not path.is_file():
-            known = [*_NAMED, *(file.stem for file in own.glob("*.toml"))]
-            raise ConfigError(f"no profile '{name_or_path}': {nearest_hint(name_or_path, known)}; or give a TOML file")
+            known = [SHIPPED, _IDEAL, *shipped, *(file.stem for file in own.glob("*.toml"))]
+            raise ConfigError(f"no profile '{name}': {nearest_hint(name, known)}; or give a TOML file")
     try:
         return profile_from_toml(path.read_text())
     except (OSError, UnicodeDecodeError) as error:

@@ -8,31 +8,20 @@ from typing import ClassVar
 import numpy as np
 
 from saltus.arrays import Constant, namespace
-from saltus.effects.effect import Effect, Site, Values, parameter
+from saltus.effects.effect import Effect, Site, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
-from saltus.go1 import REDUCTION, TORQUE_LIMIT
+from saltus.robots.robot import JOINTS
 from saltus.wire.messages import Floats
 
-GO1_CURVE = (
-    (3.0, 3.0),
-    (5.0, 5.0),
-    (10.0, 9.78),
-    (15.0, 14.12),
-    (20.0, 17.23),
-    (25.0, 20.34),
-    (30.0, 24.01),
-    (35.0, 25.68),
-)
-"""Commanded and delivered torque at the calf joint of a Go1 [Nm] (original; dynamometer at the rear left knee)."""
-CURVE_REDUCTION = 6.33  # of the calf joint, at which the curve was measured (original)
+_CALF = 2  # in whose torque a curve is given
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueSaturation(Effect[Drive]):
     """Delivered torque as an odd, piecewise linear function of commanded torque.
 
-    Given either as `curve`, measured at the calf and scaled to each joint by its reduction, or as `knee` and `plateau`
+    Given either as `curve`, measured at a calf and scaled to each joint by its reduction, or as `knee` and `plateau`
     at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope. Its
     rows hold a commanded torque and the one delivered, or the 12 delivered, one per joint, all in calf torque.
     """
@@ -44,8 +33,12 @@ class TorqueSaturation(Effect[Drive]):
     curve: tuple[tuple[float, ...], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
     # command at which 5 % is lost
     knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
-    # delivered where the torque limit of the joint is commanded
+    # delivered where `limit` is commanded
     plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
+    # the robot's torque limit where it is not given
+    limit: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
+    # the robot's from motor to joint where it is not given
+    reduction: Values | None = from_robot("reduction", unit="", high=1e3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,6 +50,8 @@ class TorqueSaturation(Effect[Drive]):
             raise ConfigError(
                 f"{self.name}.curve = {self.curve!r} must be pairs, or rows of 13, that rise, from above 0"
             )
+        if self.limit is None or self.reduction is None:
+            return
         _, slopes = self._segments
         if not np.all((slopes >= 0.0) & (slopes <= 1.5)):
             raise ConfigError(f"{self.name}: knee = {self.knee!r}, plateau = {self.plateau!r} make no saturating curve")
@@ -66,17 +61,17 @@ class TorqueSaturation(Effect[Drive]):
         """Where segments begin [Nm] and their slopes, each of shape (segments, ..., 12)."""
         if self.curve:
             points = np.array([(0.0,) * len(self.curve[0]), *self.curve])
-            scale = REDUCTION / CURVE_REDUCTION
+            reduction = self.of_robot("reduction")
+            scale = reduction / reduction[_CALF]
             slopes = np.diff(points[:, 1:], axis=0) / np.diff(points[:, :1], axis=0)
-            return points[:-1, :1] * scale, np.broadcast_to(slopes, (len(slopes), len(REDUCTION)))
-        exists = np.isfinite(self.knee) & np.ones(len(REDUCTION), dtype=bool)
-        knee = np.where(exists, self.knee, 0.5 * TORQUE_LIMIT)
-        plateau = np.where(exists, self.plateau, TORQUE_LIMIT)
+            return points[:-1, :1] * scale, np.broadcast_to(slopes, (len(slopes), len(JOINTS)))
+        limit = self.of_robot("limit")
+        exists = np.isfinite(self.knee) & np.ones(len(JOINTS), dtype=bool)
+        knee = np.where(exists, self.knee, 0.5 * limit)
+        plateau = np.where(exists, self.plateau, limit)
         below = np.where(exists, 0.95, 1.0)
         # two unknowns, corner c and slope s, from c + s (knee - c) = 0.95 knee and c + s (limit - c) = plateau
-        slope = np.divide(
-            plateau - below * knee, TORQUE_LIMIT - knee, where=knee < TORQUE_LIMIT, out=-np.ones_like(knee)
-        )
+        slope = np.divide(plateau - below * knee, limit - knee, where=knee < limit, out=-np.ones_like(knee))
         corner = np.where(exists, knee * (0.95 - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0)
         slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
         return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
@@ -110,5 +105,5 @@ class TorqueSaturation(Effect[Drive]):
 
 def _rises(curve: tuple[tuple[float, ...], ...]) -> bool:
     points = np.asarray(curve, dtype=float)
-    is_table = points.ndim == 2 and points.shape[1] in (2, 1 + len(REDUCTION))
+    is_table = points.ndim == 2 and points.shape[1] in (2, 1 + len(JOINTS))
     return is_table and bool(np.all(np.diff(points, axis=0, prepend=0.0) > 0.0))

@@ -8,10 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from saltus.arrays import Constant, namespace
-from saltus.effects.effect import Effect, Site, Values, parameter
+from saltus.effects.effect import Effect, Site, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
-from saltus.go1 import TORQUE_LIMIT
 from saltus.robots.robot import JOINTS
 
 # Torque [Nm] and speed [rad/s] that no joint reaches, for joints without limit: infinity times a share of zero is not
@@ -32,6 +31,8 @@ class TorqueSpeedLimit(Effect[Drive]):
 
     corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, per_joint=True)
     no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0, per_joint=True)
+    # torque up to the corner; the robot's torque limit where it is not given
+    stall: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,10 +43,11 @@ class TorqueSpeedLimit(Effect[Drive]):
     @cached_property
     def _bounds(self) -> tuple[Constant, Constant, Constant]:
         """Stall torque, no-load speed, and share of the stall torque lost per speed beyond the corner."""
+        stall = self.of_robot("stall")
         limited = np.isfinite(self.no_load) & np.ones(len(JOINTS), dtype=bool)
         no_load = np.where(limited, self.no_load, UNLIMITED)
         span = no_load - np.where(limited, self.corner, 0.0)
-        return Constant(np.where(limited, TORQUE_LIMIT, UNLIMITED)), Constant(no_load), Constant(1.0 / span)
+        return Constant(np.where(limited, stall, UNLIMITED)), Constant(no_load), Constant(1.0 / span)
 
     def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
         """Clips the torque."""

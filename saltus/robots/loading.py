@@ -6,15 +6,8 @@ from pathlib import Path
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.mjcf import Derivation, derive
 from saltus.robots.robot import Robot
+from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder, shipped_robots
 from saltus.robots.supplement import load_supplement
-
-SUPPLEMENT_FILE = "robot.toml"
-_SHIPPED = Path(__file__).resolve().parent
-
-
-def shipped_robots() -> list[str]:
-    """Names of the robots that Saltus ships: the folders beside this module."""
-    return sorted(file.parent.name for file in _SHIPPED.glob(f"*/{SUPPLEMENT_FILE}"))
 
 
 def load_robot(name_or_path: str) -> Robot:
@@ -34,7 +27,7 @@ def derive_robot(name_or_path: str, supplement: Path | None = None) -> Derivatio
         name_or_path: As for `load_robot`.
         supplement: TOML beside an MJCF; of a folder, its robot.toml where none is given.
     """
-    path = _SHIPPED / name_or_path if name_or_path in shipped_robots() else Path(name_or_path)
+    path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
     if path.is_dir():
         path = path / SUPPLEMENT_FILE
     if path.suffix == ".toml":

@@ -69,7 +69,7 @@ class BatchPlant:
         longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
         self.model = scene.build_spec(robot, longest, payload_kg=1.0, columns=self._columns).compile()
-        self._chain = chain or ActuatorChain()
+        self._chain = (chain or ActuatorChain()).fitted(robot)
         self._rng = np.random.default_rng(seed)
         self._body, self._imu = body or BodyChain(), imu or ImuChain()
         self._claimed_friction, self._claimed_payload_kg = np.zeros(count), np.zeros(count)

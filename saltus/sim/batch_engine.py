@@ -22,9 +22,8 @@ class BatchEngine(Engine):
     """
 
     def __init__(self, robot: Robot, count: int, boxes: int, *, threads: int = 0) -> None:
-        self.count, self.boxes = count, boxes
+        self.robot, self.count, self.boxes = robot, count, boxes
         self.model = _with_contact_sensors(robot, boxes)
-        self._armature = robot.armature
         self._where = ModelIndices(self.model)
         self._batch = Batch(self.model, nsim=count, nthread=threads)
         bind, expand = self._batch.bind, self._batch.expand
@@ -76,7 +75,7 @@ class BatchEngine(Engine):
         expand = self._batch.expand
         expand("dof_frictionloss")[:, 6:] = np.asarray(friction)
         expand("dof_damping")[:, 6:] = np.asarray(damping)
-        expand("dof_armature")[:, 6:] = self._armature + np.asarray(armature)
+        expand("dof_armature")[:, 6:] = self.robot.armature + np.asarray(armature)
 
 
 def _with_contact_sensors(robot: Robot, boxes: int) -> mujoco.MjModel:

@@ -29,6 +29,7 @@ class Engine(ABC):
     The arrays are alive: the next step changes those that are results, and reads those that are inputs.
     """
 
+    robot: Robot
     count: int
     boxes: int
     """Terrain boxes of each robot."""

@@ -123,7 +123,7 @@ class Plant:
             scene.set_body(self.model, robot, body.apply(claimed))
         self.data = mujoco.MjData(self.model)
         self._imu = imu or ImuChain()
-        self._chain = chain or ActuatorChain()
+        self._chain = (chain or ActuatorChain()).fitted(robot)
         self._seed = seed
         self._thighs = [self.model.body(f"{leg}_thigh").id for leg in LEGS]
         self._calves = [self.model.body(f"{leg}_calf").id for leg in LEGS]

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
-from samples import ROBOT
+from samples import PROFILE, ROBOT
 
 from saltus.action import REST, plan_message
 from saltus.config import TerrainConfig
@@ -14,7 +14,6 @@ from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.effects.profile import GO1
 from saltus.policy.observation import observe
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.terrain.curriculum import make_terrain
@@ -55,7 +54,7 @@ def stop(robot, loop, plan, seconds):
 @pytest.mark.parametrize(("phase", "silent"), [(phase, k % 2 == 1) for k, phase in enumerate(PHASES)])
 def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent):
     trial = Trial.draw(int(100 * phase))
-    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
+    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(PROFILE))
     robot.reset()
     loop = ControlLoop()
     plan = run_until(robot, loop, FIRST_STAND_S + 1.4 + phase * CYCLE_S)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import PROFILE, ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -12,7 +12,6 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.backend import Reading
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.curriculum import make_terrain
@@ -44,7 +43,7 @@ def bounding(seconds, loop, status=PlanStatus.GO):
 
 def make_robot(seed=0):
     trial = Trial.draw(seed)
-    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(GO1))
+    robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(PROFILE))
     robot.reset()
     return robot
 
@@ -177,7 +176,7 @@ def test_acting_before_sensing_says_so():
 def test_truth_is_the_terrain_along_the_robots_yaw():
     trial = Trial(position_x=1.4, yaw=0.3)
     terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
-    robot = MujocoRobot(ROBOT, terrain, trial, GO1)
+    robot = MujocoRobot(ROBOT, terrain, trial, PROFILE)
     robot.reset()
     truth = robot.truth(5, 2)
     x, _, z = truth.position_base_in_world

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
@@ -47,14 +48,14 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
 
 def rollout(model: Path) -> Rollout:
     planner, heights = make_planner("scripted"), PredictedHeightsFactory(model=model)
-    return Rollout(TERRAINS, TRIALS, planner, heights=heights, stand_steps=60)
+    return Rollout(ROBOT, TERRAINS, TRIALS, planner, heights=heights, stand_steps=60)
 
 
 def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
     cameras = [
         CameraProcess(
             PerfectExposure(EmbreeRenderer(terrain)),
-            trial.applied_to(load_profile("go1")).camera_chain,
+            trial.applied_to(load_profile("go1", ROBOT)).camera_chain,
             np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),
         )
         for terrain, trial in zip(TERRAINS, TRIALS, strict=True)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from samples import PROFILE, ROBOT
 
 from saltus import go1
 from saltus.constants import PHYSICS_DT
@@ -8,7 +9,7 @@ from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.profile import GO1, Profile
+from saltus.effects.profile import Profile
 from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.viscous_friction import ViscousFriction
 from saltus.policy.env.drives import Drives
@@ -21,10 +22,10 @@ N = 5
 @pytest.mark.parametrize("xp", [np, torch])
 def test_equals_the_effects_of_a_profile(delay_s, xp):
     rng = np.random.default_rng(0)
-    others = tuple(e for e in GO1.actuator if not isinstance(e, FeedforwardDelay))
-    chain = ActuatorChain((*others, FeedforwardDelay(delay=delay_s), TorqueGain(gain=0.95)))
+    others = tuple(e for e in PROFILE.actuator if not isinstance(e, FeedforwardDelay))
+    chain = ActuatorChain((*others, FeedforwardDelay(delay=delay_s), TorqueGain(gain=0.95))).fitted(ROBOT)
     state = chain.init((N,), rng)
-    drives = Drives(0.012)
+    drives = Drives(ROBOT, 0.012, PROFILE)
     line = xp.zeros((N, drives.length, 12)) if xp is np else torch.zeros(N, drives.length, 12, dtype=torch.float64)
     for tick in range(20):
         arrays = rng.normal(size=(7, N, 12)) * np.array([1, 1, 30, 1, 15, 1, 10])[:, None, None]
@@ -43,7 +44,7 @@ def test_gain_and_friction_of_a_profile_act_and_what_needs_a_memory_is_said_to_b
     profile = Profile(
         actuator=(friction, ViscousFriction(coefficient=0.2), TorqueGain(gain=0.8), CommandDelay(delay=0.01))
     )
-    drives = Drives(0.012, profile)
+    drives = Drives(ROBOT, 0.012, profile)
     assert "command_delay" in caplog.text
     zero, one = np.zeros((1, 12)), np.ones((1, 12))
     line = np.zeros((1, drives.length, 12))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from samples import ROBOT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -30,7 +31,7 @@ ROW = Row(
 
 
 def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learner, TrainingRecord]:
-    env = JumpEnv(make_engine(CONFIG.robots, "cpu", threads=1), CONFIG.env, seed=0)
+    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, "cpu", threads=1), CONFIG.env, seed=0)
     learner = Learner(env, CONFIG.learning)
     record = TrainingRecord(
         folder, CONFIG, env, learner, commit="abc", start_s=0.0, evaluate_s=evaluate_s, say=said.append

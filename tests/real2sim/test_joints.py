@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import CURVE, ROBOT
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -16,7 +16,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.registry import EFFECTS
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE
@@ -245,7 +245,7 @@ def test_physical_parameters_of_a_saturation() -> None:
     candidate = next(c for c in problem.candidates if c.effect == "torque_saturation" and c.where == "calf")
     found = problem.physical(candidate, np.array([0.4, 12.0, 0.05]))
     plateau = found["plateau"].value
-    effect = TorqueSaturation(knee=found["knee"].value, plateau=(18.0, 18.0, plateau) * 4)
+    effect = TorqueSaturation(knee=found["knee"].value, plateau=(18.0, 18.0, plateau) * 4).fitted(ROBOT)
     torque = np.linspace(0.0, 35.0, 12)[:, None] * np.ones(12)
     expected = torque[:, 2] - 0.4 * np.maximum(torque[:, 2] - 12.0, 0.0)
     np.testing.assert_allclose(effect.delivered(torque)[:, 2], expected, atol=0.02)
@@ -253,7 +253,7 @@ def test_physical_parameters_of_a_saturation() -> None:
 
 def test_a_rounded_corner_follows_the_dynamometer() -> None:
     """The table of the original from 0 to 35 Nm, within 5 %, by least squares."""
-    asked, given = np.array(((0.0, 0.0), *GO1_CURVE)).T
+    asked, given = np.array(((0.0, 0.0), *CURVE)).T
     torque = np.linspace(0.5, 35.0, 200)
     table = np.interp(torque, asked, given)
     fit = least_squares(lambda x: torque - lost(torque, *x) - table, x0=[0.4, 12.0, 1.0], bounds=(0.0, 40.0))
@@ -262,7 +262,7 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
 
 def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
-    problem = JointProblem(noisy(motion(TorqueSaturation(curve=GO1_CURVE), kp=70.0)))
+    problem = JointProblem(noisy(motion(TorqueSaturation(curve=CURVE), kp=70.0)))
     assert problem.reach[2].torque > 35.0
     columns = np.concatenate([np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES])
     value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)
@@ -278,5 +278,5 @@ def test_the_dynamometers_table_from_a_log() -> None:
     slopes, _ = _fitted(problem, fitted, pieces, np.ones((len(problem.blocks), len(problem.time_s))))
     calf = list(problem.places[0]).index("calf")
     curve = np.array([(a, b) for a, b in pieces.curve(slopes, calf) if a <= 35.0])
-    asked, given = np.array(((0.0, 0.0), *GO1_CURVE)).T
+    asked, given = np.array(((0.0, 0.0), *CURVE)).T
     np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import CURVE, PROFILE, ROBOT
 
 from saltus import go1
 from saltus.depth import D435I
@@ -12,8 +13,8 @@ from saltus.effects.command_delay import CommandDelay
 from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.edge_holes import EdgeHoles
-from saltus.effects.profile import GO1, IDEAL, Profile, profile_from_toml, profile_to_toml
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.profile import IDEAL, Profile, profile_from_toml, profile_to_toml
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations
@@ -73,7 +74,7 @@ def test_a_patch_composes_with_what_the_profile_has() -> None:
     assert {effect.name for effect in profile.actuator} == {"coulomb_friction", "command_delay"}
     friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
     np.testing.assert_array_equal(friction.torque, np.where(np.array(JOINTS) == "RL_hip", 0.5, 0.2))
-    assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(GO1).actuator == GO1.actuator
+    assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(PROFILE).actuator == PROFILE.actuator
 
 
 def test_what_is_no_size_reaches_no_patch() -> None:
@@ -101,7 +102,7 @@ def test_what_is_no_size_reaches_no_patch() -> None:
 
 def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     """One for calves on a profile that has a knee at hips already: both are there afterwards, to the fourth digit."""
-    before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4)
+    before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4).fitted(ROBOT)
     curve = ((10.0, 10.0), (20.0, 18.0), (30.0, 24.0))
     one = FoundEffect(name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params)
     applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)))
@@ -109,11 +110,11 @@ def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     assert isinstance(after, TorqueSaturation)
     torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
     expected = np.where(np.arange(12) % 3 == 2, delivered(curve, torque), before.delivered(torque))
-    np.testing.assert_allclose(after.delivered(torque), expected, atol=1e-3)
+    np.testing.assert_allclose(after.fitted(ROBOT).delivered(torque), expected, atol=1e-3)
 
 
 def test_an_empty_patch_changes_nothing() -> None:
-    assert patch().applied_to(GO1) == GO1
+    assert patch().applied_to(PROFILE) == PROFILE
 
 
 def test_a_sag_lasts_as_long_as_the_log_that_showed_it() -> None:
@@ -122,8 +123,8 @@ def test_a_sag_lasts_as_long_as_the_log_that_showed_it() -> None:
 
 
 def test_a_curve_and_its_knee_and_plateau_deliver_alike_where_they_are_defined() -> None:
-    curve = TorqueSaturation(curve=GO1_CURVE)
-    knee = as_knee(curve)
+    curve = TorqueSaturation(curve=CURVE).fitted(ROBOT)
+    knee = as_knee(ROBOT, curve).fitted(ROBOT)
     limit = np.asarray(go1.TORQUE_LIMIT)
     np.testing.assert_allclose(knee.delivered(limit), curve.delivered(limit), rtol=1e-9)
     at_knee = np.where(np.isfinite(knee.knee), knee.knee, 1.0)

@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from samples import CURVE, ROBOT
 
 from saltus.effects.profile import Profile
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
@@ -17,11 +18,11 @@ STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
     sections=lambda: motions.repeated("steps", 2, lambda: motions.steps(2.2, 0.6, (0.48, 0.48, 0.8))),
 )
-CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in GO1_CURVE)
+CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in CURVE)
 """The same table at the calves, nothing elsewhere."""
 
 
-@pytest.mark.parametrize("curve", [GO1_CURVE, CALVES_ONLY], ids=["all joints", "calves"])
+@pytest.mark.parametrize("curve", [CURVE, CALVES_ONLY], ids=["all joints", "calves"])
 def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple[float, ...], ...]) -> None:
     robot = Profile(actuator=(TorqueSaturation(curve=curve),))
     inner = JointProblem(run(STEPS, robot, seed=2))
@@ -37,7 +38,7 @@ def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple
 
 def test_a_curve_of_each_joint_has_as_many_columns_as_joints() -> None:
     torque = np.linspace(-40.0, 40.0, 41)[:, None] * np.ones(12)
-    given = TorqueSaturation(curve=CALVES_ONLY).delivered(torque)
-    calf = np.arange(12) % 3 == 2
+    given = TorqueSaturation(curve=CALVES_ONLY).fitted(ROBOT).delivered(torque)
+    whole, calf = TorqueSaturation(curve=CURVE).fitted(ROBOT), np.arange(12) % 3 == 2
     np.testing.assert_array_equal(given[:, ~calf], torque[:, ~calf])
-    np.testing.assert_allclose(given[:, calf], TorqueSaturation(curve=GO1_CURVE).delivered(torque)[:, calf], rtol=1e-12)
+    np.testing.assert_allclose(given[:, calf], whole.delivered(torque)[:, calf], rtol=1e-12)

@@ -3,13 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 from random_terrain import random_terrain
-from samples import ROBOT
+from samples import PROFILE, ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.profile import GO1
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
@@ -22,7 +21,7 @@ COUNT = len(TERRAINS)
 FRICTION = np.linspace(0.5, 1.0, COUNT)
 PAYLOAD = np.linspace(0.0, 1.5, COUNT)
 START = np.array([0.1, 1.4, 1.6, 1.3, 1.3])
-CHAIN = ActuatorChain((*GO1.actuator, ActuatorLag(time_constant=0.004)))
+CHAIN = ActuatorChain((*PROFILE.actuator, ActuatorLag(time_constant=0.004)))
 
 
 def command_for(rng: np.random.Generator, count: int) -> JointCommand:

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from samples import ROBOT, put_robot
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
@@ -151,9 +152,9 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d
     config = RunConfig(
         terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path)
     )
-    process = build(ProcessContext("render", config, tmp_path, MemoryBus("robot/0", MemoryHub())))
+    process = build(ProcessContext("render", config, put_robot(tmp_path), MemoryBus("robot/0", MemoryHub())))
     frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
-    moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path)).view_chain, MODEL_CAMERA))
+    moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path), ROBOT).view_chain, MODEL_CAMERA))
     expected = np.minimum(1.1 * moved.render(*pose_of(truth(0))), 1.2)
     image = model_image(frame)
     near = image.valid & (expected < 1.1)

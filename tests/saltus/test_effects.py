@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import CURVE, PROFILE, ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.actuator_lag import ActuatorLag
@@ -17,11 +18,11 @@ from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
-from saltus.effects.profile import GO1, IDEAL, TRAINING_SHIFT, Profile, load_profile, profile_from_toml, profile_to_toml
+from saltus.effects.profile import IDEAL, TRAINING_SHIFT, Profile, load_profile, profile_from_toml, profile_to_toml
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.effects.torque_gain import TorqueGain
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
 from saltus.go1 import REDUCTION, TORQUE_LIMIT
@@ -39,7 +40,7 @@ def drive(torque: Any, velocity: Any = 0.0) -> Drive:
 
 
 def chain_run(effects: tuple[Effect[Any], ...], commands: list[JointCommand]) -> list[Torques]:
-    chain = ActuatorChain(effects)
+    chain = ActuatorChain(effects).fitted(ROBOT)
     state, results = chain.init((), np.random.default_rng(0)), []
     for k, sent in enumerate(commands):
         torques, state = chain.step(sent, ZERO, ZERO, k * PHYSICS_DT, state)
@@ -68,8 +69,8 @@ def test_only_the_whole_packet_delays_the_feedback() -> None:
 
 
 def test_the_go1s_dynamometer_curve() -> None:
-    saturation = TorqueSaturation(curve=GO1_CURVE)
-    for asked, given in GO1_CURVE:
+    saturation = TorqueSaturation(curve=CURVE).fitted(ROBOT)
+    for asked, given in CURVE:
         scale = REDUCTION / 6.33
         np.testing.assert_allclose(saturation.delivered(asked * scale), given * scale, rtol=1e-12)
         np.testing.assert_allclose(saturation.delivered(-asked * scale), -given * scale, rtol=1e-12)
@@ -78,7 +79,7 @@ def test_the_go1s_dynamometer_curve() -> None:
 
 @pytest.mark.parametrize(("knee", "plateau"), [(14.2, 17.2), (10.0, 12.0), (20.0, 20.5)])
 def test_knee_and_plateau_mean_what_they_say(knee: float, plateau: float) -> None:
-    saturation = TorqueSaturation(knee=knee, plateau=(plateau, plateau, 1.5 * plateau) * 4)
+    saturation = TorqueSaturation(knee=knee, plateau=(plateau, plateau, 1.5 * plateau) * 4).fitted(ROBOT)
     np.testing.assert_allclose(saturation.delivered(np.full(12, knee)), 0.95 * knee)
     np.testing.assert_allclose(saturation.delivered(TORQUE_LIMIT), np.tile([plateau, plateau, 1.5 * plateau], 4))
 
@@ -89,7 +90,7 @@ def test_knee_and_plateau_mean_what_they_say(knee: float, plateau: float) -> Non
         {"knee": 10.0},
         {"knee": 10.0, "plateau": 30.0},
         {"knee": 10.0, "plateau": 5.0},
-        {"knee": 10.0, "plateau": 15.0, "curve": GO1_CURVE},
+        {"knee": 10.0, "plateau": 15.0, "curve": CURVE},
         {"curve": ((5.0, 5.0), (4.0, 6.0))},
         {"curve": ((5.0, 5.0), (6.0,))},
         {"curve": ((5.0, 50.0),)},
@@ -97,11 +98,11 @@ def test_knee_and_plateau_mean_what_they_say(knee: float, plateau: float) -> Non
 )
 def test_a_saturation_that_cannot_be_is_an_error(parameters: Any) -> None:
     with pytest.raises(ConfigError, match="torque_saturation"):
-        TorqueSaturation(**parameters)
+        TorqueSaturation(**parameters).fitted(ROBOT)
 
 
 def test_torque_speed_limit_only_along_the_motion() -> None:
-    limit = TorqueSpeedLimit(corner=10.0, no_load=30.0)
+    limit = TorqueSpeedLimit(corner=10.0, no_load=30.0).fitted(ROBOT)
     for velocity, share in ((0.0, 1.0), (10.0, 1.0), (20.0, 0.5), (30.0, 0.0), (35.0, 0.0)):
         for sign in (1.0, -1.0):
             along, _ = limit.apply(drive(sign * 100.0, sign * velocity), 0.0, None)
@@ -111,7 +112,7 @@ def test_torque_speed_limit_only_along_the_motion() -> None:
 
 
 def test_one_joint_may_have_no_limit() -> None:
-    limit = TorqueSpeedLimit(corner=0.0, no_load=(30.0,) * 11 + (float("inf"),))
+    limit = TorqueSpeedLimit(corner=0.0, no_load=(30.0,) * 11 + (float("inf"),)).fitted(ROBOT)
     out, _ = limit.apply(drive(1e4, 15.0), 0.0, None)
     np.testing.assert_allclose(out.torque, [*(0.5 * TORQUE_LIMIT[:11]), 1e4])
 
@@ -129,7 +130,7 @@ def test_lag_answers_a_step_exponentially() -> None:
 def test_the_chain_has_one_order() -> None:
     effects = (
         TorqueGain(gain=0.5),
-        TorqueSaturation(curve=GO1_CURVE),
+        TorqueSaturation(curve=CURVE),
         TorqueSpeedLimit(corner=0.0, no_load=30.0),
         ActuatorLag(time_constant=0.003),
         FeedforwardDelay(delay=0.01),
@@ -147,7 +148,7 @@ def test_the_chain_has_one_order() -> None:
 
 
 def test_believed_torque_knows_delays_and_no_limits() -> None:
-    effects = (CommandDelay(delay=0.002), TorqueSaturation(curve=GO1_CURVE), TorqueGain(gain=0.8))
+    effects = (CommandDelay(delay=0.002), TorqueSaturation(curve=CURVE), TorqueGain(gain=0.8))
     torques = chain_run(effects, [command(torque=0.0), command(torque=30.0), command(torque=30.0)])
     np.testing.assert_array_equal([t.believed[2] for t in torques], [0.0, 0.0, 30.0])
     np.testing.assert_allclose(torques[2].applied[2], 0.8 * 24.01)
@@ -249,17 +250,17 @@ def test_height_shift_reads_elsewhere_and_keeps_to_its_range() -> None:
 
 
 def test_profiles_by_name_and_by_file(tmp_path: Path) -> None:
-    assert load_profile("go1") == GO1
-    assert load_profile("ideal") == IDEAL == Profile()
+    assert load_profile("go1", ROBOT) == PROFILE
+    assert load_profile("ideal", ROBOT) == IDEAL == Profile()
     path = tmp_path / "mine.toml"
-    path.write_text(profile_to_toml(GO1))
-    assert load_profile(str(path)) == GO1
-    assert [e.name for e in GO1.actuator_chain.effects] == [
+    path.write_text(profile_to_toml(PROFILE))
+    assert load_profile(str(path), ROBOT) == PROFILE
+    assert [e.name for e in PROFILE.actuator_chain.effects] == [
         "feedforward_delay",
         "torque_speed_limit",
         "torque_saturation",
     ]
-    assert [e.name for e in GO1.camera_chain.effects] == ["camera_latency"]
+    assert [e.name for e in PROFILE.camera_chain.effects] == ["camera_latency"]
 
 
 @pytest.mark.parametrize(
@@ -286,9 +287,9 @@ def test_profile_errors_say_what_is_wrong(text: str, says: str) -> None:
 
 def test_a_profile_that_is_nowhere(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="'go1'"):
-        load_profile("g1")
+        load_profile("g1", ROBOT)
     with pytest.raises(ConfigError, match="cannot read"):
-        load_profile(str(tmp_path / "none.toml"))
+        load_profile(str(tmp_path / "none.toml"), ROBOT)
 
 
 def test_a_profile_describes_one_robot() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from samples import CURVE, ROBOT
 
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.armature import Armature
@@ -45,7 +46,7 @@ from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, J
 from saltus.effects.stiction import Stiction
 from saltus.effects.temporal_smear import TemporalSmear
 from saltus.effects.torque_gain import TorqueGain
-from saltus.effects.torque_saturation import GO1_CURVE, TorqueSaturation
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.effects.viscous_friction import ViscousFriction
@@ -68,7 +69,7 @@ PERIOD_S = {
 PER_JOINT_SMALL = tuple(0.01 * j for j in range(12))
 PER_JOINT = tuple(0.5 + 0.1 * j for j in range(12))
 
-EXAMPLES: tuple[Effect[Any], ...] = (
+_EXAMPLES: tuple[Effect[Any], ...] = (
     CommandDelay(delay=0.009),
     CommandDelay(delay=0.006),
     FeedforwardDelay(delay=0.010),
@@ -77,7 +78,7 @@ EXAMPLES: tuple[Effect[Any], ...] = (
     ActuatorLag(time_constant=(0.0, 0.002, 0.004) * 4),
     TorqueSpeedLimit(corner=0.0, no_load=(30.0, 30.0, 20.0) * 4),
     TorqueSpeedLimit(corner=10.0, no_load=21.0),
-    TorqueSaturation(curve=GO1_CURVE),
+    TorqueSaturation(curve=CURVE),
     TorqueSaturation(knee=14.2, plateau=(17.2, 17.2, 25.9) * 4),
     TorqueGain(gain=0.9),
     TorqueGain(gain=PER_JOINT),
@@ -121,7 +122,8 @@ EXAMPLES: tuple[Effect[Any], ...] = (
     ImuLatency(delay=0.006),
     ImuLatency(delay=0.0053),
 )
-NULLS = tuple(kind() for kind in EFFECTS.values())
+EXAMPLES = tuple(effect.fitted(ROBOT) for effect in _EXAMPLES)
+NULLS = tuple(kind().fitted(ROBOT) for kind in EFFECTS.values())
 
 
 def name(effect: Effect[Any]) -> str:
@@ -271,6 +273,8 @@ def test_toml_round_trip(effect: Effect[Any]) -> None:
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=lambda kind: kind.name)
 def test_parameters_out_of_bounds_are_errors(kind: type[Effect[Any]], bad: Any) -> None:
     for parameter in fields(kind):
+        if bad is None and "robot" in parameter.metadata:  # then it is the robot's
+            continue
         with pytest.raises(ConfigError, match=f"{kind.name}.*{parameter.name}"):
             kind(**{parameter.name: bad})
 

@@ -145,7 +145,7 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
 
     On its way it transmits nothing and the joint lacks its inertia; when it arrives, what the torque has given it.
     """
-    play, state = Backlash(width=0.02), ()
+    play, state = Backlash(width=0.02).fitted(ROBOT), ()
     offsets, torques, missing = [], [], []
     for k in range(80):
         torque = 0.5 if (k // 20) % 2 == 0 else -0.5

@@ -3,13 +3,12 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import PROFILE, ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.profile import GO1
 from saltus.errors import SaltusError
 from saltus.rotations import rotation_matrix
 from saltus.sim.plant import Plant
@@ -107,7 +106,7 @@ def test_the_accelerometer_integrates_to_the_velocity() -> None:
 
 
 def test_reset_starts_over_to_the_bit() -> None:
-    plant = Plant(ROBOT, make_terrain(TerrainConfig()), chain=GO1.actuator_chain, seed=3)
+    plant = Plant(ROBOT, make_terrain(TerrainConfig()), chain=PROFILE.actuator_chain, seed=3)
     runs = []
     for _ in range(2):
         plant.reset(position_x=0.1, yaw=0.02)
@@ -148,7 +147,7 @@ def test_a_limp_robot_falls_on_its_trunk() -> None:
 
 
 def test_believed_torque_is_that_of_the_drive_and_the_applied_one_is_limited() -> None:
-    plant = Plant(ROBOT, flat.make(), chain=GO1.actuator_chain)
+    plant = Plant(ROBOT, flat.make(), chain=PROFILE.actuator_chain)
     ideal = Plant(ROBOT, flat.make(), chain=ActuatorChain())
     for command in random_commands(50):
         before = plant.state
@@ -171,7 +170,7 @@ def test_leg_points_are_a_leg() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["position", "velocity", "torque"])
 def test_a_command_that_is_not_finite_is_refused(value: float, field: str) -> None:
-    plant = Plant(ROBOT, flat.make(), chain=GO1.actuator_chain)
+    plant = Plant(ROBOT, flat.make(), chain=PROFILE.actuator_chain)
     wrong = dataclasses.replace(pd(), **{field: np.where(np.arange(12) == 5, value, 0.0)})
     for _ in range(5):  # a feed-forward torque takes force after 10 ms
         plant.step(pd())

@@ -4,10 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
+from samples import PROFILE, ROBOT
 
 from saltus.cli.main import main
 from saltus.effects.coulomb_friction import CoulombFriction
-from saltus.effects.profile import GO1, load_profile
+from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.real2sim.patch import Applicability, Patch
 from saltus.real2sim.search.findings import FoundEffect, Interval
@@ -75,25 +76,25 @@ def test_a_patch_becomes_a_profile_that_is_found_by_name(patch: Path, capsys: py
     assert main(["real2sim", "apply", str(patch), "--profile", "mine", "--base", "go1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said == {"profile": "mine", "file": "profiles/mine.toml", "added": ["coulomb_friction"]}
-    profile = load_profile("mine")
-    assert profile.camera == GO1.camera
-    assert set(GO1.actuator) < set(profile.actuator)
-    (friction,) = set(profile.actuator) - set(GO1.actuator)
+    profile = load_profile("mine", ROBOT)
+    assert profile.camera == PROFILE.camera
+    assert set(PROFILE.actuator) < set(profile.actuator)
+    (friction,) = set(profile.actuator) - set(PROFILE.actuator)
     assert isinstance(friction, CoulombFriction)
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0, "a patch may be applied again"
-    assert load_profile("mine") == profile
+    assert load_profile("mine", ROBOT) == profile
 
 
 def test_profiles_that_are_shipped_are_not_overwritten(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["real2sim", "apply", str(patch), "--profile", "go1"]) == 2
     assert "go1" in capsys.readouterr().err
-    assert load_profile("go1") == GO1
+    assert load_profile("go1", ROBOT) == PROFILE
 
 
 def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None:
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
     with pytest.raises(ConfigError, match="mine"):
-        load_profile("mien")
+        load_profile("mien", ROBOT)
 
 
 @pytest.mark.parametrize("command", ["find", "apply", "experiments", "demo"])

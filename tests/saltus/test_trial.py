@@ -2,10 +2,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from samples import PROFILE
 
 from saltus.config import TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.profile import GO1, IDEAL
+from saltus.effects.profile import IDEAL
 from saltus.effects.torque_gain import TorqueGain
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import TABLE, make_terrain
@@ -52,7 +53,7 @@ def test_draws_fill_their_ranges_and_only_those() -> None:
 
 def test_a_trial_changes_the_robots_effects_and_the_nominal_one_does_not() -> None:
     trial = Trial.draw(5)
-    for profile in (IDEAL, GO1, dataclasses.replace(GO1, actuator=(*GO1.actuator, TorqueGain(gain=0.8)))):
+    for profile in (IDEAL, PROFILE, dataclasses.replace(PROFILE, actuator=(*PROFILE.actuator, TorqueGain(gain=0.8)))):
         changed = trial.applied_to(profile)
         before = [e.gain for e in profile.actuator if isinstance(e, TorqueGain)] or [1.0]
         (gain,) = [e.gain for e in changed.actuator if isinstance(e, TorqueGain)]

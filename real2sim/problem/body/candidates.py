@@ -7,9 +7,8 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
-from saltus.effects.torque_saturation import CURVE_REDUCTION
 from saltus.errors import RecordingError
-from saltus.go1 import REDUCTION, TORQUE_LIMIT
+from saltus.go1 import TORQUE_LIMIT
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
 
@@ -164,8 +163,7 @@ def parameters(candidate: Candidate, claims: Claims, values: Floats) -> dict[str
 
 def _saturation(loss: float, corner: float) -> dict[str, float]:
     """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
-    calf = int(np.flatnonzero(REDUCTION == CURVE_REDUCTION)[0])
-    limit = float(TORQUE_LIMIT[calf])
+    limit = float(TORQUE_LIMIT[2])  # of a calf
     knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
     plateau = limit - loss * max(limit - corner, 0.0)
     return {"knee": min(knee, limit), "plateau": plateau}

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Floats
-from saltus.effects.torque_saturation import CURVE_REDUCTION, TorqueSaturation
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.robots.robot import Robot
 
 Curve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
@@ -26,9 +26,10 @@ def delivered(curve: Curve, torque: Floats) -> Floats:
     return np.asarray(np.interp(torque, asked, given) + slope * np.maximum(torque - asked[-1], 0.0))
 
 
-def with_curve(before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:
+def with_curve(robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve) -> TorqueSaturation:
     """A saturation with this curve at some joints, indices of `JOINTS`, and what it was at the others."""
-    scale = go1.REDUCTION / CURVE_REDUCTION
+    before = before.fitted(robot)
+    scale = robot.reduction / robot.reduction[2]
     starts, falls = before.corners
     own = starts[falls != 0.0] / np.broadcast_to(scale, falls.shape)[falls != 0.0]
     asked = np.array([asked for asked, _ in curve])
@@ -43,12 +44,12 @@ def with_curve(before: TorqueSaturation, joints: Sequence[int], curve: Curve) ->
     return TorqueSaturation(curve=tuple(tuple(row) for row in table.tolist()))
 
 
-def as_knee(saturation: TorqueSaturation) -> TorqueSaturation:
+def as_knee(robot: Robot, saturation: TorqueSaturation) -> TorqueSaturation:
     """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
     if not saturation.curve:
         return saturation
-    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * go1.TORQUE_LIMIT  # (n, 12): each joint up to its limit
-    given = np.asarray(saturation.delivered(grid))
+    grid = np.linspace(0.0, 1.0, 2001)[1:, None] * robot.torque_limit  # (n, 12): each joint up to its limit
+    given = np.asarray(saturation.fitted(robot).delivered(grid))
     lost = 1.0 - given / grid >= LOSS_AT_KNEE
     knee = np.where(lost.any(axis=0), grid[lost.argmax(axis=0), np.arange(grid.shape[1])], np.inf)
     plateau = np.where(np.isfinite(knee), given[-1], np.inf)
