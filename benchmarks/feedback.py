@@ -7,7 +7,7 @@ stance. Errors count where a leg that is to stand does touch the ground: nothing
     OMP_NUM_THREADS=1 saltus bench feedback -- --picture feedback.png
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,8 @@ from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator
-from saltus.controller.feedback import FeedbackConfig
 from saltus.controller.gait import standing
-from saltus.controller.law import LegController, LegControllerConfig
+from saltus.controller.law import LegController
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.profile import SHIPPED, load_profile
@@ -95,7 +94,8 @@ def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     model = load_robot(DEFAULT_ROBOT)
     profile = load_profile(SHIPPED, model)
     robot = MujocoRobot(model, make_terrain(TerrainConfig(terrain="flat")), Trial(), profile)
-    law, estimator = LegController(LegControllerConfig(feedback=FeedbackConfig(kd=kd))), Estimator()
+    model = replace(model, gains=replace(model.gains, stance_kd=kd))
+    law, estimator = LegController(model), Estimator(model)
     law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
     gait, rows = standing((), go1.STAND_POSE), []
     for tick in range(round((STAND_S + seconds) / PHYSICS_DT)):

@@ -85,7 +85,7 @@ def land(terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silen
     kind = load_robot(DEFAULT_ROBOT)
     robot = MujocoRobot(kind, terrain, trial, trial.applied_to(load_profile(SHIPPED, kind)))
     robot.reset()
-    loop, process = ControlLoop(), PlannerProcess(planner)
+    loop, process = ControlLoop(kind), PlannerProcess(planner)
     plan: MotionPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
     fault_tick = round(fault_s / PHYSICS_DT)

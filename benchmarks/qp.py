@@ -19,10 +19,13 @@ from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
 from saltus import go1
 from saltus.action import Action
+from saltus.config import DEFAULT_ROBOT
 from saltus.controller.estimator import Estimator
 from saltus.controller.law import LegController
 from saltus.controller.signals import Plan, observe, plan_from_action
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.robots.legs import LegKinematics
+from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import RobotStates
 
@@ -31,6 +34,7 @@ try:
 except ImportError:
     quadprog = None
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 CONFIG = StanceConfig()
 
 
@@ -53,12 +57,12 @@ class Benchmark(Command):
 
     def _forces(self, rng: np.random.Generator) -> dict[str, Any]:
         """Random problems of 0 to 4 standing feet: build, solve, compare."""
-        stance, solver = StanceLegs(CONFIG), ExactSolver(CONFIG)
+        stance, solver = StanceLegs(ROBOT, CONFIG), ExactSolver(ROBOT, CONFIG)
         plans, robots = random_robots(rng, (self.problems,))
         contacts = rng.random((self.problems, 4)) < 0.6
         build, solve, differences = Stopwatch(), Stopwatch(), []
         for k in range(self.problems):
-            plan, body = row(plans, k), observe(row(robots, k))
+            plan, body = row(plans, k), observe(row(robots, k), LegKinematics(ROBOT))
             acceleration = stance.acceleration_reference(body, plan.velocity, plan.angular_velocity)
             qp = build(stance.build_qp, body, acceleration, contacts[k])
             force = solve(solver.solve, qp)
@@ -71,7 +75,7 @@ class Benchmark(Command):
 
     def _law(self, rng: np.random.Generator) -> dict[str, Any]:
         """The whole step of one robot, of a batch, and the estimator beside it."""
-        controller, estimator = LegController(), Estimator()
+        controller, estimator = LegController(ROBOT), Estimator(ROBOT)
         plans, robots = random_robots(rng, (self.ticks,))
         state, estimate = controller.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
         one, filtering = Stopwatch(), Stopwatch()
@@ -86,7 +90,7 @@ class Benchmark(Command):
         }
 
     def _batch_us(self, rng: np.random.Generator) -> float:
-        controller = LegController()
+        controller = LegController(ROBOT)
         plan, sensed = random_robots(rng, (self.robots,))
         state = controller.init((self.robots,), sensed.joint_position)
         start = time.thread_time_ns()
@@ -135,7 +139,7 @@ def row(value: Any, k: int) -> Any:
 
 def independent(qp: StanceQP) -> NDArray[np.float64]:
     """The forces by quadprog; feet in the air are held at zero by equations."""
-    low, high = CONFIG.force_z_range_n
+    low, high = ROBOT.foot_force
     equations, rows, bounds = [], [], []
     for leg in range(4):
         x, y, z = np.eye(12)[3 * leg : 3 * leg + 3]

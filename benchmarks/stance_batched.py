@@ -22,6 +22,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.training.learner import FIRST_ACTION
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.batch_engine import BatchEngine
 from saltus.terrain.batch import BOXES
 from saltus.wire.messages import Floats
@@ -39,9 +40,13 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         qp = problems(self.robots, self.steps)
         config = StanceConfig()
-        legs, exact = StanceLegs(config), ExactSolver(config).solve(qp)
+        robot = load_robot(DEFAULT_ROBOT)
+        legs, exact = StanceLegs(robot, config), ExactSolver(robot, config).solve(qp)
         figures: dict[str, Any] = {"problems": len(exact)}
-        for name, force in (("batched", BatchedSolver(config).solve(qp)), ("clipped", clipped(qp, config))):
+        for name, force in (
+            ("batched", BatchedSolver(robot, config).solve(qp)),
+            ("clipped", clipped(qp, robot, config)),
+        ):
             excess = legs.tracking_cost(qp, force) - legs.tracking_cost(qp, exact)
             figures[f"{name}_force_error_n"] = percentiles(np.abs(force - exact).max(axis=-1), SHOWN)
             figures[f"{name}_excess_cost"] = percentiles(excess, SHOWN)
@@ -51,8 +56,9 @@ class Benchmark(Command):
 def problems(robots: int, steps: int) -> StanceQP:
     """What the controllers of exploring robots ask for."""
     torch.manual_seed(0)
-    solver = Recorder()
-    env = JumpEnv(BatchEngine(load_robot(DEFAULT_ROBOT), robots, BOXES), EnvConfig(), seed=0, solver=solver)
+    robot = load_robot(DEFAULT_ROBOT)
+    solver = Recorder(robot)
+    env = JumpEnv(BatchEngine(robot, robots, BOXES), EnvConfig(), seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
     for _ in range(steps):
         env.step(output + 0.4 * torch.randn(robots, output.shape[1]))
@@ -62,8 +68,8 @@ def problems(robots: int, steps: int) -> StanceQP:
 class Recorder:
     """A batched solver that keeps every hundredth problem."""
 
-    def __init__(self) -> None:
-        self._solver = BatchedSolver()
+    def __init__(self, robot: Robot) -> None:
+        self._solver = BatchedSolver(robot)
         self._kept: list[StanceQP] = []
         self._calls = 0
 
@@ -84,12 +90,12 @@ class Recorder:
         return StanceQP(**{name: array[standing] for name, array in arrays.items()})
 
 
-def clipped(qp: StanceQP, config: StanceConfig) -> Floats:
+def clipped(qp: StanceQP, robot: Robot, config: StanceConfig) -> Floats:
     """The closed form without constraints, then fz clipped and fx, fy scaled into the cone."""
     root = np.sqrt(np.array(config.acceleration_weight))
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
     force = np.linalg.solve(A.swapaxes(-1, -2) @ A + config.force_weight * np.eye(12), right).reshape(-1, 4, 3)
-    fz = np.clip(force[..., 2], *config.force_z_range_n) * qp.contact
+    fz = np.clip(force[..., 2], *robot.foot_force) * qp.contact
     scale = np.minimum(1.0, config.friction * fz / (np.linalg.norm(force[..., :2], axis=-1) + 1e-3))
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)

@@ -58,7 +58,7 @@ class Run:
     def __init__(self, context: ProcessContext, robot: MujocoRobot) -> None:
         self._context = context
         self._robot = robot
-        self._loop = ControlLoop()
+        self._loop = ControlLoop(context.robot)
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)

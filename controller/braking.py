@@ -14,7 +14,8 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig
 from saltus.controller.law import Diagnostics
 from saltus.controller.signals import Plan, plan_from_action
-from saltus.controller.swing import SwingConfig
+from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 
 _FRONT, _REAR = 0, 2  # a leg of each pair
 _SHORTEST_BASE = 0.2  # distance of the pairs' footholds along x below which a slope is not read from them [m]
@@ -22,10 +23,11 @@ _SHORTEST_BASE = 0.2  # distance of the pairs' footholds along x below which a s
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingConfig:
-    """Numbers of the braking plan: from the scripted planner, then by trial over landings at every phase of the gait.
+    """Numbers of the braking plan for a robot of the reference's size (`Similarity`).
 
-    Measured with `saltus bench landing`, two robots at each of 20 phases, told to stop and left without plans: on flat
-    ground at 1.7 m/s 80 of 80 come to a stand; on stairs of 6 cm at 1.6 m/s 78 of 80.
+    From the scripted planner, then by trial over landings at every phase of the gait. Measured with `saltus bench
+    landing`, two robots at each of 20 phases, told to stop and left without plans: on flat ground at 1.7 m/s 80 of 80
+    come to a stand; on stairs of 6 cm at 1.6 m/s 78 of 80.
     """
 
     stepping_frequency_hz: float = 3.46
@@ -57,6 +59,22 @@ class BrakingConfig:
     slow_mps: float = 0.5
     """Horizontal speed below which sprung legs catch the body: the capture point is 8 cm ahead."""
 
+    def of_size(self, size: Similarity) -> "BrakingConfig":
+        """The numbers of a robot of another size."""
+        return replace(
+            self,
+            stepping_frequency_hz=self.stepping_frequency_hz / size.time,
+            height_m=self.height_m * size.length,
+            height_gain=self.height_gain / size.time,
+            pitch_rate=self.pitch_rate / size.time,
+            pitch_gain=self.pitch_gain / size.time,
+            reach_s=self.reach_s * size.time,
+            rear_reach_m=self.rear_reach_m * size.length,
+            clearance_m=self.clearance_m * size.length,
+            landing_height_m=self.landing_height_m * size.length,
+            slow_mps=self.slow_mps * size.length / size.time,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BrakingState:
@@ -72,16 +90,18 @@ class Braking:
 
     def __init__(
         self,
+        robot: Robot,
         config: BrakingConfig | None = None,
         gait: GaitConfig | None = None,
-        swing: SwingConfig | None = None,
     ) -> None:
-        self.config = config or BrakingConfig()
+        size = Similarity.of_robot(robot)
+        self.config = (config or BrakingConfig()).of_size(size)
         self._swing_ratio = (gait or GaitConfig()).swing_ratio
-        swing = swing or SwingConfig()
-        self._landing_limit = swing.landing_limit_m[0]
-        self._hip_x = {_FRONT: swing.hip_x_m, _REAR: -swing.hip_x_m}
-        self._legs_x = Constant([swing.hip_x_m, swing.hip_x_m, -swing.hip_x_m, -swing.hip_x_m])
+        hip_x = float(robot.neutral_foot[0])
+        self._landing_limit = float(robot.landing_reach[0])
+        self._shortest_base = _SHORTEST_BASE * size.length
+        self._hip_x = {_FRONT: hip_x, _REAR: -hip_x}
+        self._legs_x = Constant([hip_x, hip_x, -hip_x, -hip_x])
         self._up = Constant([0.0, 0.0, 1.0])
 
     def init(self, foot_yaw: Array) -> BrakingState:
@@ -139,7 +159,7 @@ class Braking:
         pairs = xp.mean(xp.reshape(state.foothold, (*state.foothold.shape[:-2], 2, 2, 3)), axis=-2)
         ahead = pairs[..., 0, :] - pairs[..., 1, :]
         limit = self.config.slope_limit
-        return xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], _SHORTEST_BASE, None), -limit, limit)
+        return xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], self._shortest_base, None), -limit, limit)
 
     def _residual(
         self, diagnostics: Diagnostics, base_height: Array, slope: Array, state: BrakingState, leg: int, shift: float

@@ -8,10 +8,10 @@ Yaw and attitude come from the IMU's quaternion as they are.
 
 from dataclasses import dataclass
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import GRAVITY, PHYSICS_DT
-from saltus.kinematics import foot_kinematics
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix, skew
 from saltus.states import Measurement
 
@@ -31,7 +31,6 @@ class EstimatorConfig:
     Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in most of three runs the error of
     forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
     initial_variance: float = 0.1
-    initial_height_m: float = go1.STAND_HEIGHT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,11 +56,12 @@ class EstimatorState:
 class Estimator:
     """Kalman filter over IMU and stance legs."""
 
-    def __init__(self, config: EstimatorConfig | None = None) -> None:
+    def __init__(self, robot: Robot, config: EstimatorConfig | None = None) -> None:
         self.config = config or EstimatorConfig()
+        self._kinematics, self._foot_radius = LegKinematics(robot), robot.foot_radius
         self._process = Constant(self.config.process_variance)
         self._measurement = Constant(self.config.measurement_variance)
-        self._start = Constant([0.0, 0.0, 0.0, self.config.initial_height_m])
+        self._start = Constant([0.0, 0.0, 0.0, robot.stand_height])
 
     def init(self, batch: tuple[int, ...], like: Array) -> EstimatorState:
         """State of robots that stand still; arrays of the kind of `like`."""
@@ -91,11 +91,11 @@ class Estimator:
     def _legs(self, measured: Measurement, rotation: Array, trusted: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and height of the base by the trusted feet, (..., 4), and how far to believe them, (..., 1)."""
         xp = namespace(rotation)
-        foot, jacobian = foot_kinematics(measured.joint_position)
+        foot, jacobian = self._kinematics.position_and_jacobian(measured.joint_position)
         joint = measured.joint_velocity.reshape((*foot.shape, 1))
         relative = (jacobian @ joint)[..., 0] + foot @ skew(measured.angular_velocity_base).mT
         by_foot = -(relative @ rotation.mT)
-        height = go1.FOOT_RADIUS - foot @ rotation[..., 2, :, None]
+        height = self._foot_radius - foot @ rotation[..., 2, :, None]
         slip = (by_foot - velocity[..., None, :]) * (1.0 / self.config.rest_speed_mps)
         rest = 1.0 / (1.0 + xp.sum(slip * slip, axis=-1, keepdims=True))
         weight = xp.where(trusted[..., None], rest, xp.zeros_like(rest))

@@ -7,18 +7,17 @@ Source: paper ("Feedback Velocity Tracking").
 
 from dataclasses import dataclass
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace
 from saltus.controller.signals import Body
+from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 from saltus.rotations import skew
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackConfig:
-    """Gain of the feedback."""
+    """The feedback; its gain is `Gains.stance_kd`, with which 0 leaves feed-forward only."""
 
-    kd: float = 1.0
-    """[Nm s/rad]; paper. 0 leaves feed-forward only."""
     damping_m: float = 0.005
     """Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose, where the smallest
     singular value is 0.1 m, it changes the result by 0.2 %."""
@@ -27,10 +26,11 @@ class FeedbackConfig:
 class VelocityFeedback:
     """Reference joint velocities of legs in stance."""
 
-    def __init__(self, config: FeedbackConfig) -> None:
+    def __init__(self, robot: Robot, config: FeedbackConfig) -> None:
         self.config = config
-        self._identity = Constant([[float(i == j) * config.damping_m**2 for j in range(3)] for i in range(3)])
-        self._limit = Constant(go1.SPEED_LIMIT)
+        damping = config.damping_m * Similarity.of_robot(robot).length
+        self._identity = Constant([[float(i == j) * damping**2 for j in range(3)] for i in range(3)])
+        self._limit = Constant(robot.speed_limit)
 
     def joint_velocity(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
         """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.

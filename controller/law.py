@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import PHYSICS_DT
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
@@ -16,18 +15,18 @@ from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from saltus.controller.signals import Body, Plan, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
-from saltus.kinematics import foot_position
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.states import Proprioception
 from saltus.wire.messages import ControllerMode, JointCommand
 
-_STAND_POSE = Constant(go1.STAND_POSE)
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LegControllerConfig:
-    """All numbers of the law."""
+    """Numbers of the law that are no robot's."""
 
     gait: GaitConfig = field(default_factory=GaitConfig)
     swing: SwingConfig = field(default_factory=SwingConfig)
@@ -39,22 +38,12 @@ class LegControllerConfig:
     """The same for the yaw rate [rad/s]; original."""
     heading_gain: float = 1.0
     """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from oscillating."""
-    stand_kp: float = go1.STAND_KP
-    stand_kd: float = 3.0
-    """The original's 1 lets the body sway for 2 s after a landing."""
     stand_blend_s: float = 1.0
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
-    landing_kp: float = 60.0
-    landing_kd: float = 4.0
-    """Of all joints while landing: softer than standing, and well damped. Measured at 20 phases of the gait: out of
-    bounding at 0.9 m/s they catch 40 of 40 robots; at 1.7 m/s 12 of 40 told to stop, 4 of 40 left without plans. So a
-    fast robot brakes first (`saltus.controller.braking`)."""
     settled_speed_mps: float = 0.3
     """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take up."""
-    damp_kd: float = 3.0
-    """Joint damping of a robot that is not upright: the fall of a leg (1.9 kg, 0.2 m) is slowed to about 1 rad/s."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,17 +83,22 @@ class LegController:
     """Turns a plan and what is sensed into joint commands.
 
     Args:
-        config: All numbers; by default those of the paper.
+        robot: Whose joints they are.
+        config: Numbers of the law; by default those of the paper.
         solver: Of the stance problem; by default the exact one, robot by robot. Training hands in a batched one.
     """
 
-    def __init__(self, config: LegControllerConfig | None = None, solver: StanceSolver | None = None) -> None:
+    def __init__(
+        self, robot: Robot, config: LegControllerConfig | None = None, solver: StanceSolver | None = None
+    ) -> None:
         self.config = config or LegControllerConfig()
+        self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
+        self._stand_pose = Constant(robot.stand_pose)
         self._gait = Gait(self.config.gait)
-        self._swing = SwingLegs(self.config.swing)
-        self._stance = StanceLegs(self.config.stance)
-        self._solver = solver or ExactSolver(self.config.stance)
-        self._feedback = VelocityFeedback(self.config.feedback)
+        self._swing = SwingLegs(robot, self.config.swing)
+        self._stance = StanceLegs(robot, self.config.stance)
+        self._solver = solver or ExactSolver(robot, self.config.stance)
+        self._feedback = VelocityFeedback(robot, self.config.feedback)
         self._velocity_step = Constant(self.config.velocity_step)
         self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])
         self._yaw_axis = Constant([0.0, 0.0, 1.0])
@@ -113,10 +107,10 @@ class LegController:
         """State of robots that stand at the start of a gait; arrays of the library, dtype and device of `like`."""
         xp = namespace(like)
         zeros = xp.zeros((*batch, 12), dtype=like.dtype, device=like.device)
-        pose = zeros + _STAND_POSE.like(like)
+        pose = zeros + self._stand_pose.like(like)
         return LawState(
             gait=GaitState(phase=zeros[..., 0]),
-            liftoff=foot_position(pose),
+            liftoff=self._legs.position(pose),
             landed=zeros[..., :4] > 0.0,
             mode=ControllerMode.STAND,
             blend_from=pose,
@@ -150,7 +144,7 @@ class LegController:
         Returns:
             The command, the next state, and the details of this step.
         """
-        body = observe(sensed)
+        body = observe(sensed, self._legs)
         state = self._entered(state, mode, sensed)
         if mode in _MOVING:
             return self._run(plan, sensed, body, state)
@@ -209,13 +203,13 @@ class LegController:
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
 
-        target = self._swing.capture_point(body, go1.STAND_HEIGHT) + plan.foot_residual
+        target = self._swing.capture_point(body, self._robot.stand_height) + plan.foot_residual
         zero = xp.zeros_like(sensed.joint_position)
         command = JointCommand(
             position=self._swing.joint_target(body, target, sensed.joint_position),
             velocity=zero,
-            kp=zero + config.landing_kp,
-            kd=zero + config.landing_kd,
+            kp=zero + self._gains.landing_kp,
+            kd=zero + self._gains.landing_kd,
             torque=zero,
         )
         return (command, *self._without_plan(body, replace(state, gait=gait, landed=landed), signal))
@@ -245,8 +239,8 @@ class LegController:
         command = JointCommand(
             position=xp.where(stance, sensed.joint_position, swing_joint),
             velocity=xp.where(stance, joint_velocity, zero),
-            kp=xp.where(stance, zero, zero + self.config.swing.kp),
-            kd=xp.where(stance, zero + self.config.feedback.kd, zero + self.config.swing.kd),
+            kp=xp.where(stance, zero, zero + self._gains.swing_kp),
+            kd=xp.where(stance, zero + self._gains.stance_kd, zero + self._gains.swing_kd),
             torque=torque,
         )
         diagnostics = Diagnostics(
@@ -276,17 +270,17 @@ class LegController:
         share = smooth_step((state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
         zero = xp.zeros_like(measured)
         return JointCommand(
-            position=state.blend_from + share * (_STAND_POSE.like(measured) - state.blend_from),
+            position=state.blend_from + share * (self._stand_pose.like(measured) - state.blend_from),
             velocity=zero,
-            kp=zero + self.config.stand_kp,
-            kd=zero + self.config.stand_kd,
+            kp=zero + self._gains.stand_kp,
+            kd=zero + self._gains.stand_kd,
             torque=zero,
         )
 
     def _damp(self, sensed: Proprioception) -> JointCommand:
         xp = namespace(sensed.joint_position)
         zero = xp.zeros_like(sensed.joint_position)
-        return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self.config.damp_kd, torque=zero)
+        return JointCommand(position=zero, velocity=zero, kp=zero, kd=zero + self._gains.damp_kd, torque=zero)
 
     def _at_rest(self, body: Body, state: LawState) -> tuple[LawState, Diagnostics]:
         """State and diagnostics of a step without a schedule: every leg is in contact."""

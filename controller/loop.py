@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.action import REST, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.braking import Braking
@@ -15,7 +14,8 @@ from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
-from saltus.kinematics import foot_position
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import RobotStates, state_message, states_of
 from saltus.wire.messages import ControllerMode, JointCommand, JointLog, MotionPlan, PlanStatus, RobotState
@@ -38,20 +38,21 @@ class ControlLoop:
 
     def __init__(
         self,
+        robot: Robot,
         law: LegController | None = None,
         estimator: Estimator | None = None,
         watchdog: WatchdogConfig | None = None,
     ) -> None:
-        self._law = law or LegController()
-        self._estimator = estimator or Estimator()
+        self._law = law or LegController(robot)
+        self._estimator = estimator or Estimator(robot)
         self._watchdog = watchdog or WatchdogConfig()
-        self._estimate = self._estimator.init((), go1.STAND_POSE)
-        self._law_state = self._law.init((), go1.STAND_POSE)
+        self._estimate = self._estimator.init((), robot.stand_pose)
+        self._law_state = self._law.init((), robot.stand_pose)
         self._watch = WatchdogState()
-        self._gait: GaitSignal = standing((), go1.STAND_POSE)
+        self._gait: GaitSignal = standing((), robot.stand_pose)
         self._settled = False
-        self._braking = Braking()
-        self._ground = self._braking.init(foot_position(go1.STAND_POSE))
+        self._braking = Braking(robot)
+        self._ground = self._braking.init(LegKinematics(robot).position(robot.stand_pose))
         self._diagnostics: Diagnostics | None = None
         self._caught = False
         self._ticks = 0

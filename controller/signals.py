@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace
-from saltus.kinematics import foot_kinematics
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import SIDE
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
 
-_OUTWARD = Constant(np.stack([np.ones(4), go1.SIDE, np.ones(4)], -1))
+_OUTWARD = Constant(np.stack([np.ones(4), SIDE, np.ones(4)], -1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,14 +66,14 @@ def plan_from_action(action: Action, heading: Array) -> Plan:
     )
 
 
-def observe(sensed: Proprioception) -> Body:
-    """Attitude, velocities and feet of the robot in the frames that the controller uses."""
+def observe(sensed: Proprioception, legs: LegKinematics) -> Body:
+    """Attitude, velocities and feet of a robot with these legs, in the frames that the controller uses."""
     xp = namespace(sensed.joint_position)
     rotation = rotation_matrix(sensed.quaternion_base_in_world)
     roll, pitch, yaw = roll_pitch_yaw(rotation)
     yaw_in_world = _yaw_in_world(xp, rotation)
     base_in_yaw = yaw_in_world.mT @ rotation
-    foot_base, jacobian = foot_kinematics(sensed.joint_position)
+    foot_base, jacobian = legs.position_and_jacobian(sensed.joint_position)
     return Body(
         roll=roll,
         pitch=pitch,

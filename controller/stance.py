@@ -13,28 +13,24 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
 from saltus.errors import SaltusError
+from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 from saltus.rotations import SKEW
 
 
 @dataclass(frozen=True, kw_only=True)
 class StanceConfig:
-    """Model, weights and gains of the stance legs; original where nothing else is said."""
+    """Weights and gains of the stance legs, for a robot of the reference's size (`Similarity`); original."""
 
-    mass_kg: float = go1.MASS
-    """Of the robot; the controller assumes no payload."""
-    inertia_kg_m2: tuple[float, float, float] = (0.21, 0.525, 0.525)
-    """Of the whole robot about x, y, z of the base: (0.14, 0.35, 0.35) x 1.5."""
     acceleration_weight: tuple[float, ...] = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
     """U: x, y, z, roll, pitch, yaw."""
     force_weight: float = 1e-4
     """V."""
     friction: float = 0.6
-    force_z_range_n: tuple[float, float] = (10.0, 130.0)
     roll_kp: float = 50.0
     """[1/s^2]; pitch and yaw have none."""
     roll_step_rad: float = 0.2
@@ -69,24 +65,26 @@ class StanceQP:
 class StanceLegs:
     """Reference acceleration, quadratic program and torques."""
 
-    def __init__(self, config: StanceConfig) -> None:
+    def __init__(self, robot: Robot, config: StanceConfig) -> None:
         self.config = config
-        inertia = np.asarray(config.inertia_kg_m2)
+        size = Similarity.of_robot(robot)
+        rate = 1.0 / size.time
         # One foot's (linear, angular) acceleration by force, transposed: [I / m | -[p]x / I], linear in p.
         lever = np.zeros((3, 3, 6))
-        lever[:, :, 3:] = -SKEW.reshape(3, 3, 3) / inertia
+        lever[:, :, 3:] = -SKEW.reshape(3, 3, 3) / robot.inertia
         constant = np.zeros((3, 6))
-        constant[:, :3] = np.eye(3) / config.mass_kg
+        constant[:, :3] = np.eye(3) / robot.mass
         self._lever = Constant(lever.reshape(3, 18))
         self._constant = Constant(constant)
         self._weight = Constant(config.acceleration_weight)
-        self._regular = Constant(config.force_weight * np.eye(12))
-        self._gain = Constant([config.linear_kd, config.angular_kd])
-        self._roll_gain = Constant([[0.0, 0.0, 0.0], [config.roll_kp, 0.0, 0.0]])
-        self._low = Constant([config.linear_low, [-limit for limit in config.angular_limit]])
-        self._high = Constant([config.linear_high, config.angular_limit])
+        self._regular = Constant(scaled_force_weight(robot, config) * np.eye(12))
+        self._gain = Constant(rate * np.array([config.linear_kd, config.angular_kd]))
+        self._roll_gain = Constant([[0.0, 0.0, 0.0], [rate**2 * config.roll_kp, 0.0, 0.0]])
+        angular_limit = np.array(config.angular_limit) / size.length
+        self._low = Constant(np.array([config.linear_low, -angular_limit]))
+        self._high = Constant(np.array([config.linear_high, angular_limit]))
         self._up = Constant([[GRAVITY], [0.0]])
-        self._torque_limit = Constant(go1.TORQUE_LIMIT)
+        self._torque_limit = Constant(robot.torque_limit)
 
     def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
         """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
@@ -136,6 +134,11 @@ class StanceLegs:
         return xp.clip(torque, -limit, limit)
 
 
+def scaled_force_weight(robot: Robot, config: StanceConfig) -> float:
+    """V for a robot: forces are as many times those of the reference as masses are."""
+    return config.force_weight / Similarity.of_robot(robot).mass ** 2
+
+
 class StanceSolver(Protocol):
     """Solves stance problems."""
 
@@ -147,11 +150,11 @@ class StanceSolver(Protocol):
 class ExactSolver:
     """Solves stance problems to optimality with a dense active-set method; legs in the air are eliminated first."""
 
-    def __init__(self, config: StanceConfig) -> None:
+    def __init__(self, robot: Robot, config: StanceConfig) -> None:
         import daqp  # here, because training with another solver runs where it is not installed
 
         self._daqp = daqp.solve
-        self._constraints = [_constraints(feet, config) for feet in range(5)]
+        self._constraints = [_constraints(feet, robot.foot_force, config.friction) for feet in range(5)]
         self._columns = [_columns(pattern) for pattern in range(16)]
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 
@@ -204,11 +207,10 @@ def _columns(pattern: int) -> NDArray[np.intp]:
 
 
 def _constraints(
-    feet: int, config: StanceConfig
+    feet: int, force_range: Floats, mu: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Rows, upper and lower bounds: first bounds on the forces themselves, then +-fx - mu fz <= 0 and the same in y."""
-    low, high = config.force_z_range_n
-    mu = config.friction
+    low, high = force_range
     pyramid = np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
     matrix = np.kron(np.eye(feet), pyramid)
     free = 1e30  # what the solver takes for infinity

@@ -10,7 +10,9 @@ Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning vi
 """
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.controller.stance import StanceConfig, StanceQP
+from saltus.controller.stance import StanceConfig, StanceQP, scaled_force_weight
+from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 
 # Measured over random demands (tests/controller/test_stance_batched.py): a stiffer spring settles the cost sooner and
 # the forces later. Over-relaxation: Boyd et al. recommend 1.5 to 1.8.
@@ -23,16 +25,18 @@ class BatchedSolver:
     """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64.
 
     Args:
+        robot: Whose forces they are.
         config: The same as that of `saltus.controller.stance.StanceLegs`.
         steps: Of ADMM.
     """
 
-    def __init__(self, config: StanceConfig | None = None, steps: int = STEPS) -> None:
+    def __init__(self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS) -> None:
         config = config or StanceConfig()
         self._steps = steps
         self._friction = config.friction
-        self._low, self._high = config.force_z_range_n
-        self._diagonal = config.force_weight + SPRING
+        self._low, self._high = robot.foot_force
+        self._spring = SPRING / Similarity.of_robot(robot).mass ** 2
+        self._diagonal = scaled_force_weight(robot, config) + self._spring
         self._root_weight = Constant([w**0.5 for w in config.acceleration_weight])
         self._identity6 = Constant([[float(i == j) for j in range(6)] for i in range(6)])
         self._identity12 = Constant([[float(i == j) for j in range(12)] for i in range(12)])
@@ -50,7 +54,7 @@ class BatchedSolver:
         force = self._project((inverse @ pull[..., None])[..., 0], standing)
         excess = xp.zeros_like(force)
         for _ in range(self._steps):
-            free = (inverse @ (pull + SPRING * (force - excess))[..., None])[..., 0]
+            free = (inverse @ (pull + self._spring * (force - excess))[..., None])[..., 0]
             relaxed = RELAXATION * free + (1.0 - RELAXATION) * force + excess
             force = self._project(relaxed, standing)
             excess = relaxed - force

@@ -9,48 +9,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
-from saltus.kinematics import inverse_kinematics
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import skew
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingConfig:
-    """Clips and gains of the swing legs; original."""
+    """Clips of the swing legs; original."""
 
-    hip_x_m: float = 0.1881
-    hip_y_m: float = 0.13
-    """Where the neutral foot is below the body, base frame."""
-    landing_limit_m: tuple[float, float] = (0.15, 0.08)
-    """How far the landing point may be from below the hip, in x and y of the yaw frame."""
-    foot_z_range_m: tuple[float, float] = go1.SWING_FOOT_Z
-    """Height of the foot in the base frame."""
     joint_margin_rad: float = 1e-3
     """Distance that targets keep from the joint limits."""
     joint_step_rad: float = 0.5
     """Distance that targets keep to the present joint angle."""
-    kp: float = 30.0
-    kd: float = 1.0
 
 
 class SwingLegs:
     """Targets of the feet and joints of swinging legs; computed for all legs, used where they swing."""
 
-    def __init__(self, config: SwingConfig) -> None:
-        x, y = config.hip_x_m, config.hip_y_m
-        low, high = config.foot_z_range_m
+    def __init__(self, robot: Robot, config: SwingConfig) -> None:
+        x, y = robot.neutral_foot
+        low, high = robot.swing_foot_z
+        self._legs = LegKinematics(robot)
         self.config = config
         self._hip = Constant([[x, -y, 0.0], [x, y, 0.0], [-x, -y, 0.0], [-x, y, 0.0]])
-        self._landing_limit = Constant([*config.landing_limit_m, 0.0])
+        self._landing_limit = Constant([*robot.landing_reach, 0.0])
         self._horizontal = Constant([1.0, 1.0, 0.0])
         self._down = Constant([0.0, 0.0, -1.0])
         self._foot_low = Constant([-np.inf, -np.inf, low])
         self._foot_high = Constant([np.inf, np.inf, high])
-        self._joint_low = Constant(go1.JOINT_LOWER + config.joint_margin_rad)
-        self._joint_high = Constant(go1.JOINT_UPPER - config.joint_margin_rad)
+        self._joint_low = Constant(robot.joint_lower + config.joint_margin_rad)
+        self._joint_high = Constant(robot.joint_upper - config.joint_margin_rad)
 
     def nominal_path(
         self, body: Body, liftoff: Array, progress: Array, stance_duration: Array, base_height: Array
@@ -103,6 +95,6 @@ class SwingLegs:
         xp = namespace(target)
         low, high = self._foot_low.like(target), self._foot_high.like(target)
         foot_base = xp.clip(target @ body.base_in_yaw, low, high)
-        angles = xp.clip(inverse_kinematics(foot_base), self._joint_low.like(target), self._joint_high.like(target))
+        angles = xp.clip(self._legs.inverse(foot_base), self._joint_low.like(target), self._joint_high.like(target))
         step = self.config.joint_step_rad
         return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)

@@ -48,7 +48,7 @@ class Constant:
     """A fixed array that takes the library, dtype and device of whatever it meets; each conversion happens once."""
 
     def __init__(self, value: ArrayLike) -> None:
-        self._value: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
+        self._value: NDArray[np.float64] = np.array(value, dtype=np.float64)  # torch wants arrays that can be written
         self._converted: dict[tuple[type, Any, str], Array] = {}
 
     def like(self, reference: Array) -> Array:

@@ -7,12 +7,14 @@ import numpy as np
 
 from saltus.effects.profile import load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.runtime.process import ROBOT_FILE
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message
 
 ROBOT = load_robot("go1")
+KINEMATICS = LegKinematics(ROBOT)
 PROFILE = load_profile("go1", ROBOT)
 CURVE = next(effect.curve for effect in PROFILE.actuator if isinstance(effect, TorqueSaturation))
 

@@ -83,8 +83,8 @@ class JumpEnv:
         self._engine = engine
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._ctrl = torch.as_tensor(engine.ctrl)
-        self._law = LegController(solver=solver or BatchedSolver())
-        self._estimator = Estimator()
+        self._law = LegController(robot, solver=solver or BatchedSolver(robot))
+        self._estimator = Estimator(robot)
         self._drives = Drives(robot, config.randomisation.feedforward_delay_s[1], load_profile(config.profile, robot))
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
@@ -203,13 +203,13 @@ class JumpEnv:
 
     def _or_stand(self, command: JointCommand) -> JointCommand:
         """The command; that of the standing pose for robots that stand."""
-        xp, law, stands = namespace(command.torque), self._law.config, self.standing[:, None]
+        xp, gains, stands = namespace(command.torque), self._engine.robot.gains, self.standing[:, None]
         zero = xp.zeros_like(command.torque)
         return JointCommand(
             position=xp.where(stands, zero + _STAND_POSE.like(zero), command.position),
             velocity=xp.where(stands, zero, command.velocity),
-            kp=xp.where(stands, zero + law.stand_kp, command.kp),
-            kd=xp.where(stands, zero + law.stand_kd, command.kd),
+            kp=xp.where(stands, zero + gains.stand_kp, command.kp),
+            kd=xp.where(stands, zero + gains.stand_kd, command.kd),
             torque=xp.where(stands, zero, command.torque),
         )
 

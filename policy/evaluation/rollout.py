@@ -110,8 +110,8 @@ class Rollout:
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)
-        self._law = LegController()
-        self._estimator = Estimator()
+        self._law = LegController(robot)
+        self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
         self._index = 0
         self._fresh = np.ones(self.count, dtype=np.bool_)

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.controller.swing import SwingConfig
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.onnx_export import write_onnx
@@ -17,6 +17,7 @@ from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.features import LAYOUT, SIZE
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import make_actor
+from saltus.robots.loading import load_robot
 
 
 class DeployedPolicy(nn.Module):
@@ -74,7 +75,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
         "actions": list(ACTIONS),
         "low": list(policy.bounds.low),
         "high": list(policy.bounds.high),
-        "swing_foot_z_range_m": list(SwingConfig().foot_z_range_m),
+        "swing_foot_z_range_m": load_robot(DEFAULT_ROBOT).swing_foot_z.tolist(),
         "steps": state["steps"],
         "iteration": state["iteration"],
         "seconds": state["seconds"],

@@ -21,6 +21,8 @@ from saltus.errors import ConfigError
 
 LEGS = ("FR", "FL", "RR", "RL")
 LINKS = ("hip", "thigh", "calf")
+SIDE = (-1.0, 1.0, -1.0, 1.0)
+"""+1 for left legs, -1 for right legs."""
 JOINTS = tuple(f"{leg}_{link}" for leg in LEGS for link in LINKS)
 
 FINGERPRINT_DIGITS = 9  # of each number: its last digits may differ from one processor to the next
@@ -155,7 +157,7 @@ class Robot:
     @cached_property
     def side(self) -> Floats:
         """+1 for left legs, -1 for right legs, shape (4,)."""
-        return np.sign(self.abduction_offset)
+        return np.array(SIDE)
 
     @cached_property
     def mass(self) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.robots.robot import Gains
+from saltus.robots.robot import Gains, Robot
 
 LEG_LENGTH, MASS = 0.426, 12.743448  # of the reference [m], [kg]
 INERTIA_FACTOR = (1.6, 1.32, 1.24)  # of what its controller takes for its inertia about x, y, z to what it is
@@ -30,6 +30,11 @@ class Similarity:
     def of(cls, leg_length: float, mass: float) -> "Similarity":
         """Of a robot with legs of that length [m] and that mass [kg]."""
         return cls(length=leg_length / LEG_LENGTH, mass=mass / MASS)
+
+    @classmethod
+    def of_robot(cls, robot: Robot) -> "Similarity":
+        """Of a robot."""
+        return cls.of(robot.leg_length, robot.mass)
 
     @property
     def time(self) -> float:

@@ -20,8 +20,8 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, PlanStatus
 
-BRAKING = Braking()
-LAW = LegController()
+BRAKING = Braking(ROBOT)
+LAW = LegController(ROBOT)
 PLANNER = ScriptedPlanner()
 CYCLE_S = 1.0 / float(PLANNER.parameters.stepping_frequency_hz)
 PHASES = np.arange(0.0, 1.0, 0.1)
@@ -56,7 +56,7 @@ def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase, silent
     trial = Trial.draw(int(100 * phase))
     robot = MujocoRobot(ROBOT, make_terrain(TerrainConfig(terrain="flat")), trial, trial.applied_to(PROFILE))
     robot.reset()
-    loop = ControlLoop()
+    loop = ControlLoop(ROBOT)
     plan = run_until(robot, loop, FIRST_STAND_S + 1.4 + phase * CYCLE_S)
     assert robot.state.velocity_base_in_world[0] > 1.2
     robot.take_trunk_contact()

@@ -67,7 +67,7 @@ def ticks(seconds):
 
 
 def test_stands_for_three_seconds_without_plans():
-    robot, loop = make_robot(), ControlLoop()
+    robot, loop = make_robot(), ControlLoop(ROBOT)
     modes = drive(robot, loop, 3.0)
     state = robot.state
     assert modes == [ControllerMode.STAND]
@@ -81,7 +81,7 @@ def test_stands_for_three_seconds_without_plans():
 
 @pytest.mark.parametrize("phase", np.arange(0.0, 1.0, 0.2))
 def test_lands_and_stands_when_plans_stop_at_any_phase_of_the_gait(phase):
-    robot, loop = make_robot(seed=int(10 * phase)), ControlLoop()
+    robot, loop = make_robot(seed=int(10 * phase)), ControlLoop(ROBOT)
     silent_s = FIRST_STAND_S + (2.0 + phase) / FREQUENCY_HZ
     modes = drive(robot, loop, silent_s + 2.5, bounding, silent_s)  # lost 0.1 s, landing at most 1.1 s, blend 1 s
     assert modes == [
@@ -100,7 +100,7 @@ def test_lands_and_stands_when_plans_stop_at_any_phase_of_the_gait(phase):
 
 
 def test_bounds_forward_with_a_useful_estimate():
-    robot, loop = make_robot(seed=1), ControlLoop()
+    robot, loop = make_robot(seed=1), ControlLoop(ROBOT)
     errors, airborne = [], 0
     for t in ticks(3.0):
         loop.sense(robot.read())
@@ -118,17 +118,17 @@ def test_bounds_forward_with_a_useful_estimate():
 
 
 def test_the_first_go_waits_for_the_first_stand():
-    robot, loop = make_robot(), ControlLoop()
+    robot, loop = make_robot(), ControlLoop(ROBOT)
     assert drive(robot, loop, FIRST_STAND_S, bounding) == [ControllerMode.STAND]
     assert drive(robot, loop, PHYSICS_DT, bounding) == [ControllerMode.RUN]
 
 
 def test_a_reading_that_is_not_finite_damps_the_joints():
-    robot, loop = make_robot(), ControlLoop()
+    robot, loop = make_robot(), ControlLoop(ROBOT)
     drive(robot, loop, 0.02)
     good = robot.read()
     for name in vars(good.measurement):
-        loop = ControlLoop()
+        loop = ControlLoop(ROBOT)
         loop.sense(good)
         bad = np.full_like(getattr(good.measurement, name), np.nan)
         loop.sense(Reading(measurement=replace(good.measurement, **{name: bad}), joint_torque=good.joint_torque))
@@ -146,14 +146,14 @@ def test_a_robot_that_tips_over_is_damped():
             quaternion = np.array([np.cos(angle / 2), 0.0, 0.0, 0.0])
             quaternion[axis] = np.sin(angle / 2)
             tipped = replace(good.measurement, quaternion_base_in_world=quaternion)
-            loop = ControlLoop()
+            loop = ControlLoop(ROBOT)
             loop.sense(Reading(measurement=tipped, joint_torque=good.joint_torque))
             loop.act(None, np.inf)
             assert loop.mode == ControllerMode.DAMP
 
 
 def test_joint_log_pairs_each_measurement_with_its_command():
-    robot, loop = make_robot(), ControlLoop()
+    robot, loop = make_robot(), ControlLoop(ROBOT)
     commands, positions = [], []
     for _ in range(5):
         reading = robot.read()
@@ -170,7 +170,7 @@ def test_joint_log_pairs_each_measurement_with_its_command():
 
 def test_acting_before_sensing_says_so():
     with pytest.raises(SaltusError, match="sense"):
-        ControlLoop().act(None, np.inf)
+        ControlLoop(ROBOT).act(None, np.inf)
 
 
 def test_truth_is_the_terrain_along_the_robots_yaw():

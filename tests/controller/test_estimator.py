@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import PHYSICS_DT
@@ -37,7 +38,7 @@ def walking(ticks, robots, feet_slip=0.0):
 
 def test_converges_to_velocity_and_height():
     measurements, height = walking(400, 20)
-    estimator, trusted = Estimator(), np.tile([True, True, False, False], (20, 1))
+    estimator, trusted = Estimator(ROBOT), np.tile([True, True, False, False], (20, 1))
     state = estimator.init((20,), measurements[0].joint_position)
     for measured in measurements:
         state = estimator.step(measured, trusted, state)
@@ -48,7 +49,7 @@ def test_converges_to_velocity_and_height():
 def test_falls_freely_without_trusted_legs():
     measurements, _ = walking(1, 1)
     flying = Sensed(**{**vars(measurements[0]), "acceleration_base": np.zeros((1, 3))})
-    estimator = Estimator()
+    estimator = Estimator(ROBOT)
     state = estimator.init((1,), flying.joint_position)
     for _ in range(100):
         state = estimator.step(flying, np.zeros((1, 4), dtype=bool), state)
@@ -59,7 +60,7 @@ def test_falls_freely_without_trusted_legs():
 def test_a_foot_that_flies_is_hardly_believed_but_no_error_lasts():
     measurements, _ = walking(1, 1)
     slipping, _ = walking(1, 1, feet_slip=2.0)
-    estimator, trusted = Estimator(), np.ones((1, 4), dtype=bool)
+    estimator, trusted = Estimator(ROBOT), np.ones((1, 4), dtype=bool)
     state = estimator.init((1,), measurements[0].joint_position)
     for _ in range(400):
         state = estimator.step(measurements[0], trusted, state)
@@ -75,7 +76,7 @@ def test_numpy_equals_torch_and_state_is_kept():
     measurements, _ = walking(1, 5)
     tensors = Sensed(**{k: torch.as_tensor(np.array(v)) for k, v in vars(measurements[0]).items()})
     trusted = np.random.default_rng(10).random((5, 4)) < 0.5
-    estimator = Estimator()
+    estimator = Estimator(ROBOT)
     ours = estimator.init((5,), measurements[0].joint_position)
     theirs = estimator.init((5,), tensors.joint_position)
     before = ours.mean.copy()
@@ -92,7 +93,7 @@ def test_numpy_equals_torch_and_state_is_kept():
 @pytest.mark.parametrize("trusted", [[True] * 4, [False] * 4])
 def test_variance_stays_positive_and_bounded_when_legs_are_trusted(trusted):
     measurements, _ = walking(1, 1)
-    estimator = Estimator()
+    estimator = Estimator(ROBOT)
     state = estimator.init((1,), measurements[0].joint_position)
     for _ in range(2000):
         state = estimator.step(measurements[0], np.array([trusted]), state)

@@ -1,16 +1,17 @@
 import numpy as np
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1
 from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
 from saltus.controller.signals import observe
 from saltus.kinematics import inverse_kinematics
 
-FEEDBACK = VelocityFeedback(FeedbackConfig())
+FEEDBACK = VelocityFeedback(ROBOT, FeedbackConfig())
 
 
 def test_feet_of_a_body_at_its_reference_stand_still_in_the_world(draw):
     plan, sensed = draw(np.random.default_rng(7), (300,))
-    body = observe(sensed)
+    body = observe(sensed, KINEMATICS)
     velocity, angular = 0.3 * plan.velocity, 0.3 * plan.angular_velocity  # below the drives' speed limits
     joint = FEEDBACK.joint_velocity(body, velocity, angular).reshape(300, 4, 3)
     relative = (body.jacobian @ joint[..., None])[..., 0] @ body.base_in_yaw.mT
@@ -23,6 +24,6 @@ def test_feet_of_a_body_at_its_reference_stand_still_in_the_world(draw):
 def test_straight_legs_do_not_blow_up(draw):
     _, sensed = draw(np.random.default_rng(8), ())
     straight = inverse_kinematics(go1.HIP_ANCHOR + np.array([0.0, 0.0, -1.0]) + 0.08 * go1.SIDE[:, None] * [0, 1, 0])
-    body = observe(type(sensed)(**{**vars(sensed), "joint_position": straight}))
+    body = observe(type(sensed)(**{**vars(sensed), "joint_position": straight}), KINEMATICS)
     joint = FEEDBACK.joint_velocity(body, np.array([3.0, 0.0, 3.0]), np.array([0.0, 6.0, 0.0]))
     assert (np.abs(joint) <= go1.SPEED_LIMIT).all()

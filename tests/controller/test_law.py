@@ -3,6 +3,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus import go1
 from saltus.action import Action, action_of, plan_message
@@ -11,7 +12,7 @@ from saltus.controller.law import LegController
 from saltus.controller.signals import plan_from_action
 from saltus.wire.messages import ControllerMode, PlanStatus
 
-LAW = LegController()
+LAW = LegController(ROBOT)
 COMMAND = ("position", "velocity", "kp", "kd", "torque")
 # Through start-up, both flights, both stances, a landing, a stand and a fall.
 MODES = (

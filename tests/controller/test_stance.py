@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
 from saltus import go1
@@ -9,8 +10,8 @@ from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, Stan
 from saltus.states import standing_state
 
 CONFIG = StanceConfig()
-STANCE = StanceLegs(CONFIG)
-SOLVER = ExactSolver(CONFIG)
+STANCE = StanceLegs(ROBOT, CONFIG)
+SOLVER = ExactSolver(ROBOT, CONFIG)
 PROBLEMS = 1000
 
 
@@ -18,7 +19,7 @@ PROBLEMS = 1000
 def problems(draw):
     rng = np.random.default_rng(1)
     plan, sensed = draw(rng, (PROBLEMS,))
-    body = observe(sensed)
+    body = observe(sensed, KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, plan.velocity, plan.angular_velocity)
     contact = rng.random((PROBLEMS, 4)) < 0.6
     return body, STANCE.build_qp(body, acceleration, contact)
@@ -38,7 +39,7 @@ def test_forces_obey_schedule_cone_and_limits(problems):
     force = SOLVER.solve(qp).reshape(PROBLEMS, 4, 3)
     assert (force[~qp.contact] == 0.0).all()
     standing = force[qp.contact]
-    low, high = CONFIG.force_z_range_n
+    low, high = ROBOT.foot_force
     assert (standing[:, 2] >= low - 1e-6).all()
     assert (standing[:, 2] <= high + 1e-6).all()
     assert (np.abs(standing[:, :2]) <= CONFIG.friction * standing[:, 2:] + 1e-6).all()
@@ -55,7 +56,7 @@ def test_problem_is_the_tracking_cost(problems, draw):
 
 
 def test_a_level_robot_at_rest_carries_its_weight():
-    body = observe(standing_state())
+    body = observe(standing_state(), KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
     force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
     np.testing.assert_allclose(force[:, 2].sum(), go1.MASS * 9.81, rtol=2e-3)

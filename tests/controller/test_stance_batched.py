@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1
 from saltus.controller.signals import observe
@@ -12,7 +13,7 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 
 CONFIG = StanceConfig()
-LEGS = StanceLegs(CONFIG)
+LEGS = StanceLegs(ROBOT, CONFIG)
 PATTERNS = np.array([[1, 1, 0, 0], [0, 0, 1, 1], [1, 1, 1, 1]], dtype=bool)
 
 
@@ -29,7 +30,8 @@ def demands(count, seed):
                 go1.STAND_POSE + rng.normal(0.0, 0.35, (count, 12)), go1.JOINT_LOWER, go1.JOINT_UPPER
             ),
             velocity_base_in_world=rng.normal(0.0, 1.0, (count, 3)),
-        )
+        ),
+        KINEMATICS,
     )
     velocity = np.stack([body.velocity[:, 0], np.zeros(count), np.zeros(count)], -1)
     velocity = velocity + rng.uniform((-1, 0, -3), (1, 0, 3), (count, 3))
@@ -44,7 +46,7 @@ def clipped_closed_form(qp):
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
     force = np.linalg.solve(A.swapaxes(-1, -2) @ A + CONFIG.force_weight * np.eye(12), right).reshape(-1, 4, 3)
-    fz = np.clip(force[..., 2], *CONFIG.force_z_range_n) * qp.contact
+    fz = np.clip(force[..., 2], *ROBOT.foot_force) * qp.contact
     norm = np.linalg.norm(force[..., :2], axis=-1) + 1e-3
     scale = np.minimum(1.0, CONFIG.friction * fz / norm)
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)
@@ -53,8 +55,8 @@ def clipped_closed_form(qp):
 @pytest.mark.parametrize("steps", [0, 1, 16])
 def test_friction_and_force_limits_hold_whatever_the_number_of_steps(steps):
     qp = demands(500, seed=1)
-    force = BatchedSolver(CONFIG, steps).solve(qp).reshape(-1, 4, 3)
-    low, high = CONFIG.force_z_range_n
+    force = BatchedSolver(ROBOT, CONFIG, steps).solve(qp).reshape(-1, 4, 3)
+    low, high = ROBOT.foot_force
     standing = force[qp.contact]
     assert (force[~qp.contact] == 0.0).all()
     assert (standing[:, 2] >= low - 1e-9).all()
@@ -64,12 +66,12 @@ def test_friction_and_force_limits_hold_whatever_the_number_of_steps(steps):
 
 def test_cost_is_near_that_of_the_exact_solution():
     qp = demands(1000, seed=2)
-    exact = ExactSolver(CONFIG).solve(qp)
+    exact = ExactSolver(ROBOT, CONFIG).solve(qp)
 
     def excess(force):
         return np.percentile(LEGS.tracking_cost(qp, force) - LEGS.tracking_cost(qp, exact), [50, 90])
 
-    batched, clipped = excess(BatchedSolver(CONFIG).solve(qp)), excess(clipped_closed_form(qp))
+    batched, clipped = excess(BatchedSolver(ROBOT, CONFIG).solve(qp)), excess(clipped_closed_form(qp))
     assert batched[0] < 0.2  # of costs of which the median is 40
     assert batched[1] < 4.0
     assert (30.0 * batched < clipped).all()
@@ -77,8 +79,8 @@ def test_cost_is_near_that_of_the_exact_solution():
 
 def test_more_steps_bring_it_to_the_exact_forces():
     qp = demands(100, seed=3)
-    exact = ExactSolver(CONFIG).solve(qp)
-    error = [np.abs(BatchedSolver(CONFIG, steps).solve(qp) - exact).max(-1) for steps in (16, 200, 3000)]
+    exact = ExactSolver(ROBOT, CONFIG).solve(qp)
+    error = [np.abs(BatchedSolver(ROBOT, CONFIG, steps).solve(qp) - exact).max(-1) for steps in (16, 200, 3000)]
     assert np.median(error[1]) < np.median(error[0])
     assert np.median(error[2]) < 1e-3
 
@@ -87,7 +89,8 @@ def test_torch_in_single_precision_agrees_with_numpy():
     qp = demands(200, seed=4)
     single = {name: torch.tensor(getattr(qp, name), dtype=torch.float32) for name in ("hessian", "gradient", "model")}
     given = StanceQP(contact=torch.tensor(qp.contact), target=torch.tensor(qp.target, dtype=torch.float32), **single)
-    np.testing.assert_allclose(BatchedSolver(CONFIG).solve(given), BatchedSolver(CONFIG).solve(qp), atol=0.05)
+    solver = BatchedSolver(ROBOT, CONFIG)
+    np.testing.assert_allclose(solver.solve(given), solver.solve(qp), atol=0.05)
 
 
 @pytest.mark.parametrize("size", [1, 3, 6])

@@ -1,19 +1,20 @@
 import numpy as np
 import pytest
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.kinematics import foot_position
 
-SWING = SwingLegs(SwingConfig())
+SWING = SwingLegs(ROBOT, SwingConfig())
 ROBOTS = 200
 
 
 @pytest.fixture
 def robots(draw):
     plan, sensed = draw(np.random.default_rng(5), (ROBOTS,))
-    return plan, sensed, observe(sensed)
+    return plan, sensed, observe(sensed, KINEMATICS)
 
 
 def path(body, sensed, progress, stance_s=0.2):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1
 from saltus.controller.signals import Body, observe
@@ -21,12 +22,12 @@ def body(pitch: float) -> Body:
     """A robot with its legs in the standing pose."""
     flat, legs = np.zeros(1), go1.STAND_POSE[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
-    return observe(replace(standing_state(), quaternion_base_in_world=level, joint_position=legs))
+    return observe(replace(standing_state(), quaternion_base_in_world=level, joint_position=legs), KINEMATICS)
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:
     """Height of a front sole over the ground of the feet in stance, after the joints have followed their target."""
-    robot, swing, joints = body(pitch), SwingLegs(SwingConfig()), go1.STAND_POSE[None]
+    robot, swing, joints = body(pitch), SwingLegs(ROBOT, SwingConfig()), go1.STAND_POSE[None]
     height = np.array([base_height])
     path = swing.nominal_path(robot, robot.foot_yaw, np.full((1, 4), 0.6), np.array([0.2]), height)
     for _ in range(12):  # a tick moves a joint's target by 0.5 rad at most

@@ -117,7 +117,7 @@ def test_robots_that_fall_start_again_on_their_course():
     assert transition.done[: N // 2].all()
     assert not transition.timed_out[: N // 2].any()
     assert (env.memory.time_s[: N // 2] == 0.0).all()
-    blank = Estimator().init((), np.zeros(1)).mean
+    blank = Estimator(ROBOT).init((), np.zeros(1)).mean
     np.testing.assert_allclose(env.memory.estimate[: N // 2], np.tile(blank, (N // 2, 1)), atol=1e-6)
     tally = dict(zip(TALLY, env.episodes.tally.sum(0).tolist(), strict=True))
     assert tally["tilted"] >= N // 2
