@@ -18,7 +18,7 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig, to_toml
 from saltus.resources import resource
 from saltus.runtime.process import RUN_FILE
-from saltus.runtime.stack import open_router
+from saltus.runtime.stack import PROGRAMS, open_router
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
@@ -40,6 +40,7 @@ SUBSCRIBED = {
     "consumer": tuple(name for name, topic in TOPICS.items() if topic.publisher != "*"),
 }
 """What each process takes in real time."""
+MODULES = {program.name: program.module for program in PROGRAMS}
 
 
 @dataclass(frozen=True)
@@ -115,8 +116,9 @@ class Victim:
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}
         self.log = directory / "log"
         with self.log.open("wb") as file:
+            command = [sys.executable, "-P", "-m", MODULES.get(name, name)]
             self.process = subprocess.Popen(
-                [sys.executable, "-m", f"saltus.{name}", "--run-dir", str(directory), "--endpoint", endpoint],
+                [*command, "--run-dir", str(directory), "--endpoint", endpoint],
                 stdout=file,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": str(HERE), "OMP_NUM_THREADS": "1"},
