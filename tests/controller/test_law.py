@@ -5,6 +5,7 @@ import pytest
 import torch
 from samples import ROBOT
 
+from benchmarks.qp import row
 from saltus import go1
 from saltus.action import Action, action_of, plan_message
 from saltus.constants import PHYSICS_DT
@@ -27,10 +28,6 @@ MODES = (
 
 def tensors(value):
     return type(value)(**{f.name: torch.as_tensor(getattr(value, f.name)) for f in fields(value)})
-
-
-def one_of(value, k):
-    return type(value)(**{f.name: np.asarray(getattr(value, f.name)[k]) for f in fields(value)})
 
 
 def test_numpy_equals_torch_through_all_modes(draw):
@@ -58,7 +55,7 @@ def test_a_batch_does_what_its_robots_do_alone(draw):
         plan, sensed = draw(rng, (3,))
         command, together, _ = LAW.step(plan, sensed, together, mode)
         for k in range(3):
-            own, alone[k], _ = LAW.step(one_of(plan, k), one_of(sensed, k), alone[k], mode)
+            own, alone[k], _ = LAW.step(row(plan, k), row(sensed, k), alone[k], mode)
             for name in COMMAND:
                 np.testing.assert_allclose(getattr(own, name), getattr(command, name)[k], atol=1e-9)
 
