@@ -44,6 +44,8 @@ class Benchmark(Command):
             return {name: self._row(models / name / f"{name}.xml") for name in progress(ROBOTS)}
 
     def _row(self, model: Path) -> dict[str, Any]:
+        if not model.is_file():
+            raise SaltusError(f"there is no model '{model}': --models is the folder 'robot_model' of {WHEEL}, unpacked")
         try:
             errors = compare(model, self.poses)
         except SaltusError as error:

@@ -39,6 +39,7 @@ BAD = {
     "no training": ("training_curve nowhere", "nowhere"),
     "no dataset": ("restart nowhere", "nowhere"),
     "no truths": ("left_out nowhere nowhere", "nowhere"),
+    "no models": ("other_robots --models nowhere", "nowhere"),
     "no verdicts": ("hidden_effects score nowhere nowhere", "nowhere"),
 }
 
