@@ -21,7 +21,7 @@ class CurriculumConfig:
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0
-    """Difficulty at the end of the last level, at most 1.2: a fifth beyond what the definitions of terrains name 1."""
+    """Difficulty at the end of the last level."""
     promotion_m: float = 4.5
     """Way along the terrain's profile, up and along, that earns a harder course; original, but horizontal there: 10
     jumps of 0.4 m up steep stairs never sufficed."""
