@@ -6,6 +6,7 @@ from torch import Tensor
 from saltus import go1
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
 from saltus.grid import HEIGHTMAP_X
 from saltus.kinematics import foot_position
 from saltus.policy.env.curriculum import difficulty, next_level
@@ -112,7 +113,7 @@ class Episodes:
         drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
         store(memory, mask, **{name: getattr(bodies, name) for name in drawn})
         self._engine.set_terrain(self._views.courses().boxes())
-        self._engine.set_bodies(memory.friction, memory.payload_kg, memory.com_shift)
+        self._engine.set_bodies(self._bodies())
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
         shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
@@ -132,6 +133,16 @@ class Episodes:
             height_shift=shift,
             pitch_torque=zero,
             touched=torch.zeros_like(memory.touched),
+        )
+
+    def _bodies(self) -> BodyModel:
+        memory = self._memory
+        return BodyModel(
+            payload_kg=memory.payload_kg,
+            com_shift=memory.com_shift,
+            inertia_scale=1.0,
+            friction=memory.friction,
+            contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S,
         )
 
     def disturb(self) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.effect import Effect, PerRobot, like
 from saltus.effects.order import ordered
 from saltus.wire.messages import Floats
@@ -20,17 +20,20 @@ BODY_ORDER = ("payload_mass", "com_offset", "base_inertia", "foot_friction", "co
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyModel:
-    """What of the robot's model effects may change; one robot, or with leading dimensions a batch. Site "model"."""
+    """What of the robot's model effects may change; one robot, or with leading dimensions a batch. Site "model".
 
-    payload_kg: Floats
+    Those of shape (...) but the payload may be one number for all robots of a batch.
+    """
+
+    payload_kg: Array
     """Mass on top of the trunk [kg], shape (...); negative where the trunk is lighter than claimed."""
-    com_shift: Floats
+    com_shift: Array
     """Added to the trunk's centre of mass [m], base frame, shape (..., 3)."""
-    inertia_scale: Floats
+    inertia_scale: Array
     """Of the trunk about its centre of mass, true over claimed, shape (...)."""
-    friction: Floats
+    friction: Array
     """Coefficient of sliding friction between robot and terrain, shape (...)."""
-    contact_time_constant: Floats
+    contact_time_constant: Array
     """Of the contacts, which are critically damped [s], shape (...)."""
 
 

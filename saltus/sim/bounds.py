@@ -6,7 +6,6 @@ on another terrain needs the same tree with other boxes: any boxes will do that 
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus.terrain.boxes import Boxes
 from saltus.wire.messages import Floats
@@ -20,13 +19,12 @@ def terrain_nodes(model: mujoco.MjModel) -> slice:
     return slice(start, start + int(model.body_bvhnum[WORLD]))
 
 
-def tree_bounds(model: mujoco.MjModel, geoms: NDArray[np.integer], boxes: Boxes) -> Floats:
+def tree_bounds(model: mujoco.MjModel, boxes: Boxes) -> Floats:
     """Bounding boxes of all nodes of the world's tree.
 
     Args:
         model: Its tree decides which node is above which.
-        geoms: Identifiers of the terrain's boxes, all the geoms that the world has, shape (boxes,).
-        boxes: Where they are, arrays of shape (robots, boxes, ...).
+        boxes: All geoms that the world has, in their order; arrays of shape (robots, boxes, ...).
 
     Returns:
         Centre and half size of each node [m], shape (robots, nodes, 6).
@@ -34,12 +32,12 @@ def tree_bounds(model: mujoco.MjModel, geoms: NDArray[np.integer], boxes: Boxes)
     nodes = terrain_nodes(model)
     children, geom_of_node = model.bvh_child[nodes], model.bvh_nodeid[nodes]
     box_low, box_high = boxes.center - boxes.extent, boxes.center + boxes.extent
-    box_of_geom = {int(geom): box for box, geom in enumerate(geoms)}
+    first = int(model.body_geomadr[WORLD])
     low = np.empty((len(box_low), len(children), 3))
     high = np.empty_like(low)
     for node in reversed(range(len(children))):  # a node comes before those below it
         if geom_of_node[node] >= 0:
-            box = box_of_geom[int(geom_of_node[node])]
+            box = int(geom_of_node[node]) - first
             low[:, node], high[:, node] = box_low[:, box], box_high[:, box]
         else:
             low[:, node], high[:, node] = low[:, children[node]].min(axis=1), high[:, children[node]].max(axis=1)

@@ -9,9 +9,9 @@ episode there), and what the engine derives from masses, the softness of contact
 from abc import ABC, abstractmethod
 
 import mujoco
-import numpy as np
 
 from saltus.arrays import Array
+from saltus.effects.body import BodyModel
 from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
 from saltus.terrain import flat
@@ -64,8 +64,8 @@ class Engine(ABC):
         """Puts boxes under all robots; arrays of shape (count, boxes, ...)."""
 
     @abstractmethod
-    def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
-        """Friction of everything that touches (count,), payload (count,), shift of the trunk's centre (count, 3)."""
+    def set_bodies(self, body: BodyModel) -> None:
+        """Gives all robots their bodies and their ground; arrays of shape (count, ...)."""
 
     @abstractmethod
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
@@ -81,17 +81,3 @@ def build_spec(robot: Robot, boxes: int) -> mujoco.MjSpec:
         if geom.name == scene.TRUNK:
             geom.contype = geom.conaffinity = 0
     return spec
-
-
-class ModelIndices:
-    """Where things lie in the arrays of a model of `build_spec`."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.trunk = model.body(scene.TRUNK).id
-        self.payload = model.body(scene.PAYLOAD).id
-        self.touching = np.array([model.geom(name).id for name in TOUCHING])
-        boxes = np.flatnonzero(model.geom_group == scene.TERRAIN_GROUP)
-        self.terrain = slice(int(boxes[0]), int(boxes[-1]) + 1)
-        robot = np.flatnonzero(model.geom_group == scene.ROBOT_GROUP)
-        self.robot = slice(int(robot[0]), int(robot[-1]) + 1)
-        self.trunk_com = np.array(model.body_ipos[self.trunk])

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import BodyModel
 from saltus.robots.robot import LEGS, Robot
 from saltus.sim import scene
+from saltus.sim.mujoco_batch import MujocoBatch
 from saltus.sim.state import Floats
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
@@ -35,7 +34,7 @@ class Solver:
 OWN_SOLVER = Solver()
 
 
-class FreeRobots:
+class FreeRobots(MujocoBatch):
     """`count` robots without drives, on the same boxes; only trunk, knees and feet are solid.
 
     Args:
@@ -45,65 +44,35 @@ class FreeRobots:
             dimension, and there may be none.
         solver: Of contacts.
         threads: Of the physics; 0 is one for each core.
-
-    Attributes:
-        qpos: Base position, base quaternion (w, x, y, z), joints. Live, shape (count, 19).
-        qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Live, shape (count, 18).
     """
 
     def __init__(
         self, robot: Robot, count: int, boxes: Boxes, *, solver: Solver = OWN_SOLVER, threads: int = 1
     ) -> None:
-        self.count = count
-        self._model = _compiled(robot, boxes, solver)
+        super().__init__(robot, _compiled(robot, boxes, solver), count, threads=threads)
         self._substeps = solver.substeps
-        self._batch = Batch(self._model, nsim=count, nthread=threads)
-        bind, expand = self._batch.bind, self._batch.expand
-        self.qpos, self.qvel, self._ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
-        self._warmstart, self._sensors = bind("qacc_warmstart"), bind("sensordata")
-        self._geom_friction, self._geom_solref = expand("geom_friction"), expand("geom_solref")
-        self._geom_solimp, self._impratio = expand("geom_solimp"), expand("opt.impratio")
-        self._body_mass, self._body_inertia = expand("body_mass"), expand("body_inertia")
-        self._body_ipos, self._body_pos = expand("body_ipos"), expand("body_pos")
-        self._damping, self._frictionloss = expand("dof_damping"), expand("dof_frictionloss")
-        self._geoms = np.flatnonzero(self._model.geom_group == scene.ROBOT_GROUP)
-        self._trunk, self._payload = self._model.body(scene.TRUNK).id, self._model.body(scene.PAYLOAD).id
+        self._sensors = self.batch.bind("sensordata")
 
     def set_contacts(self, impratio: Floats, impedance: Floats) -> None:
         """Gives the first robots contacts other than the solver's, before `set_bodies`; shapes (n,) and (n, 2)."""
         n = len(impratio)
-        self._impratio[:n] = impratio.reshape(n, *self._impratio.shape[1:])
-        self._geom_solimp[:n, self._geoms, :2] = impedance[:, None]
+        ratios = self.field("opt.impratio")
+        ratios[:n] = impratio.reshape(n, *ratios.shape[1:])
+        self.field("geom_solimp")[:n, self.layout.robot, :2] = impedance[:, None]
 
     def set_payload_position(self, position: Floats) -> None:
         """Puts the payload of every robot there, before `set_bodies` [m], base frame, shape (3,)."""
-        self._body_pos[:, self._payload] = position
-
-    def set_bodies(self, body: BodyModel) -> None:
-        """Gives the first robots their bodies and their ground; arrays of shape (n, ...)."""
-        n, model = len(body.payload_kg), self._model
-        self._geom_friction[:n, self._geoms, 0] = body.friction[:, None]
-        self._geom_solref[:n, self._geoms, 0] = body.contact_time_constant[:, None]
-        self._body_mass[:n, self._payload] = body.payload_kg
-        self._body_inertia[:n, self._payload] = body.payload_kg[:, None] * scene.payload_inertia(1.0)
-        self._body_ipos[:n, self._trunk] = model.body_ipos[self._trunk] + body.com_shift
-        self._body_inertia[:n, self._trunk] = body.inertia_scale[:, None] * model.body_inertia[self._trunk]
-        self._batch.set_const(np.arange(n))
-
-    def set_friction(self, viscous: Floats, coulomb: Floats) -> None:
-        """Gives the joints of the first robots friction [Nm s/rad], [Nm], shapes (n, 1) or (n, 12)."""
-        self._damping[: len(viscous), 6:] = viscous
-        self._frictionloss[: len(coulomb), 6:] = coulomb
+        self.field("body_pos")[:, self.layout.payload] = position
 
     def place(self, qpos: Floats, qvel: Floats) -> None:
         """Puts the first robots into states, shapes (n, 19) and (n, 18)."""
         n = len(qpos)
-        self.qpos[:n], self.qvel[:n], self._warmstart[:n] = qpos, qvel, 0.0
+        self.qpos[:n], self.qvel[:n], self.warmstart[:n] = qpos, qvel, 0.0
 
     def step(self, torque: Floats) -> None:
         """Advances the first robots by `PHYSICS_DT` under joint torques [Nm], shape (n, 12)."""
-        self._ctrl[: len(torque)] = torque
-        self._batch.step(np.arange(len(torque)), nstep=self._substeps)
+        self.ctrl[: len(torque)] = torque
+        self.batch.step(np.arange(len(torque)), nstep=self._substeps)
 
     @property
     def foot_force(self) -> Floats:

@@ -1,27 +1,24 @@
 """One robot on a terrain: joint commands in, states out, 2 ms at a time."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from saltus.constants import GRAVITY
+from saltus.arrays import Array
 from saltus.effects.body import BodyChain, claimed_body
-from saltus.effects.chain import ActuatorChain
-from saltus.effects.imu import ImuChain, ImuReading
-from saltus.effects.signals import Resistance
+from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.imu import ImuChain
 from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim import scene
-from saltus.sim.state import Floats, PlantState, sensed
-from saltus.states import Sensed
+from saltus.sim.driven import DrivenRobots, Motion
+from saltus.sim.layout import ModelLayout
+from saltus.sim.state import Floats, PlantState
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import JointCommand
 
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
@@ -63,21 +60,7 @@ def standing_pose(
     return np.concatenate([position, quaternion, joints], axis=-1)
 
 
-def specific_force(qacc: Floats, rotation: Floats) -> Floats:
-    """Accelerometer at the base origin, from the acceleration of the free joint.
-
-    Args:
-        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
-        rotation: Base to world, shape (..., 3, 3).
-
-    Returns:
-        Base frame [m/s^2], shape (..., 3).
-    """
-    felt = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
-    return np.einsum("...ji,...j->...i", rotation, felt)
-
-
-class Plant:
+class Plant(DrivenRobots):
     """One simulated robot with its drives.
 
     Args:
@@ -108,10 +91,12 @@ class Plant:
         seed: int = 0,
         held: bool = False,
     ) -> None:
-        self.robot, self.terrain = robot, terrain
+        super().__init__(robot, (), chain, imu, seed)
+        self.terrain = terrain
         self.model = scene.build_spec(
             robot, terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift
         ).compile()
+        self._layout = ModelLayout(robot, self.model)
         self._held = held
         if held:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -120,18 +105,13 @@ class Plant:
             self.model.opt.tolerance = HELD_TOLERANCE
         if body is not None and body.effects:
             claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
-            scene.set_body(self.model, robot, body.apply(claimed))
+            self._layout.write_bodies(self._field, body.apply(claimed), robots=())
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
-        self._imu = imu or ImuChain()
-        self._chain = (chain or ActuatorChain()).fitted(robot)
         self._seed = seed
         self._thighs = [self.model.body(f"{leg}_thigh").id for leg in LEGS]
         self._calves = [self.model.body(f"{leg}_calf").id for leg in LEGS]
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
-        self._actuators: Any = None
-        self._imu_state: tuple[Any, ...] = ()
-        self._reading: ImuReading
-        self._state: PlantState
         self.reset()
 
     def reset(
@@ -144,89 +124,32 @@ class Plant:
         )
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
-        self._actuators = self._chain.init((), np.random.default_rng(self._seed))
-        self._imu_state = self._imu.init((), np.random.default_rng(self._seed))
+        self._rng = np.random.default_rng(self._seed)
+        self._forget()
         mujoco.mj_forward(self.model, self.data)
-        self._state = self._observe(np.zeros(12))
-        self._measure()
-        return self._state
-
-    @property
-    def state(self) -> PlantState:
-        """The present state."""
-        return self._state
-
-    @property
-    def imu(self) -> ImuReading:
-        """What the IMU reports now."""
-        return self._reading
-
-    @property
-    def sensed(self) -> Sensed:
-        """What IMU and encoders report now."""
-        return sensed(self._state, self._reading)
-
-    def step(self, command: JointCommand) -> PlantState:
-        """Advances by `PHYSICS_DT` under `command`; returns the state at the end of it.
-
-        Raises:
-            SaltusError: the command or the state is not finite.
-        """
-        now = self._state
-        torque, self._actuators = self._chain.step(
-            command, self.data.qpos[7:].copy(), self.data.qvel[6:].copy(), float(now.time_s), self._actuators
-        )
-        if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
-            raise SaltusError(f"the joint command at {now.time_s:.3f} s is not finite: torque {torque.believed}")
-        self.data.ctrl[:] = torque.applied
-        if torque.resistance is not None:
-            self._resist(torque.resistance)
-        mujoco.mj_step(self.model, self.data)
-        if not np.isfinite(self.data.qvel).all():
-            raise SaltusError(f"the simulation diverged at {now.time_s:.3f} s: torque {torque.applied}")
-        mujoco.mj_kinematics(self.model, self.data)
-        self._state = self._observe(torque.believed)
-        self._measure()
-        return self._state
-
-    def _resist(self, resistance: Resistance) -> None:
-        """Hands friction to the engine, which integrates it implicitly."""
-        self.model.dof_frictionloss[6:] = resistance.friction
-        self.model.dof_damping[6:] = resistance.damping
-        self.model.dof_armature[6:] = self.robot.armature + resistance.armature
+        return self._look(np.zeros(12))
 
     def leg_points_in_world(self) -> Floats:
         """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""
         data = self.data
         return np.stack([data.xpos[self._thighs], data.xpos[self._calves], data.geom_xpos[self._feet]], axis=1)
 
-    def _measure(self) -> None:
-        now = self._state
-        true = ImuReading(
-            quaternion_base_in_world=now.quaternion_base_in_world,
-            angular_velocity_base=now.angular_velocity_base,
-            acceleration_base=now.acceleration_base,
-        )
-        self._reading, self._imu_state = self._imu.step(true, float(now.time_s), self._imu_state)
+    def _advance(self, torque: Torques) -> None:
+        if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
+            raise SaltusError(f"the joint command at {self._now:.3f} s is not finite: torque {torque.believed}")
+        self.data.ctrl[:] = torque.applied
+        if (resistance := torque.resistance) is not None:  # friction, which the engine integrates implicitly
+            values = resistance.friction, resistance.damping, resistance.armature
+            self._layout.write_joints(self._field, *values, robots=())
+        mujoco.mj_step(self.model, self.data)
+        if not np.isfinite(self.data.qvel).all():
+            raise SaltusError(f"the simulation diverged at {self._now:.3f} s: torque {torque.applied}")
+        mujoco.mj_kinematics(self.model, self.data)
 
-    def _observe(self, believed: NDArray[np.floating]) -> PlantState:
+    def _motion(self) -> Motion:
         data = self.data
-        qpos, qvel = data.qpos.copy(), data.qvel.copy()
-        rotation = data.xmat[1].reshape(3, 3)
-        time_s = float(data.time)
-        joints = self._chain.measured(qpos[7:], qvel[6:], time_s, self._actuators)
-        return PlantState(
-            time_s=time_s,
-            position_base_in_world=qpos[:3],
-            quaternion_base_in_world=qpos[3:7],
-            velocity_base_in_world=qvel[:3],
-            angular_velocity_base=qvel[3:6],
-            acceleration_base=specific_force(data.qacc, rotation),
-            joint_position=np.asarray(joints.position, dtype=np.float64),
-            joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
-            joint_torque=np.asarray(believed, dtype=np.float64),
-            # The sensor gives the force that the foot exerts.
-            foot_force=-data.sensordata[scene.FOOT_FORCE].reshape(4, 3)[:, 2],
-            foot_position_in_world=data.geom_xpos[self._feet],
-            trunk_contact=bool(data.sensordata[scene.TRUNK_CONTACT].any()),
-        )
+        rotation, feet = data.xmat[1].reshape(3, 3), data.geom_xpos[self._feet]
+        return float(data.time), data.qpos.copy(), data.qvel.copy(), feet, rotation, data.qacc, data.sensordata
+
+    def _field(self, name: str) -> Array:
+        return getattr(self.model, name)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION
 from saltus.robots import plain_mjcf
 from saltus.robots.robot import JOINTS, LEGS, Robot
 from saltus.terrain.boxes import Boxes
@@ -98,20 +98,6 @@ def payload_inertia(payload_kg: float) -> np.ndarray:
     """Principal moments of the payload's uniform box [kg m^2], shape (3,)."""
     square = PAYLOAD_SIZE**2
     return payload_kg / 12.0 * (square.sum() - square)
-
-
-def set_body(model: mujoco.MjModel, robot: Robot, body: BodyModel) -> None:
-    """Puts what effects say of one robot's body and ground into a compiled model of `build_spec`."""
-    com = mujoco.MjSpec.from_string(robot.mjcf).body(TRUNK).ipos
-    geoms = model.geom_group == ROBOT_GROUP
-    model.geom_friction[geoms, 0] = float(body.friction)
-    model.geom_solref[geoms, 0] = float(body.contact_time_constant)
-    payload, trunk = model.body(PAYLOAD).id, model.body(TRUNK).id
-    model.body_mass[payload] = float(body.payload_kg)
-    model.body_inertia[payload] = payload_inertia(float(body.payload_kg))
-    model.body_ipos[trunk] = com + np.asarray(body.com_shift)
-    model.body_inertia[trunk] *= float(body.inertia_scale)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _options(spec: mujoco.MjSpec) -> None:

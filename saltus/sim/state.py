@@ -38,7 +38,7 @@ class PlantState:
     """Vertical ground reaction, mean over the last step [N], shape (4,)."""
     foot_position_in_world: Floats
     """Centres of the foot spheres [m], shape (4, 3)."""
-    trunk_contact: NDArray[np.bool_] | bool
+    trunk_contact: NDArray[np.bool_] | np.bool_ | bool
     """Whether trunk, payload or a hip touched the terrain in the last step, shape ()."""
 
 

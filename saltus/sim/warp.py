@@ -6,10 +6,11 @@ import mujoco
 import mujoco_warp
 import warp
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, namespace
+from saltus.effects.body import BodyModel
 from saltus.robots.robot import Robot
-from saltus.sim import scene
-from saltus.sim.engine import Engine, ModelIndices, build_spec
+from saltus.sim.engine import TOUCHING, Engine, build_spec
+from saltus.sim.layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
 CONTACTS = 16
@@ -27,6 +28,7 @@ _DIFFERING = (
     "geom_aabb",
     "geom_rbound",
     "geom_friction",
+    "geom_solref",
     "body_mass",
     "body_inertia",
     "body_ipos",
@@ -53,7 +55,7 @@ class WarpEngine(Engine):
         spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
         spec.option.iterations = SOLVER_ITERATIONS
         self.model = spec.compile()
-        self._where = ModelIndices(self.model)
+        self._layout = ModelLayout(robot, self.model)
         start = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, start)
         with warp.ScopedDevice(device):
@@ -92,51 +94,35 @@ class WarpEngine(Engine):
 
     def set_terrain(self, boxes: Boxes) -> None:
         """Puts boxes under all robots."""
-        xp, where = namespace(boxes.center), self._where.terrain
-        self._geom_pos[:, where] = boxes.center
-        self._geom_xpos[:, where] = boxes.center  # poses of what does not move are computed once, when data is made
-        self._geom_size[:, where] = boxes.half_size
-        self._geom_aabb[:, where, 1] = boxes.half_size
-        self._geom_rbound[:, where] = xp.linalg.vector_norm(boxes.half_size, axis=-1)
+        self._layout.write_boxes(self._fields.__getitem__, boxes)
+        # poses of what does not move are computed once, when data is made
+        self._geom_xpos[:, self._layout.terrain] = boxes.center
         self._is_turned |= boxes.turn is not None
         if self._is_turned:
-            self._geom_xmat[:, where] = boxes.rotation
+            self._geom_xmat[:, self._layout.terrain] = boxes.rotation
 
-    def set_bodies(self, friction: Array, payload_kg: Array, com_shift: Array) -> None:
-        """Gives all robots their soles, payloads and trunks."""
-        self._geom_friction[:, self._where.robot, 0] = friction[:, None]
-        self._body_mass[:, self._where.payload] = payload_kg
-        self._body_inertia[:, self._where.payload] = payload_kg[:, None] * self._payload_inertia.like(payload_kg)
-        self._body_ipos[:, self._where.trunk] = com_shift + self._trunk_com.like(com_shift)
+    def set_bodies(self, body: BodyModel) -> None:
+        """Gives all robots their bodies and their ground."""
+        self._layout.write_bodies(self._fields.__getitem__, body)
 
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
         """Gives all joints their friction and inertia."""
-        view, model = warp.to_torch, self._model
-        view(model.dof_frictionloss)[:, 6:] = friction
-        view(model.dof_damping)[:, 6:] = damping
-        view(model.dof_armature)[:, 6:] = self._armature.like(armature) + armature
+        self._layout.write_joints(self._fields.__getitem__, friction, damping, armature)
 
     def _bind(self) -> None:
-        view, model, data = warp.to_torch, self._model, self._data
+        view, data = warp.to_torch, self._data
+        self._fields = {name: view(getattr(self._model, name)) for name in _DIFFERING}
         self.qpos, self.qvel, self.qacc = view(data.qpos), view(data.qvel), view(data.qacc)
         self.warmstart, self.ctrl = view(data.qacc_warmstart), view(data.ctrl)
-        self.trunk_wrench = view(data.xfrc_applied)[:, self._where.trunk]
-        self._geom_pos, self._geom_size = view(model.geom_pos), view(model.geom_size)
-        self._geom_aabb, self._geom_rbound = view(model.geom_aabb), view(model.geom_rbound)
-        self._geom_friction = view(model.geom_friction)
+        self.trunk_wrench = view(data.xfrc_applied)[:, self._layout.trunk]
         self._geom_xpos, self._geom_xmat = view(data.geom_xpos), view(data.geom_xmat)
         self._is_turned = False
-        self._body_mass, self._body_inertia = view(model.body_mass), view(model.body_inertia)
-        self._body_ipos = view(model.body_ipos)
         self._contact_geom, self._contact_world = view(data.contact.geom), view(data.contact.worldid)
         self._overflow = view(data.overflow)
         self._contact_distance, self._contact_count = view(data.contact.dist), view(data.nacon)
         shape_of_geom = [-1] * self.model.ngeom  # terrain and trunk
-        for shape, geom in enumerate(self._where.touching):
-            shape_of_geom[int(geom)] = shape
-        self._payload_inertia = Constant(scene.payload_inertia(1.0))
-        self._armature = Constant(self.robot.armature)
-        self._trunk_com = Constant(self._where.trunk_com)
+        for shape, name in enumerate(TOUCHING):
+            shape_of_geom[self.model.geom(name).id] = shape
         xp = namespace(self.qpos)
         self._shape_of_geom = xp.asarray(shape_of_geom, dtype=xp.int64, device=self.qpos.device)
         self._slots = xp.arange(self._contact_geom.shape[0], device=self.qpos.device)

@@ -4,6 +4,7 @@ import torch
 from samples import ROBOT
 
 from saltus import go1
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.boxes import Boxes
@@ -22,7 +23,14 @@ def prepared(engine, pitch=0.0, yaw=0.0):
     turn = torch.tensor([pitch, yaw]).expand(COUNT, BOXES, 2)
     engine.set_terrain(Boxes(center=center, half_size=half, turn=turn if pitch or yaw else None))
     shift = torch.tensor([[0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.0, -0.02, 0.0]])
-    engine.set_bodies(torch.tensor([0.5, 0.8, 1.0]), torch.tensor([0.0, 0.75, 1.5]), shift)
+    body = BodyModel(
+        friction=torch.tensor([0.5, 0.8, 1.0]),
+        payload_kg=torch.tensor([0.0, 0.75, 1.5]),
+        com_shift=shift,
+        inertia_scale=1.0,
+        contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S,
+    )
+    engine.set_bodies(body)
     qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
     qpos.zero_()
     qvel.zero_()

@@ -116,10 +116,12 @@ class Replay:
         sets, windows, robots = len(rig.gain), self._windows, self._robots
         sims = sets * self._count
         robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
-        robots.set_bodies(_repeated(rig.body, self._count))
+        robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
+        robots.derive(np.arange(sims))
         drives = _Drives(rig, windows, self._age)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
-        robots.set_friction(np.repeat(rig.viscous, self._count)[:, None] + drives.damping, coulomb)
+        damping = np.repeat(rig.viscous, self._count)[:, None] + drives.damping
+        robots.set_joints(coulomb, damping, 0.0, slice(sims))
         robots.place(qpos.reshape(sims, 19), qvel.reshape(sims, 18))
         q, dq = robots.qpos[:sims], robots.qvel[:sims]
         total = np.zeros((sims, BLOCKS, 34))

@@ -15,8 +15,7 @@ from saltus.terrain.terrain import Terrain
 @pytest.mark.parametrize("terrain", [make_terrain(TerrainConfig()), random_terrain(0), random_terrain(1)])
 def test_the_tree_of_a_terrain_is_the_one_the_engine_makes_of_it(terrain: Terrain) -> None:
     model: mujoco.MjModel = scene.build_spec(ROBOT, terrain).compile()
-    geoms = np.flatnonzero(model.geom_group == scene.TERRAIN_GROUP)
-    bounds = tree_bounds(model, geoms, TerrainStack([terrain]).boxes(len(terrain.boxes)))[0]
+    bounds = tree_bounds(model, TerrainStack([terrain]).boxes(len(terrain.boxes)))[0]
     made = model.bvh_aabb[terrain_nodes(model)].reshape(-1, 6)
     low, high = (bounds[:, :3] + side * bounds[:, 3:] for side in (-1.0, 1.0))
     made_low, made_high = (made[:, :3] + side * made[:, 3:] for side in (-1.0, 1.0))

@@ -1,0 +1,151 @@
+"""Robots with drives and IMUs: what one plant and a batch of plants do alike around their physics."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.constants import GRAVITY
+from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.imu import ImuChain, ImuReading
+from saltus.robots.robot import Robot
+from saltus.sim import scene
+from saltus.sim.state import Floats, PlantState, sensed
+from saltus.states import Sensed
+from saltus.wire.messages import JointCommand
+
+Motion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
+"""Time [s], `qpos`, `qvel`, centres of the feet in the world [m], rotation of the base, `qacc`, `sensordata`."""
+Result = TypeVar("Result")
+
+
+class DrivenRobots(ABC):
+    """Joint commands in, states out, 2 ms at a time; one robot, or with a leading dimension a batch.
+
+    Args:
+        robot: Which one.
+        batch: () for one robot, or (count,).
+        chain: What the drives do to a command; by default the ideal PD law.
+        imu: What the IMU makes of the motion of the base.
+        seed: Of the randomness in both.
+    """
+
+    def __init__(
+        self, robot: Robot, batch: tuple[int, ...], chain: ActuatorChain | None, imu: ImuChain | None, seed: int
+    ) -> None:
+        self.robot, self._batch = robot, batch
+        self._chain, self._imu_chain = (chain or ActuatorChain()).fitted(robot), imu or ImuChain()
+        self._rng = np.random.default_rng(seed)
+        self._fresh: NDArray[np.bool_] = np.ones(batch, dtype=np.bool_)  # reset since the last step
+        self._any_fresh = True
+        self._actuators: Any = None
+        self._imu_state: Any = None
+        self._state: PlantState
+        self._reading: ImuReading
+
+    @property
+    def state(self) -> PlantState:
+        """The present state."""
+        return self._state
+
+    @property
+    def imu(self) -> ImuReading:
+        """What the IMU reports now."""
+        return self._reading
+
+    @property
+    def sensed(self) -> Sensed:
+        """What IMU and encoders report now."""
+        return sensed(self._state, self._reading)
+
+    def step(self, command: JointCommand) -> PlantState:
+        """Advances by `PHYSICS_DT`; returns the state at the end of it. Arrays of the command have the shape (..., 12).
+
+        Raises:
+            SaltusError: the command or the state of a single robot is not finite. A robot of a batch whose simulation
+                diverges has a state that is not finite until it is reset; the others go on.
+        """
+        inputs = command, *self._joints, self._now
+        torque, self._actuators = self._renewed(self._chain, self._actuators, lambda m: self._chain.step(*inputs, m))
+        if self._any_fresh:
+            self._fresh, self._any_fresh = np.zeros(self._batch, dtype=np.bool_), False
+        self._advance(torque)
+        return self._look(np.array(torque.believed, dtype=np.float64))
+
+    def _look(self, believed: Floats) -> PlantState:
+        """Takes in the state of the physics and passes it to encoders and IMU."""
+        time_s, qpos, qvel, feet, rotation, qacc, sensors = self._motion()
+        chain, self._joints = self._chain, (qpos[..., 7:], qvel[..., 6:])
+        self._now = now = float(np.max(time_s)) if self._batch else float(time_s)
+        joints = self._renewed(chain, self._actuators, lambda m: chain.measured(*self._joints, now, m))
+        # The sensor gives the force that the foot exerts.
+        force = -sensors[..., scene.FOOT_FORCE].reshape((*self._batch, 4, 3))
+        self._state = state = PlantState(
+            time_s=time_s,
+            position_base_in_world=qpos[..., :3],
+            quaternion_base_in_world=qpos[..., 3:7],
+            velocity_base_in_world=qvel[..., :3],
+            angular_velocity_base=qvel[..., 3:6],
+            acceleration_base=specific_force(qacc, rotation),
+            joint_position=np.asarray(joints.position, dtype=np.float64),
+            joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
+            joint_torque=believed,
+            foot_force=force[..., 2],
+            foot_position_in_world=feet,
+            trunk_contact=sensors[..., scene.TRUNK_CONTACT].any(axis=-1),
+        )
+        true = ImuReading(
+            quaternion_base_in_world=state.quaternion_base_in_world,
+            angular_velocity_base=state.angular_velocity_base,
+            acceleration_base=state.acceleration_base,
+        )
+        imu = self._imu_chain
+        self._reading, self._imu_state = self._renewed(imu, self._imu_state, lambda m: imu.step(true, now, m))
+        return state
+
+    def _renewed(self, chain: ActuatorChain | ImuChain, memory: Any, run: Callable[[Any], Result]) -> Result:
+        """What `run` makes of a chain's memory; robots that were reset have a blank one, the others keep theirs."""
+        if not self._any_fresh:
+            return run(memory)
+        start = run(chain.init(self._batch, self._rng))
+        return start if memory is None or self._fresh.all() else _merged(self._fresh, start, run(memory))
+
+    def _forget(self, robots: Any = ...) -> None:
+        """Has drives and IMUs of robots that are being reset start with blank memories."""
+        self._fresh[robots], self._any_fresh = True, True
+
+    @abstractmethod
+    def _advance(self, torque: Torques) -> None:
+        """One step of the physics."""
+
+    @abstractmethod
+    def _motion(self) -> Motion:
+        """The present one; only `qacc` and `sensordata` may change later."""
+
+
+def specific_force(qacc: Floats, rotation: Floats) -> Floats:
+    """Accelerometer at the base origin, from the acceleration of the free joint.
+
+    Args:
+        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
+        rotation: Base to world, shape (..., 3, 3).
+
+    Returns:
+        Base frame [m/s^2], shape (..., 3).
+    """
+    felt = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
+    return np.einsum("...ji,...j->...i", rotation, felt)
+
+
+def _merged(fresh: NDArray[np.bool_], new: Any, old: Any) -> Any:
+    """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples and signals."""
+    if is_dataclass(new) and not isinstance(new, type):
+        return type(new)(**{f.name: _merged(fresh, getattr(new, f.name), getattr(old, f.name)) for f in fields(new)})
+    if isinstance(new, tuple):
+        return tuple(_merged(fresh, a, b) for a, b in zip(new, old, strict=True))
+    if isinstance(new, np.ndarray):
+        return np.where(fresh.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)
+    return old

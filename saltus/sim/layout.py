@@ -1,0 +1,86 @@
+"""Where robot and terrain lie in the arrays of a compiled model, and how robots of an engine get others.
+
+One model, a batch in MuJoCo and one in mujoco_warp have the same fields, in numpy or torch, without or with a leading
+dimension of robots; what differs from robot to robot is written to them by the same lines.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from saltus.arrays import Array, Constant, namespace
+from saltus.effects.body import BodyModel
+from saltus.robots.robot import Robot
+from saltus.sim import scene
+from saltus.terrain.boxes import Boxes
+
+Field = Callable[[str], Array]
+"""A live array by its name in `mujoco.MjModel`."""
+Robots = tuple[Any, ...]
+"""Which robots: an index into the leading dimension of fields; empty where they have none."""
+
+EVERYONE: Robots = (slice(None),)
+BASE_DOF = 6
+
+
+class ModelLayout:
+    """Places in the arrays of a model of `scene.build_spec`.
+
+    Args:
+        robot: Whose model it is.
+        model: As it was compiled.
+    """
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
+        self.trunk, self.payload = model.body(scene.TRUNK).id, model.body(scene.PAYLOAD).id
+        self.terrain, self.robot = (_span(model, group) for group in (scene.TERRAIN_GROUP, scene.ROBOT_GROUP))
+        own = mujoco.MjSpec.from_string(robot.mjcf).body(scene.TRUNK)  # where no one shifted its centre
+        self._trunk_com = Constant(own.ipos.copy())
+        self._trunk_inertia = Constant(model.body_inertia[self.trunk].copy())
+        self._payload_inertia = Constant(scene.payload_inertia(1.0))
+        self._armature = Constant(model.dof_armature[BASE_DOF:].copy())
+
+    def write_bodies(self, field: Field, body: BodyModel, robots: Robots = EVERYONE) -> None:
+        """Gives robots their bodies and their ground; arrays of shape (n, ...), or without n where there is none."""
+        mass, scale, shift = body.payload_kg[..., None], _column(body.inertia_scale), body.com_shift
+        inertia = field("body_inertia")
+        field("geom_friction")[(*robots, self.robot, 0)] = _column(body.friction)
+        field("geom_solref")[(*robots, self.robot, 0)] = _column(body.contact_time_constant)
+        field("body_mass")[(*robots, self.payload)] = body.payload_kg
+        inertia[(*robots, self.payload)] = mass * self._payload_inertia.like(mass)
+        inertia[(*robots, self.trunk)] = scale * self._trunk_inertia.like(mass)
+        field("body_ipos")[(*robots, self.trunk)] = self._trunk_com.like(shift) + shift
+
+    def write_joints(
+        self, field: Field, friction: Array, damping: Array, armature: Array | float, robots: Robots = EVERYONE
+    ) -> None:
+        """Gives joints dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2].
+
+        Arrays have the shape (n or 1, 12), or (12,) where there is no n.
+        """
+        joints = (*robots, slice(BASE_DOF, None))
+        field("dof_frictionloss")[joints] = friction
+        field("dof_damping")[joints] = damping
+        field("dof_armature")[joints] = self._armature.like(friction) + armature
+
+    def write_boxes(self, field: Field, boxes: Boxes, robots: Robots = EVERYONE) -> None:
+        """Puts boxes under robots, but for the angles at which they stand; arrays of shape (n, boxes, ...).
+
+        `field` gives `geom_aabb` with the shape (n, geoms, 2, 3): centre and half size.
+        """
+        where = (*robots, self.terrain)
+        field("geom_pos")[where] = boxes.center
+        field("geom_size")[where] = boxes.half_size
+        field("geom_aabb")[(*where, 1)] = boxes.half_size
+        field("geom_rbound")[where] = namespace(boxes.half_size).linalg.vector_norm(boxes.half_size, axis=-1)
+
+
+def _column(value: Array | float) -> Array | float:
+    return value if isinstance(value, float) else value[..., None]
+
+
+def _span(model: mujoco.MjModel, group: int) -> slice:
+    geoms = np.flatnonzero(model.geom_group == group)
+    return slice(int(geoms[0]), int(geoms[-1]) + 1)

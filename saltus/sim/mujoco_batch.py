@@ -1,0 +1,74 @@
+"""Many robots in MuJoCo itself, on the cores of a CPU."""
+
+from dataclasses import fields
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from saltus.arrays import Array
+from saltus.effects.body import BodyModel
+from saltus.robots.robot import Robot
+from saltus.sim.bounds import terrain_nodes, tree_bounds
+from saltus.sim.layout import EVERYONE, ModelLayout
+from saltus.terrain.boxes import Boxes
+
+
+class MujocoBatch:
+    """`count` copies of one robot, which may differ in body, joints and terrain; live numpy arrays of float64.
+
+    `robots` picks those that a call is about, by their numbers or as a slice; all of them where it is not given.
+
+    Args:
+        robot: Which one.
+        model: Of `scene.build_spec`.
+        count: Number of robots.
+        threads: Of the physics; 0 is one for each core.
+
+    Attributes:
+        qpos: Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19).
+        qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18).
+        ctrl: Joint torques [Nm], shape (count, 12).
+        warmstart: Where the contact solver starts from, shape (count, 18).
+    """
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel, count: int, *, threads: int = 0) -> None:
+        self.robot, self.model, self.count = robot, model, count
+        self.layout = ModelLayout(robot, model)
+        self.batch = Batch(model, nsim=count, nthread=threads)
+        self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self.ctrl, self.warmstart = self.batch.bind("ctrl"), self.batch.bind("qacc_warmstart")
+        # The tree of boxes that the engine looks up is made once; a model without middle phase does not use it.
+        self._has_tree = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+
+    def field(self, name: str) -> Array:
+        """The model's field of that name with a value for each robot; see `ModelLayout`."""
+        array = self.batch.expand(name)
+        return array.reshape(self.count, -1, 2, 3) if name == "geom_aabb" else array
+
+    def set_terrain(self, boxes: Boxes, robots: Any = EVERYONE[0]) -> None:
+        """Puts boxes under robots; arrays of shape (n, boxes, ...)."""
+        boxes = boxes.like(self.qpos)
+        where = (robots, self.layout.terrain)
+        self.layout.write_boxes(self.field, boxes, (robots,))
+        if boxes.turn is not None or self.batch.expanded("geom_quat") is not None:
+            self.field("geom_quat")[where] = boxes.quaternion
+            # a box that was compiled level would keep the axes of the world
+            self.field("geom_sameframe")[where] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        if self._has_tree:
+            self.field("bvh_aabb")[robots, terrain_nodes(self.model)] = tree_bounds(self.model, boxes)
+
+    def set_bodies(self, body: BodyModel, robots: Any = EVERYONE[0]) -> None:
+        """Gives robots their bodies and their ground; arrays of shape (n, ...). See also `derive`."""
+        values = {f.name: np.asarray(getattr(body, f.name), dtype=np.float64) for f in fields(body)}
+        self.layout.write_bodies(self.field, BodyModel(**values), (robots,))
+
+    def derive(self, robots: Array) -> None:
+        """Has what the engine derives from masses, softness of contacts above all, follow those of `set_bodies`."""
+        self.batch.set_const(robots)
+
+    def set_joints(self, friction: Array, damping: Array, armature: Array | float, robots: Any = EVERYONE[0]) -> None:
+        """Dry friction [Nm], viscous friction [Nm s/rad], inertia beyond the model's [kg m^2]; shapes (n or 1, 12)."""
+        dry, viscous, inertia = (np.asarray(value, dtype=np.float64) for value in (friction, damping, armature))
+        self.layout.write_joints(self.field, dry, viscous, inertia, (robots,))
