@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from saltus.config import Value
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
@@ -23,7 +24,7 @@ TIME_LIMIT_S = 20.0  # definition of success
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class Trial(Value):
     """What differs from trial to trial. The defaults are the nominal trial, without randomness."""
 
     seed: int = 0

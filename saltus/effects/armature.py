@@ -1,10 +1,9 @@
 """The rotor of a motor, seen through its gear, is heavier than its data sheet says."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Site, Values, added, parameter
 from saltus.effects.signals import Resistance
 
 
@@ -21,6 +20,4 @@ class Armature(Effect[Resistance]):
     def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
         """Adds to the inertia."""
         del time_s, state
-        return replace(
-            signal, armature=signal.armature + like(self.added, signal.armature, namespace(signal.armature))
-        ), None
+        return added(signal, "armature", self.added), None

@@ -1,10 +1,10 @@
 """The trunk turns more or less easily than is claimed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.effects.body import BodyModel, changed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.body import BodyModel
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,4 +20,4 @@ class BaseInertia(Effect[BodyModel]):
     def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
         """Scales the inertia."""
         del time_s, state
-        return replace(signal, inertia_scale=signal.inertia_scale * changed(self.scale, signal.inertia_scale)), None
+        return scaled(signal, "inertia_scale", self.scale), None

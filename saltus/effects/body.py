@@ -1,14 +1,12 @@
 """What a profile says of the robot's body and of the ground under it: the effects on the model, in their order."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from saltus.arrays import Array, namespace
-from saltus.effects.effect import Effect, PerRobot, like
-from saltus.effects.order import ordered
-from saltus.wire.messages import Floats
+from saltus.arrays import Array
+from saltus.effects.order import Chain
 
 NOMINAL_FRICTION = 0.8
 """Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
@@ -38,23 +36,15 @@ class BodyModel:
 
 
 @dataclass(frozen=True)
-class BodyChain:
-    """The effects on the model, whatever the order in which they are given; null ones are left out.
+class BodyChain(Chain):
+    """The effects on the model."""
 
-    Raises:
-        ConfigError: an effect that is given twice, or that is not one of the body.
-    """
-
-    effects: tuple[Effect[Any], ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", ordered(self.effects, BODY_ORDER, "a body"))
+    order: ClassVar[tuple[str, ...]] = BODY_ORDER
+    owner: ClassVar[str] = "a body"
 
     def apply(self, model: BodyModel) -> BodyModel:
         """The model with all effects in it."""
-        for effect in self.effects:
-            model, _ = effect.apply(model, 0.0, None)
-        return model
+        return self._passed(model, 0.0, (None,) * len(self.effects))[0]
 
 
 def claimed_body(
@@ -83,11 +73,6 @@ def claimed_body(
         friction=_filled(friction, batch),
         contact_time_constant=_filled(contact_time_constant, batch),
     )
-
-
-def changed(values: PerRobot, array: Floats) -> Any:
-    """A parameter of the body in the form in which it combines with `array`."""
-    return like(values, array, namespace(array))
 
 
 def _filled(value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -2,13 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.effect import Effect
-from saltus.effects.order import ordered
+from saltus.effects.order import Chain
 from saltus.effects.signals import CameraView, DepthImage
 
 CAMERA_ORDER = (
@@ -31,48 +28,28 @@ VIEW_ORDER = ("camera_pitch", "camera_height", "camera_fov")
 
 
 @dataclass(frozen=True)
-class ViewChain:
-    """The effects on where a camera sits and how wide it looks; null ones are left out.
+class ViewChain(Chain):
+    """The effects on where a camera sits and how wide it looks."""
 
-    Raises:
-        ConfigError: an effect that is given twice, or that does not move a camera.
-    """
-
-    effects: tuple[Effect[Any], ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", ordered(self.effects, VIEW_ORDER, "a camera's view"))
+    order: ClassVar[tuple[str, ...]] = VIEW_ORDER
+    owner: ClassVar[str] = "a camera's view"
 
     def moved(self, view: CameraView) -> CameraView:
         """The camera as it really is, for the camera that is claimed."""
-        for effect in self.effects:
-            view, _ = effect.apply(view, 0.0, None)
-        return view
+        return self._passed(view, 0.0, (None,) * len(self.effects))[0]
 
 
 @dataclass(frozen=True)
-class CameraChain:
-    """The effects on a camera's images in one fixed order, whatever the order in which they are given.
+class CameraChain(Chain):
+    """The effects on a camera's images."""
 
-    Null ones are left out.
-
-    Raises:
-        ConfigError: an effect that is given twice, or that is not one of a camera.
-    """
-
-    effects: tuple[Effect[Any], ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", ordered(self.effects, CAMERA_ORDER, "a camera"))
+    order: ClassVar[tuple[str, ...]] = CAMERA_ORDER
+    owner: ClassVar[str] = "a camera"
 
     @property
     def changes_pixels(self) -> bool:
         """Whether images come out other than they went in."""
         return any(effect.name not in TIMES_ONLY for effect in self.effects)
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
-        """State before the first image, for `batch` robots."""
-        return tuple(effect.init(batch, rng) for effect in self.effects)
 
     def step(self, image: DepthImage, time_s: float, state: tuple[Any, ...]) -> tuple[DepthImage, tuple[Any, ...]]:
         """Returns the image that the robot has at `time_s`.
@@ -82,11 +59,7 @@ class CameraChain:
             time_s: now, in the run's clock.
             state: what `init` or the last `step` returned.
         """
-        states = []
-        for effect, memory in zip(self.effects, state, strict=True):
-            image, memory = effect.apply(image, time_s, memory)
-            states.append(memory)
-        return image, tuple(states)
+        return self._passed(image, time_s, state)
 
     def next_arrival_s(self, time_s: float, state: tuple[Any, ...]) -> float:
         """When the next image arrives [s], for those who wait for it; infinite where none is under way."""

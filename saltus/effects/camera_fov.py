@@ -1,10 +1,9 @@
 """A camera's field of view is wider or narrower than its intrinsics say."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, scaled
 from saltus.effects.signals import CameraView
 
 
@@ -21,5 +20,4 @@ class CameraFov(Effect[CameraView]):
     def apply(self, signal: CameraView, time_s: float, state: None) -> tuple[CameraView, None]:
         """Widens the view."""
         del time_s, state
-        scale = like(self.scale, signal.tangent_scale, namespace(signal.tangent_scale))
-        return replace(signal, tangent_scale=signal.tangent_scale * scale), None
+        return scaled(signal, "tangent_scale", self.scale), None

@@ -1,10 +1,9 @@
 """A camera looks further down or up than it is said to."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.effect import Effect, PerRobot, Site, added, parameter
 from saltus.effects.signals import CameraView
 
 
@@ -21,4 +20,4 @@ class CameraPitch(Effect[CameraView]):
     def apply(self, signal: CameraView, time_s: float, state: None) -> tuple[CameraView, None]:
         """Turns the camera."""
         del time_s, state
-        return replace(signal, pitch=signal.pitch + like(self.offset, signal.pitch, namespace(signal.pitch))), None
+        return added(signal, "pitch", self.offset), None

@@ -1,14 +1,12 @@
 """From a joint command to the torque at the joint: the effects of an actuator in their physical order."""
 
 from dataclasses import dataclass, replace
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from saltus.arrays import namespace
 from saltus.effects.backlash import Backlash
-from saltus.effects.effect import Effect, Signal
-from saltus.effects.order import ordered
+from saltus.effects.effect import Signal
+from saltus.effects.order import Chain
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, JointCommand
@@ -46,30 +44,20 @@ class Torques:
 
 
 @dataclass(frozen=True)
-class ActuatorChain:
-    """The effects of an actuator, applied in one fixed order, whatever the order in which they are given.
+class ActuatorChain(Chain):
+    """The effects of an actuator.
 
     command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter; PD on the drive's own
     encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash; friction and
-    armature. Effects that are null are left out.
-
-    Raises:
-        ConfigError: an effect that is given twice, or that is not one of an actuator.
+    armature.
     """
 
-    effects: tuple[Effect[Any], ...] = ()
-
-    def __post_init__(self) -> None:
-        order = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
-        object.__setattr__(self, "effects", ordered(self.effects, order, "an actuator"))
+    order: ClassVar[tuple[str, ...]] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
+    owner: ClassVar[str] = "an actuator"
 
     def fitted(self, robot: Robot) -> "ActuatorChain":
         """The chain in the drives of a robot, from which its effects take what they do not say themselves."""
         return ActuatorChain(tuple(effect.fitted(robot) for effect in self.effects))
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> ActuatorState:
-        """State before the first command, for `batch` robots."""
-        return tuple(effect.init(batch, rng) for effect in self.effects)
 
     def measured(self, position: Floats, velocity: Floats, time_s: float, state: ActuatorState) -> JointState:
         """What the drives will measure in the next `step`; arguments and `state` are those that it will get."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.body import BodyModel, changed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.body import BodyModel
+from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,5 +23,6 @@ class ComOffset(Effect[BodyModel]):
     def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
         """Moves the centre of mass."""
         del time_s, state
-        axes = (signal.com_shift[..., i] + changed(v, signal.com_shift) for i, v in enumerate((self.x, self.y, self.z)))
-        return replace(signal, com_shift=namespace(signal.com_shift).stack(tuple(axes), -1)), None
+        xp, shift = namespace(signal.com_shift), signal.com_shift
+        axes = tuple(shift[..., i] + like(v, shift, xp) for i, v in enumerate((self.x, self.y, self.z)))
+        return replace(signal, com_shift=xp.stack(axes, -1)), None

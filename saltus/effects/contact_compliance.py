@@ -1,10 +1,10 @@
 """Feet and ground are softer than is claimed."""
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel, changed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,5 +23,4 @@ class ContactCompliance(Effect[BodyModel]):
     def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
         """Scales the time constant of the contacts."""
         del time_s, state
-        ratio: Any = changed(self.time_constant, signal.contact_time_constant) / NOMINAL_CONTACT_TIME_CONSTANT_S
-        return replace(signal, contact_time_constant=signal.contact_time_constant * ratio), None
+        return scaled(signal, "contact_time_constant", self.time_constant / NOMINAL_CONTACT_TIME_CONSTANT_S), None

@@ -1,10 +1,9 @@
 """Dry friction resists motion with a torque that does not depend on speed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Site, Values, added, parameter
 from saltus.effects.signals import Resistance
 
 
@@ -21,5 +20,4 @@ class CoulombFriction(Effect[Resistance]):
     def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
         """Adds to the friction."""
         del time_s, state
-        torque = like(self.torque, signal.friction, namespace(signal.friction))
-        return replace(signal, friction=signal.friction + torque), None
+        return added(signal, "friction", self.torque), None

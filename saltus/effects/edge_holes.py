@@ -1,13 +1,10 @@
 """What only one of two imagers sees cannot be matched: holes to the left of near objects."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image, whole_pixels
 from saltus.effects.signals import DepthImage
 
 JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from the other imager
@@ -30,7 +27,7 @@ class EdgeHoles(Effect[DepthImage]):
         """Loses pixels."""
         del time_s, state
         xp, depth = namespace(signal.depth), signal.depth
-        widest = min(math.floor(float(np.max(self.width)) + 0.5), depth.shape[-1] - 1)
+        widest = whole_pixels(self.width, depth.shape[-1])
         if widest < 1:
             return signal, None
         width = per_image(self.width, depth, xp)

@@ -1,6 +1,7 @@
 """What an effect is: one frozen value that changes one signal, used by plant, camera, training and real2sim alike."""
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
@@ -8,6 +9,7 @@ from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
+from saltus.arrays import namespace
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
 from saltus.wire.messages import Floats
@@ -108,15 +110,35 @@ def per_image(value: PerRobot, array: Any, xp: Any) -> Any:
     return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
 
 
-def map_arrays(function: Callable[[Any], Any], value: Any) -> Any:
-    """Applies `function` to every array in a signal or a state, e.g. to move it to torch or to pick one robot."""
+def whole_pixels(value: PerRobot, width: int) -> int:
+    """The greatest of a parameter in pixels, rounded, in an image of that width."""
+    return min(math.floor(float(np.max(value)) + 0.5), width - 1)
+
+
+def added(signal: Signal, name: str, values: Values) -> Signal:
+    """The signal with a parameter added to its field of that name."""
+    array = getattr(signal, name)
+    return dataclasses.replace(signal, **{name: array + like(values, array, namespace(array))})  # type: ignore[type-var]
+
+
+def scaled(signal: Signal, name: str, values: Values) -> Signal:
+    """The signal with its field of that name multiplied by a parameter."""
+    array = getattr(signal, name)
+    return dataclasses.replace(signal, **{name: array * like(values, array, namespace(array))})  # type: ignore[type-var]
+
+
+def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
+    """Applies `function` to every array in a signal or a state, e.g. to move it to torch or to pick one robot.
+
+    With `others`, which are built alike, it gets their arrays too.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.replace(
-            value, **{f.name: map_arrays(function, getattr(value, f.name)) for f in fields(value)}
-        )
+        names = [f.name for f in fields(value)]
+        changes = {n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others)) for n in names}
+        return dataclasses.replace(value, **changes)
     if isinstance(value, tuple):
-        return tuple(map_arrays(function, item) for item in value)
-    return value if value is None or isinstance(value, float | int) else function(value)
+        return tuple(map_arrays(function, *items) for items in zip(value, *others, strict=True))
+    return value if value is None or isinstance(value, float | int) else function(value, *others)
 
 
 def _check(label: str, value: Any, metadata: Any) -> None:

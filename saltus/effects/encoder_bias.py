@@ -1,10 +1,9 @@
 """The zero of a drive's encoder is not where the model has it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Site, Values, added, parameter
 from saltus.effects.signals import JointState
 
 
@@ -21,5 +20,4 @@ class EncoderBias(Effect[JointState]):
     def apply(self, signal: JointState, time_s: float, state: None) -> tuple[JointState, None]:
         """Shifts the angle."""
         del time_s, state
-        bias = like(self.bias, signal.position, namespace(signal.position))
-        return replace(signal, position=signal.position + bias), None
+        return added(signal, "position", self.bias), None

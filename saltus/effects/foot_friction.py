@@ -1,10 +1,10 @@
 """The ground is more or less slippery than is claimed."""
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
-from saltus.effects.body import NOMINAL_FRICTION, BodyModel, changed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.body import NOMINAL_FRICTION, BodyModel
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,5 +23,4 @@ class FootFriction(Effect[BodyModel]):
     def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
         """Scales the friction."""
         del time_s, state
-        ratio: Any = changed(self.coefficient, signal.friction) / NOMINAL_FRICTION
-        return replace(signal, friction=signal.friction * ratio), None
+        return scaled(signal, "friction", self.coefficient / NOMINAL_FRICTION), None

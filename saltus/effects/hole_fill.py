@@ -1,13 +1,10 @@
 """A filter of the camera's driver fills holes with what is to the left of them."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image, whole_pixels
 from saltus.effects.signals import DepthImage
 
 
@@ -28,7 +25,7 @@ class HoleFill(Effect[DepthImage]):
         """Fills holes."""
         del time_s, state
         xp, depth = namespace(signal.depth), signal.depth
-        farthest = min(math.floor(float(np.max(self.reach)) + 0.5), depth.shape[-1] - 1)
+        farthest = whole_pixels(self.reach, depth.shape[-1])
         if farthest < 1:
             return signal, None
         reach = per_image(self.reach, depth, xp)

@@ -1,10 +1,10 @@
 """The robot carries more than is claimed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.effects.body import BodyModel, changed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter
+from saltus.effects.body import BodyModel
+from saltus.effects.effect import Effect, PerRobot, Site, added, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,4 +20,4 @@ class PayloadMass(Effect[BodyModel]):
     def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
         """Adds the mass."""
         del time_s, state
-        return replace(signal, payload_kg=signal.payload_kg + changed(self.mass, signal.payload_kg)), None
+        return added(signal, "payload_kg", self.mass), None

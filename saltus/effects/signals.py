@@ -9,18 +9,6 @@ from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drive:
-    """Torque inside a drive, with the motion of its joint. Site "torque"."""
-
-    torque: Floats
-    """[Nm], shape (..., 12)."""
-    position: Floats
-    """[rad], shape (..., 12)."""
-    velocity: Floats
-    """[rad/s], shape (..., 12)."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class JointState:
     """What the encoders of the drives say. Site "joint_state"."""
 
@@ -28,6 +16,14 @@ class JointState:
     """[rad], shape (..., 12)."""
     velocity: Floats
     """[rad/s], shape (..., 12)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive(JointState):
+    """Torque inside a drive, with the true motion of its joint. Site "torque"."""
+
+    torque: Floats
+    """[Nm], shape (..., 12)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,10 +1,9 @@
 """A motor is stronger or weaker than its data sheet says."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Site, Values, parameter, scaled
 from saltus.effects.signals import Drive
 
 
@@ -21,5 +20,4 @@ class TorqueGain(Effect[Drive]):
     def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
         """Scales the torque."""
         del time_s, state
-        xp = namespace(signal.torque)
-        return replace(signal, torque=signal.torque * like(self.gain, signal.torque, xp)), None
+        return scaled(signal, "torque", self.gain), None

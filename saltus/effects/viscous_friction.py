@@ -1,10 +1,9 @@
 """Oil and bearings resist motion in proportion to its speed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Site, Values, added, parameter
 from saltus.effects.signals import Resistance
 
 
@@ -21,5 +20,4 @@ class ViscousFriction(Effect[Resistance]):
     def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
         """Adds to the damping."""
         del time_s, state
-        coefficient = like(self.coefficient, signal.damping, namespace(signal.damping))
-        return replace(signal, damping=signal.damping + coefficient), None
+        return added(signal, "damping", self.coefficient), None

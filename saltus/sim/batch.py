@@ -1,15 +1,15 @@
 """Many robots at once on the cores of a CPU, each with its own terrain, friction and payload."""
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import BodyChain, BodyModel, claimed_body
+from saltus.effects.body import BodyChain, claimed_body
 from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.effect import map_arrays
 from saltus.effects.imu import ImuChain
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -90,7 +90,7 @@ class BatchPlant(DrivenRobots):
         body = self._body.apply(
             claimed_body((self.count,), friction=self._claimed_friction, payload_kg=self._claimed_payload_kg)
         )
-        self._engine.set_bodies(_rows(indices, body), indices)
+        self._engine.set_bodies(map_arrays(lambda values: values[indices], body), indices)
         self._engine.derive(indices)
 
     def reset(
@@ -129,7 +129,3 @@ class BatchPlant(DrivenRobots):
         rotation = rotation_matrix(qpos[:, 3:7])
         feet: Floats = self._legs.position(qpos[:, 7:]) @ rotation.mT + qpos[:, None, :3]
         return self._time.copy(), qpos, qvel, feet, rotation, self._qacc, self._sensors
-
-
-def _rows(indices: Indices, body: BodyModel) -> BodyModel:
-    return BodyModel(**{f.name: getattr(body, f.name)[indices] for f in fields(body)})

@@ -2,14 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.effect import map_arrays
 from saltus.effects.imu import ImuChain, ImuReading
 from saltus.robots.robot import Robot
 from saltus.sim import scene
@@ -111,7 +111,12 @@ class DrivenRobots(ABC):
         if not self._any_fresh:
             return run(memory)
         start = run(chain.init(self._batch, self._rng))
-        return start if memory is None or self._fresh.all() else _merged(self._fresh, start, run(memory))
+        if memory is None or self._fresh.all():
+            return start
+        return cast(Result, map_arrays(self._of_fresh, start, run(memory)))
+
+    def _of_fresh(self, new: Floats, old: Floats) -> Floats:
+        return np.where(self._fresh.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)
 
     def _forget(self, robots: Any = ...) -> None:
         """Has drives and IMUs of robots that are being reset start with blank memories."""
@@ -138,14 +143,3 @@ def specific_force(qacc: Floats, rotation: Floats) -> Floats:
     """
     felt = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
     return np.einsum("...ji,...j->...i", rotation, felt)
-
-
-def _merged(fresh: NDArray[np.bool_], new: Any, old: Any) -> Any:
-    """Rows of `new` for robots that are fresh, of `old` for the others, through nested tuples and signals."""
-    if is_dataclass(new) and not isinstance(new, type):
-        return type(new)(**{f.name: _merged(fresh, getattr(new, f.name), getattr(old, f.name)) for f in fields(new)})
-    if isinstance(new, tuple):
-        return tuple(_merged(fresh, a, b) for a, b in zip(new, old, strict=True))
-    if isinstance(new, np.ndarray):
-        return np.where(fresh.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)
-    return old

@@ -8,8 +8,7 @@ def make(*, gap_m: float) -> Terrain:
     return build(
         "gap",
         {"gap_m": gap_m},
-        widths=[gap_m],
-        tops=[-TRENCH_DEPTH],
+        [(gap_m, -TRENCH_DEPTH)],
         last_top=0.0,
         finish_behind=FINISH_AFTER_SINGLE,
     )

@@ -8,8 +8,7 @@ def make(*, height_m: float) -> Terrain:
     return build(
         "step",
         {"height_m": height_m},
-        widths=[],
-        tops=[],
+        [],
         last_top=height_m,
         finish_behind=FINISH_AFTER_SINGLE,
     )

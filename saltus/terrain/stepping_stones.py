@@ -33,14 +33,13 @@ def make(
             raise ConfigError(f"gap_max_m = {gap_max_m} needs a random generator and must be at least gap_m = {gap_m}")
         gaps = rng.uniform(gap_m, gap_max_m, steps + 1)
         params["gap_max_m"] = gap_max_m
-    widths = [gaps[0]]
+    columns = [(float(gaps[0]), -TRENCH_DEPTH)]
     for gap in gaps[1:]:
-        widths += [stone_m, gap]
+        columns += [(stone_m, 0.0), (float(gap), -TRENCH_DEPTH)]
     return build(
         "stepping_stones",
         params,
-        widths=widths,
-        tops=[-TRENCH_DEPTH] + [0.0, -TRENCH_DEPTH] * steps,
+        columns,
         last_top=0.0,
         finish_behind=FINISH_AFTER_COURSE,
     )

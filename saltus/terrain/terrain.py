@@ -147,9 +147,8 @@ def _by_corners(box: Any, where: str) -> Any:
 def build(
     kind: str,
     params: Mapping[str, float],
+    columns: Sequence[tuple[float, float]],
     *,
-    widths: Sequence[float],
-    tops: Sequence[float],
     last_top: float,
     finish_behind: float,
 ) -> Terrain:
@@ -158,17 +157,17 @@ def build(
     Args:
         kind: Name of the terrain.
         params: Sizes as used.
-        widths: Extent along x of each box [m]; those of no width, or less than can be told at that place, are left out.
-        tops: Height of each [m].
+        columns: Extent along x and height of each [m]; those of no width, or less than can be told at that place, are
+            left out.
         last_top: Height of the ground behind them [m].
         finish_behind: Distance of the finish behind the last edge [m].
     """
-    edges = FIRST_EDGE_X + np.concatenate([[0.0], np.cumsum(np.asarray(widths, dtype=np.float64))])
+    edges = FIRST_EDGE_X + np.concatenate([[0.0], np.cumsum([width for width, _ in columns])])
+    kept = [i for i in range(len(columns)) if edges[i + 1] > edges[i]]
     finish = float(edges[-1]) + finish_behind
-    kept = [i for i in range(len(widths)) if edges[i + 1] > edges[i]]
-    ends = [GROUND_START_X, *(float(edges[i]) for i in kept), float(edges[-1]), finish + RUN_OUT]
-    heights = [0.0, *(float(tops[i]) for i in kept), float(last_top)]
-    return Terrain(kind=kind, params=dict(params), boxes=across(ends, heights), finish_x=finish)
+    ends = [GROUND_START_X, *edges[kept].tolist(), float(edges[-1]), finish + RUN_OUT]
+    tops = [0.0, *(float(columns[i][1]) for i in kept), float(last_top)]
+    return Terrain(kind=kind, params=dict(params), boxes=across(ends, tops), finish_x=finish)
 
 
 def across(ends: Sequence[float], tops: Sequence[float]) -> tuple[Box, ...]:

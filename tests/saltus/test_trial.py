@@ -49,6 +49,8 @@ def test_draws_fill_their_ranges_and_only_those() -> None:
         assert high - 0.05 * (high - low) < values.max() <= high
     assert trials[7] == Trial.draw(7)
     assert len(set(trials)) == len(trials)
+    assert Trial.from_toml(trials[7].to_toml()) == trials[7]
+    assert len({trial.fingerprint for trial in trials}) == len(trials)
 
 
 def test_a_trial_changes_the_robots_effects_and_the_nominal_one_does_not() -> None:
