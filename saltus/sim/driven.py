@@ -11,6 +11,7 @@ from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.effect import map_arrays
 from saltus.effects.imu import ImuChain, ImuReading
+from saltus.effects.order import Chain
 from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.sim.state import Floats, PlantState, sensed
@@ -68,21 +69,19 @@ class DrivenRobots(ABC):
             SaltusError: the command or the state of a single robot is not finite. A robot of a batch whose simulation
                 diverges has a state that is not finite until it is reset; the others go on.
         """
-        inputs = command, *self._joints, self._now
-        torque, self._actuators = self._renewed(self._chain, self._actuators, lambda m: self._chain.step(*inputs, m))
+        chain = self._chain
+        torque, self._actuators = self._renewed(chain, chain.step, self._actuators, command, *self._joints, self._now)
         if self._any_fresh:
             self._fresh, self._any_fresh = np.zeros(self._batch, dtype=np.bool_), False
         self._advance(torque)
-        return self._look(np.array(torque.believed, dtype=np.float64))
+        return self._look(np.asarray(torque.believed, dtype=np.float64))
 
     def _look(self, believed: Floats) -> PlantState:
         """Takes in the state of the physics and passes it to encoders and IMU."""
         time_s, qpos, qvel, feet, rotation, qacc, sensors = self._motion()
         chain, self._joints = self._chain, (qpos[..., 7:], qvel[..., 6:])
         self._now = now = float(np.max(time_s)) if self._batch else float(time_s)
-        joints = self._renewed(chain, self._actuators, lambda m: chain.measured(*self._joints, now, m))
-        # The sensor gives the force that the foot exerts.
-        force = -sensors[..., scene.FOOT_FORCE].reshape((*self._batch, 4, 3))
+        joints = self._renewed(chain, chain.measured, self._actuators, *self._joints, now)
         self._state = state = PlantState(
             time_s=time_s,
             position_base_in_world=qpos[..., :3],
@@ -93,9 +92,9 @@ class DrivenRobots(ABC):
             joint_position=np.asarray(joints.position, dtype=np.float64),
             joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
             joint_torque=believed,
-            foot_force=force[..., 2],
+            foot_force=-sensors[..., scene.FOOT_FORCE_Z],  # the sensor gives the force that the foot exerts
             foot_position_in_world=feet,
-            trunk_contact=sensors[..., scene.TRUNK_CONTACT].any(axis=-1),
+            trunk_contact=sensors[..., scene.TRUNK_CONTACT].any(-1),
         )
         true = ImuReading(
             quaternion_base_in_world=state.quaternion_base_in_world,
@@ -103,17 +102,17 @@ class DrivenRobots(ABC):
             acceleration_base=state.acceleration_base,
         )
         imu = self._imu_chain
-        self._reading, self._imu_state = self._renewed(imu, self._imu_state, lambda m: imu.step(true, now, m))
+        self._reading, self._imu_state = self._renewed(imu, imu.step, self._imu_state, true, now)
         return state
 
-    def _renewed(self, chain: ActuatorChain | ImuChain, memory: Any, run: Callable[[Any], Result]) -> Result:
-        """What `run` makes of a chain's memory; robots that were reset have a blank one, the others keep theirs."""
+    def _renewed(self, chain: Chain, run: Callable[..., Result], memory: Any, *inputs: Any) -> Result:
+        """`run` of a chain with its memory, which is a blank one for robots that were reset; the others keep theirs."""
         if not self._any_fresh:
-            return run(memory)
-        start = run(chain.init(self._batch, self._rng))
+            return run(*inputs, memory)
+        start = run(*inputs, chain.init(self._batch, self._rng))
         if memory is None or self._fresh.all():
             return start
-        return cast(Result, map_arrays(self._of_fresh, start, run(memory)))
+        return cast(Result, map_arrays(self._of_fresh, start, run(*inputs, memory)))
 
     def _of_fresh(self, new: Floats, old: Floats) -> Floats:
         return np.where(self._fresh.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)

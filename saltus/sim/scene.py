@@ -36,6 +36,8 @@ VISUAL_GROUP = 2
 
 FOOT_FORCE = slice(0, 12)
 """Where `sensordata` holds the force of each foot on the ground: four vectors in the world frame [N]."""
+FOOT_FORCE_Z = slice(2, 12, 3)
+"""The vertical part of each."""
 TRUNK_CONTACT = slice(12, 18)
 """Where `sensordata` holds the number of contacts of the trunk, of the payload and of each hip."""
 
