@@ -19,8 +19,9 @@ from typing import Any
 
 from benchmarks._command import Command
 from saltus.config import check_at_least
-from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.settings import ClosedLoop
 from saltus.resources import resource as shipped
 from saltus.workers import in_order
 
@@ -40,7 +41,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         marks: list[tuple[float, int]] = [(time.perf_counter(), 0)]
-        work = partial(ClosedLoop(robots=self.robots).episodes, shipped("models/heightmap.onnx"))
+        work = partial(closed_loop_episodes, ClosedLoop(robots=self.robots), shipped("models/heightmap.onnx"))
         keys = [(0, 0, batch) for batch in range(self.batches)]
 
         def episodes() -> Iterator[Episode]:

@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
 from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.fleet import Arrival, FleetService
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.replay import AssumeLevel
 from saltus.heightmap.service.service import HeightmapService
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.resources import resource
@@ -43,8 +43,8 @@ class Benchmark(Command):
         network = HeightmapNetwork(resource("models/heightmap.onnx"))
         small = frames(self.ticks, MODEL_CAMERA, rng)
         large = frames(self.ticks // 2, sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng)
-        single = one_robot(network, AssumeLevel().states(small), small)
-        states = AssumeLevel().states(large)
+        single = one_robot(network, LevelRobot().states(small), small)
+        states = LevelRobot().states(large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]
         last = rows[-1]
         return {

@@ -34,7 +34,7 @@ import torch
 
 from benchmarks._command import Command
 from saltus.config import Camera
-from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S, DeliveryName
 from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
 from saltus.heightmap.evaluation.held_out import HeldOutRuns
@@ -42,9 +42,9 @@ from saltus.heightmap.evaluation.scores import scores
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE
+from saltus.heightmap.settings import ClosedLoop, TrainConfig
 from saltus.heightmap.training.export import Origin, export
-from saltus.heightmap.training.train import TrainConfig, load_checkpoint, split, train
+from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
 from saltus.wire.messages import Floats
@@ -124,7 +124,7 @@ def collect(data: Path, name: str) -> None:
     for index in range(len(read_manifest(data)), ROUNDS):
         logging.info("collecting round %d, %s", index, name)
         config = {"source": "dagger", "round": index, "heights": HeightmapNetwork(model).model_id, **asdict(loop)}
-        made = (e for batch in range(BATCHES) for e in loop.episodes(model, (DATA_SEED, index, batch)))
+        made = (e for batch in range(BATCHES) for e in closed_loop_episodes(loop, model, (DATA_SEED, index, batch)))
         write_shard(data, made, seed=DATA_SEED, config=config)
 
 
@@ -148,11 +148,10 @@ def _same(left: Floats, right: Floats) -> bool:
 def trained(out: Path, name: str, updates: int) -> Path:
     """The checkpoint of one network, trained unless it is there."""
     images, checkpoint = NETWORKS[name], out / name / "heightmap.pt"
-    noise = TRAINING_NOISE if images.data == STEREO else NO_NOISE
-    delivery = DELIVERIES[images.delivery]
     config = TrainConfig(
-        updates=updates, batch=16, noise=noise, delivery=delivery, forgets=0.0, seed=SEED, device="cpu"
-    )
+        updates=updates, batch=16, noise=images.data == STEREO, delivery=images.delivery, forgets=0.0, seed=SEED,
+        device="cpu",
+    )  # fmt: skip
     train(out / images.data, checkpoint, config)
     return checkpoint
 

@@ -35,7 +35,7 @@ from benchmarks._measuring import percentiles, processor_s, random_frames, resid
 from saltus.action import REST, plan_message
 from saltus.config import RunConfig, to_toml
 from saltus.depth import D435I
-from saltus.heightmap.service.replay import AssumeLevel
+from saltus.heightmap.level_robot import LevelRobot
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
@@ -132,7 +132,7 @@ class Scenes:
     def __init__(self) -> None:
         camera = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
         self._frames = random_frames(camera, SCENES, np.random.default_rng(0))
-        self._state = AssumeLevel().states(self._frames[:1])[0]
+        self._state = LevelRobot().states(self._frames[:1])[0]
 
     def at(self, number: int, time_ns: int) -> tuple[DepthFrame, RobotState]:
         """Both with the same number and time, so that a heightmap is due that is made of this image."""

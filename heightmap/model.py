@@ -7,7 +7,6 @@ hands over plain SI units.
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ from torch.nn import functional
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.settings import ModelConfig
 
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
@@ -32,17 +32,6 @@ def model_image(millimetres: Tensor) -> Tensor:
     valid = millimetres > 0
     depth = torch.where(valid, (millimetres * (MILLIMETRE / RANGE_M)).clamp(max=1.0), 1.0)
     return torch.stack((depth, valid.to(depth.dtype)), -3)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelConfig:
-    """Sizes of the network."""
-
-    channels: tuple[int, int, int] = (8, 16, 16)
-    """Of the three convolutions; original: (2, 4, 8)."""
-    hidden: int = 256
-    head: tuple[int, ...] = (256, 256)
-    """Hidden layers after the GRU; original: three."""
 
 
 class Normalisation(NamedTuple):

@@ -1,7 +1,7 @@
 """Motion to train on from the predictor itself in the loop: what a robot sees that steps where the predictor led it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, Camera, TerrainConfig, TerrainKind, check_at_least
+from saltus.config import DEFAULT_ROBOT, TerrainConfig, TerrainKind
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, Profile, load_profile
-from saltus.errors import ConfigError
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION, varied
+from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled
-from saltus.heightmap.data.runs import MIN_TICKS, runs
+from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.data.stereo_images import stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
@@ -39,70 +39,39 @@ KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones",
 MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.delivery.TRAINING`
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClosedLoop:
-    """How robots are let run. A batch of them follows from its key and the predictor alone, wherever it is run.
+def closed_loop_episodes(loop: ClosedLoop, model: Path | None, key: Sequence[int]) -> list[Episode]:
+    """One batch, which follows from its key and the predictor alone, wherever it is run.
 
-    Raises:
-        ConfigError: a number that leaves no robots, no time, or no course.
+    Args:
+        loop: How robots are let run.
+        model: ONNX file of the predictor; true heights, shifted as each trial says, where there is none.
+        key: Seed, round and number of the batch, from which everything is drawn.
     """
+    rng = np.random.default_rng(key)
+    trajectories = list(_trajectories(loop, model, rng))
+    mounts = [random_mount(rng) for _ in trajectories]
+    if loop.camera == "ideal":
+        return [episode_of(*robot, threads=1) for robot in zip(trajectories, mounts, strict=True)]
+    images = stereo_images(trajectories, mounts, rng)
+    return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
 
-    robots: int = 32
-    """In a batch."""
-    courses: int = 8
-    """Different terrains in a batch: the images of robots on the same one are taken together."""
-    ticks: int = 600
-    """Of every robot; one that falls or arrives starts again, which begins another episode."""
-    hardest: float = 0.8
-    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
-    poor heights: falls are part of what must be seen."""
-    learned: float = 0.5
-    """Share of robots that are led by the learned policy; the others by the scripted planner."""
-    variation: float = VARIATION
-    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
-    camera: Camera = "d435i"
-    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
-    The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.courses <= self.robots:
-            raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
-        check_at_least(self, ticks=MIN_TICKS)
-        for name in ("hardest", "learned"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"{name} = {getattr(self, name)}: it must be from 0 to 1")
-
-    def episodes(self, model: Path | None, key: Sequence[int]) -> list[Episode]:
-        """One batch.
-
-        Args:
-            model: ONNX file of the predictor; true heights, shifted as each trial says, where there is none.
-            key: Of everything that is drawn: seed, round, batch.
-        """
-        rng = np.random.default_rng(key)
-        trajectories = list(self._trajectories(model, rng))
-        mounts = [random_mount(rng) for _ in trajectories]
-        if self.camera == "ideal":
-            return [episode_of(*robot, threads=1) for robot in zip(trajectories, mounts, strict=True)]
-        images = stereo_images(trajectories, mounts, rng)
-        return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
-
-    def _trajectories(self, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
-        some = [
-            make_terrain(random_course(rng, self.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(self.courses)
-        ]
-        terrains = [some[i % self.courses] for i in range(self.robots)]
-        # Beyond the seeds of all evaluations and other rounds of data.
-        first = int(rng.integers(2**32, 2**62))
-        rollout = Rollout(
-            load_robot(DEFAULT_ROBOT),
-            terrains,
-            [Trial.draw(first + i) for i in range(self.robots)],
-            MixedPlanner(rng, self.robots, learned=self.learned, variation=self.variation),
-            heights=_heights(model, rng.uniform(0.0, MAX_LOSS)),
-            time_limit_s=np.inf,
-        )
-        yield from _cut([rollout.step() for _ in range(self.ticks)], terrains)
+def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
+    some = [
+        make_terrain(random_course(rng, loop.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(loop.courses)
+    ]
+    terrains = [some[i % loop.courses] for i in range(loop.robots)]
+    # Beyond the seeds of all evaluations and other rounds of data.
+    first = int(rng.integers(2**32, 2**62))
+    rollout = Rollout(
+        load_robot(DEFAULT_ROBOT),
+        terrains,
+        [Trial.draw(first + i) for i in range(loop.robots)],
+        MixedPlanner(rng, loop.robots, learned=loop.learned, variation=loop.variation),
+        heights=_heights(model, rng.uniform(0.0, MAX_LOSS)),
+        time_limit_s=np.inf,
+    )
+    yield from _cut([rollout.step() for _ in range(loop.ticks)], terrains)
 
 
 class MixedPlanner:

@@ -4,24 +4,25 @@ What `saltus.heightmap.data.closed_loop` does with processes: batches of robots 
 all difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.config import DEFAULT_ROBOT, Camera, check_at_least, from_toml
-from saltus.errors import ConfigError, SaltusError
+from saltus.config import DEFAULT_ROBOT, from_toml
+from saltus.errors import SaltusError
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
-from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, VARIATION, varied
-from saltus.heightmap.data.runs import MIN_TICKS
+from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.settings import DeviceLoop
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
@@ -34,39 +35,8 @@ from saltus.policy.training.train import make_engine
 from saltus.robots.loading import load_robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
-MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
 # Stairs and stones twice, as in `saltus.heightmap.data.closed_loop`; one level: who falls gets no easier course.
 _COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0, gap=1.0, levels=1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeviceLoop:
-    """How robots are let run.
-
-    Raises:
-        ConfigError: a number that leaves no robots, no time, or no course.
-    """
-
-    robots: int = 4096
-    """In a batch."""
-    ticks: int = 600
-    """Of every robot; one that falls or arrives starts again, which begins another episode."""
-    hardest: float = 1.0
-    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to `MOST_DIFFICULT`,
-    as falls are part of what must be seen."""
-    learned: float = 1.0
-    """Share of robots that are led by the learned policy; the others by the scripted planner."""
-    variation: float = VARIATION
-    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
-    cameras: tuple[Camera, ...] = ("d435i",)
-    """Whose images are kept; the predictor in the loop sees those of the first."""
-
-    def __post_init__(self) -> None:
-        check_at_least(self, robots=1, ticks=MIN_TICKS, variation=0.0)
-        if not 0.0 <= self.hardest <= MOST_DIFFICULT:
-            raise ConfigError(f"hardest = {self.hardest}: it must be from 0 to {MOST_DIFFICULT}")
-        if not 0.0 <= self.learned <= 1.0:
-            raise ConfigError(f"learned = {self.learned}: it must be from 0 to 1")
 
 
 class DeviceRollouts:
@@ -105,8 +75,8 @@ class DeviceRollouts:
         self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
 
     @torch.no_grad()
-    def batch(self) -> RecordedBatch:
-        """Lets all robots run for `loop.ticks`."""
+    def batch(self, told: Callable[[], None] = lambda: None) -> RecordedBatch:
+        """Lets all robots run for `loop.ticks`; `told` is called after each."""
         env = self._env
         self._cameras.replace(self._rng)
         env.set_levels(env.memory.level)
@@ -130,6 +100,7 @@ class DeviceRollouts:
             env.standing.copy_(tick < stands_until)
             transition = env.step(env.config.bounds.normalised(plan))
             fresh = transition.done
+            told()
         return self._recording.to_host(env.memory.kind)
 
     def proprioception(self) -> Tensor:

@@ -1,6 +1,6 @@
 """Motion to train on from a planner in the batched plant: what the robot will really do."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,8 @@ class PlannedBounding:
     """Of the trials; apart from those of evaluations."""
     profile: Profile | None = None
     """Hardware of the robots; as shipped where it is not given."""
+    progress: Callable[[float], object] = lambda _: None
+    """Is told after each step how long the robots of a batch have run, as a share of the time limit."""
 
     def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
         """Yields `count` trajectories: each robot's first trial, from its start to its end, failures included."""
@@ -55,7 +57,10 @@ class PlannedBounding:
         planner = ScriptedPlanner(varied(rng, self.variation, len(trials)))
         kind = load_robot(DEFAULT_ROBOT)
         rollout = Rollout(kind, terrains, trials, planner, profile=self.profile, time_limit_s=self.time_limit_s)
-        steps = list(rollout.run())
+        steps = []
+        for step in rollout.run():
+            steps.append(step)
+            self.progress(step.states.time_s / self.time_limit_s)
         running = np.array([step.running for step in steps])  # (ticks, robots)
         truth = [step.truth for step in steps]
         position = np.array([t.position_base_in_world for t in truth])

@@ -15,7 +15,7 @@ from saltus.effects.camera import ViewChain
 from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.shards import Episode, ShardRecord, write_shard
+from saltus.heightmap.data.shards import Episode, ShardRecord, open_shard
 from saltus.render.camera import Mount, moved_camera
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.terrain import Terrain
@@ -54,7 +54,7 @@ def collect(
     view: ViewChain | None = None,
     done: Callable[[], object] = lambda: None,
 ) -> ShardRecord:
-    """Adds a round of `count` episodes to a dataset.
+    """Adds a round of `count` episodes to a dataset; where it is interrupted, those that are whole.
 
     Args:
         directory: The dataset.
@@ -64,9 +64,17 @@ def collect(
         config: What made them, for the manifest; plain JSON values.
         view: Where cameras sit and how wide they look, where it is not as claimed.
         done: Is called after each episode.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted before the first episode was whole.
     """
-    made = _told(episodes(source, np.random.default_rng(seed), count, view), done)
-    return write_shard(directory, made, seed=seed, config=config)
+    with open_shard(directory, seed=seed, config=config) as shard:
+        try:
+            shard.append(_told(episodes(source, np.random.default_rng(seed), count, view), done))
+        except KeyboardInterrupt:
+            if not shard.ticks:
+                raise
+    return shard.record
 
 
 def _told(made: Iterable[Episode], done: Callable[[], object]) -> Iterator[Episode]:

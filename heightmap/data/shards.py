@@ -3,9 +3,11 @@
 import hashlib
 import json
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -87,14 +89,18 @@ class ShardWriter:
         return sum(ticks for _, ticks, _ in self._rows)
 
     def append(self, episodes: Iterable[Episode]) -> None:
-        """Adds episodes, which are consumed one by one."""
+        """Adds episodes, which are consumed one by one; an interruption leaves those that are whole."""
         for episode in episodes:
-            for name in (*PER_TICK, *PER_FRAME):
-                rows = getattr(episode, name)
-                if name not in self._columns:
-                    self._columns[name] = ShardColumn(self._file, name, rows, self._pool)
-                self._columns[name].append(rows)
-            self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
+            with uninterrupted():
+                self._append(episode)
+
+    def _append(self, episode: Episode) -> None:
+        for name in (*PER_TICK, *PER_FRAME):
+            rows = getattr(episode, name)
+            if name not in self._columns:
+                self._columns[name] = ShardColumn(self._file, name, rows, self._pool)
+            self._columns[name].append(rows)
+        self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
 
     def close(self) -> dict[str, int]:
         """Writes what is left; returns how much there is.
@@ -132,13 +138,33 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     records = read_manifest(directory)
     refuse_twice(directory, records, seed, config)
     name = f"round_{len(records):03d}.h5"
-    with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
-        writer = ShardWriter(file, pool)
-        yield writer
-        counts = writer.close()
-    sha256 = file_sha256(directory / name)
-    writer.record = ShardRecord(file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts)
-    write_manifest(directory, [*records, writer.record])
+    with ExitStack() as ending:
+        with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
+            writer = ShardWriter(file, pool)
+            yield writer
+            ending.enter_context(uninterrupted())
+            counts = writer.close()
+        sha256 = file_sha256(directory / name)
+        writer.record = ShardRecord(
+            file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts
+        )
+        write_manifest(directory, [*records, writer.record])
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits for the end of what is done within: what it would cut in two could not be kept."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if heard:
+        signal.raise_signal(signal.SIGINT)
 
 
 def motion(seed: int, config: dict[str, Any]) -> str:

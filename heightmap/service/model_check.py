@@ -14,8 +14,8 @@ import numpy as np
 
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
 from saltus.errors import ModelError, SaltusError
+from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.replay import AssumeLevel
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
@@ -37,7 +37,7 @@ def checked_model(path: Path) -> HeightmapNetwork:
     service = HeightmapService(network)
     rng = np.random.default_rng(0)
     frames = [_frame(i, rng) for i in range(network.warmup_frames + WARM_TICKS)]
-    for tick, (state, frame) in enumerate(zip(AssumeLevel().states(frames), frames, strict=True)):
+    for tick, (state, frame) in enumerate(zip(LevelRobot().states(frames), frames, strict=True)):
         answer = service.step(state, frame, state.time_ns)
         expected = HeightmapStatus.OK if tick >= network.warmup_frames else HeightmapStatus.WARMING
         if answer.status > expected:

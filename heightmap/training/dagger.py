@@ -17,13 +17,14 @@ import math
 import shutil
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from saltus.config import check_at_least
-from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.config import from_table
+from saltus.errors import ConfigError
+from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.inventory import merge
 from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.data.shards import (
@@ -38,9 +39,10 @@ from saltus.heightmap.data.shards import (
     write_whole,
 )
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, TrainConfig
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
-from saltus.heightmap.training.train import FURTHER_RATE, Progress, TrainConfig, load_checkpoint, train
+from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.workers import in_order
 
@@ -52,28 +54,6 @@ Key = tuple[int, int, int]
 """Of a batch: seed, round, number."""
 Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
 """Makes batches from a predictor and their keys, in the order of the keys."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DaggerConfig:
-    """What a run is; all of it but the number of rounds stays as it was begun.
-
-    Raises:
-        ConfigError: no rounds, no batches, or no updates.
-    """
-
-    rounds: int = 3
-    batches: int = 8
-    """In a round."""
-    updates: int = 1500
-    """Gradient steps in a round."""
-    batch: int = 32
-    """Windows in a gradient step."""
-    seed: int = 0
-    loop: ClosedLoop = field(default_factory=ClosedLoop)
-
-    def __post_init__(self) -> None:
-        check_at_least(self, rounds=1, batches=1, updates=1, batch=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +128,20 @@ def dagger(
     return folder / MODEL
 
 
+def begun_settings(directory: Path) -> DaggerConfig:
+    """The settings that a run was begun with.
+
+    Raises:
+        DatasetError: its file is damaged.
+    """
+    path = directory / BEGUN
+    try:
+        begun = json.loads(path.read_text())
+        return from_table(DaggerConfig, {name: value for name, value in begun.items() if name not in ("start", "base")})
+    except (OSError, ValueError, AttributeError, ConfigError) as error:
+        raise DatasetError(f"{path} is damaged: {error}") from error
+
+
 def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: Path | None) -> None:
     """Writes down how a run began, or compares with how it did."""
     wanted = {
@@ -185,8 +179,8 @@ def _batches(
 ) -> Generator[list[Episode], None, None]:
     """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
     if cluster is not None:
-        return in_order_on_ray(loop.episodes, model, keys, cluster, processes)
-    return in_order(partial(loop.episodes, model), keys, processes)
+        return in_order_on_ray(partial(closed_loop_episodes, loop), model, keys, cluster, processes)
+    return in_order(partial(closed_loop_episodes, loop, model), keys, processes)
 
 
 def _collect(

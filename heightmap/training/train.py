@@ -1,25 +1,20 @@
-"""Trains the heightmap network: truncated back-propagation through windows with carried memory.
+"""Trains the heightmap network: truncated back-propagation through windows with a hidden state that is carried on."""
 
-`python -m saltus.heightmap.training.train --data FOLDER --out CHECKPOINT` does it where `saltus` is not installed.
-"""
-
-import argparse
 import math
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.config import check_at_least
-from saltus.errors import ConfigError, ModelError, SaltusError
-from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel
+from saltus.errors import ConfigError, ModelError
+from saltus.folders import differences
+from saltus.heightmap.data.delivery import DELIVERIES
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
@@ -28,51 +23,16 @@ from saltus.heightmap.data.shards import (
     read_dataset,
     read_records,
 )
-from saltus.heightmap.model import Estimate, HeightmapModel, ModelConfig, Normalisation
+from saltus.heightmap.model import Estimate, HeightmapModel, Normalisation
 from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.settings import ModelConfig, TrainConfig
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, Window, run_window
 
 Item = TypeVar("Item")
 _SMALLEST_M = 1e-4  # keeps the logarithm of an error finite: a tenth of the depth unit of the camera
 _USUAL_M = 0.1  # spread of heights: an error in it is of the size that the network itself works in
-FIRST_RATE = 1e-3  # original
-FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
-_TELL_S = 5.0
 HELD_OUT = 10  # every tenth episode is for validation
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainConfig:
-    """How to train. Defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
-
-    Raises:
-        ConfigError: nothing to do, or a share that is none.
-    """
-
-    updates: int = 1500
-    batch: int = 32
-    window: int = 100
-    """Ticks between updates; the memory is carried across, its gradient is not."""
-    learning_rate: float = FIRST_RATE
-    weight_decay: float = 0.01  # original
-    gradient_norm: float = 1.0
-    noise: ImageNoise = TRAINING_NOISE
-    """On the images, as far as they do not have it already."""
-    delivery: DeliveryModel = TRAINING
-    """How late images come, and which are lost."""
-    forgets: float = 0.4
-    """Share of windows before which a robot loses its memory on the way, as it does after a long loss of images: its
-    first half second is then learned as well as the rest (docs/heightmap.md compares shares)."""
-    seed: int = 0
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    save_every_s: float = 60.0
-    model: ModelConfig = field(default_factory=ModelConfig)
-
-    def __post_init__(self) -> None:
-        check_at_least(self, updates=1, batch=1, window=1, forgets=0.0)
-        if self.forgets > 1.0:
-            raise ConfigError(f"forgets = {self.forgets}: it must be at most 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +107,7 @@ def train(
                 )  # fmt: skip
                 progress(state)
             if last:
-                calibrate(model, held_out, config.delivery, config.noise, config.seed)
+                calibrate(model, held_out, DELIVERIES[config.delivery], _noise(config), config.seed)
             if now - saved > config.save_every_s or last:
                 _save(checkpoint, origin, update, model, optimiser)
                 saved, kept = now, update
@@ -175,7 +135,8 @@ def _updates(
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
-    windows = store.windows(config.batch, config.window, config.delivery, config.noise, rng, forgets=config.forgets)
+    delivery, noise = DELIVERIES[config.delivery], _noise(config)
+    windows = store.windows(config.batch, config.window, delivery, noise, rng, forgets=config.forgets)
     hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
@@ -217,6 +178,19 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error
 
 
+def settings_of(checkpoint: Path) -> TrainConfig:
+    """The settings of the training that wrote a checkpoint.
+
+    Raises:
+        ModelError: the file is no checkpoint of this network, or was written by another version.
+    """
+    _, training = load_checkpoint(checkpoint)
+    try:
+        return TrainConfig(**{**training["config"], "model": ModelConfig(**training["config"]["model"])})
+    except (TypeError, ConfigError) as error:
+        raise ModelError(f"{checkpoint} is of a training by another version: name another folder with --out") from error
+
+
 def _loss(estimate: Estimate, window: Window) -> Tensor:
     """The absolute error, and how far the stated interval is from holding the share of errors that it should.
 
@@ -228,6 +202,10 @@ def _loss(estimate: Estimate, window: Window) -> Tensor:
     beyond = (error.detach() + _SMALLEST_M).log() - estimate.log_std - math.log(INTERVAL90)
     quantile = torch.maximum(0.9 * beyond, -0.1 * beyond)
     return _masked_mean((error / _USUAL_M + quantile).mean(-1), window.valid)
+
+
+def _noise(config: TrainConfig) -> ImageNoise:
+    return TRAINING_NOISE if config.noise else NO_NOISE
 
 
 def _has_true_depth(record: ShardRecord) -> bool:
@@ -260,7 +238,8 @@ def _read(checkpoint: Path) -> dict[str, Any]:
         raise ModelError(f"cannot read checkpoint {checkpoint}: {error.strerror}") from error
     except Exception as error:  # what a file that is something else makes of its unpickling
         raise ModelError(f"{checkpoint} is no checkpoint: torch cannot read it") from error
-    if not isinstance(table, dict) or not {"origin", "update", "model", "optimiser"} <= table.keys():
+    known = isinstance(table, dict) and {"origin", "update", "model", "optimiser"} <= table.keys()
+    if not known or not isinstance(table["origin"], dict):
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
     return table
 
@@ -277,19 +256,16 @@ def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:
     if not checkpoint.exists():
         return None
     table = _read(checkpoint)
-    if differs := ", ".join(_differences(table["origin"], origin)):
-        raise ModelError(f"{checkpoint} is of another training ({differs}): name another file, or remove it")
+    found = differences(_compared(table["origin"]), _compared(origin))
+    if differs := ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in found):
+        raise ModelError(f"{checkpoint} is of another training ({differs}): name another folder with --out")
     return table
 
 
-def _differences(before: dict[str, Any], now: dict[str, Any], where: str = "") -> Iterator[str]:
-    """What of the origin of a checkpoint is not that of this training."""
-    for name in (*now, *(name for name in before if name not in now)):
-        left, right = before.get(name), now.get(name)
-        if isinstance(left, dict) and isinstance(right, dict):
-            yield from _differences(left, right, f"{where}{name}.")
-        elif left != right:
-            yield f"{where}{name} = {left}, not {right}"
+def _compared(origin: dict[str, Any]) -> dict[str, Any]:
+    """Of an origin, what makes it another training: not where it runs, nor how often it is saved."""
+    config = {name: value for name, value in origin.get("config", {}).items() if name not in ("device", "save_every_s")}
+    return {**origin, "config": config}
 
 
 def _save(
@@ -297,68 +273,9 @@ def _save(
 ) -> None:
     temporary = checkpoint.with_name(f".{checkpoint.name}.partial")
     table = {"origin": origin, "update": update, "model": model.state_dict(), "optimiser": optimiser.state_dict()}
-    torch.save(table, temporary)
-    temporary.replace(checkpoint)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Parses the command line and trains, with a line every few seconds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True, help="folder of the dataset")
-    parser.add_argument("--out", type=Path, required=True, help="checkpoint to write, and to go on from")
-    parser.add_argument("--start", type=Path, help="checkpoint whose network to begin with, at a lower rate")
-    parser.add_argument("--updates", type=int, default=TrainConfig.updates)
-    parser.add_argument("--batch", type=int, default=TrainConfig.batch, help="windows in an update; 1024 fill a GPU")
-    parser.add_argument("--rate", type=float, help="learning rate")
-    parser.add_argument("--no-noise", action="store_true", help="learn from the images as they are in the data")
-    parser.add_argument("--delivery", choices=tuple(DELIVERIES), default="training", help="of images: late, at once")
-    parser.add_argument("--forgets", type=float, default=TrainConfig.forgets, help="share of windows without memory")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
-    given = parser.parse_args(arguments)
-    config = TrainConfig(
-        updates=given.updates,
-        batch=given.batch,
-        learning_rate=given.rate or (FURTHER_RATE if given.start else FIRST_RATE),
-        noise=NO_NOISE if given.no_noise else TRAINING_NOISE,
-        delivery=DELIVERIES[given.delivery],
-        forgets=given.forgets,
-        seed=given.seed,
-        device=given.device,
-    )
-    began = time.monotonic()
-    train(given.data, given.out, config, _Teller(began), start=given.start)
-    _say(f"{given.out} after {time.monotonic() - began:.0f} s")
-
-
-class _Teller:
-    """Prints how far a training is.
-
-    Args:
-        began: When the program did, by the monotonic clock [s].
-    """
-
-    def __init__(self, began: float) -> None:
-        self._began = began
-        self._first: Progress | None = None
-        self._told_s = 0.0
-
-    def __call__(self, now: Progress) -> None:
-        if self._first is None:
-            _say(f"data are loaded after {time.monotonic() - self._began - now.seconds:.0f} s")
-            self._first = now
-        elif now.seconds - self._told_s >= _TELL_S or now.update == now.updates:
-            speed = (now.update - self._first.update) / (now.seconds - self._first.seconds)
-            _say(f"{now.update} of {now.updates}: loss {now.loss:.3f}, {1e3 * now.mae_m:.1f} mm, {speed:.1f} updates/s")
-            self._told_s = now.seconds
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)  # noqa: T201
-
-
-if __name__ == "__main__":
     try:
-        main()
-    except (SaltusError, OSError) as error:
-        sys.exit(str(error))
+        torch.save(table, temporary)
+        temporary.replace(checkpoint)
+    except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
+        temporary.unlink(missing_ok=True)
+        raise ModelError(f"cannot write {checkpoint}: {str(error).splitlines()[0]}") from error

@@ -1,81 +1,230 @@
-"""`saltus heightmap dagger` and `saltus heightmap dataset`: the data that predictors learn from."""
+"""`saltus heightmap collect`, `dagger` and `dataset`: the data that predictors learn from."""
 
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
+from saltus.cli.flags import Flag, shown
+from saltus.cli.heightmap_train import print_differences, training_packages
 from saltus.cli.output import print_json
-from saltus.config import Camera, check_at_least
+from saltus.config import DEFAULT_ROBOT, load_changes
+from saltus.effects.profile import load_profile
+from saltus.heightmap.settings import DaggerConfig, PlannerCollection, PolicyCollection
+from saltus.robots.loading import load_robot
 
 if TYPE_CHECKING:
+    from saltus.heightmap.data.shards import ShardRecord
+    from saltus.heightmap.device_collection import DeviceProgress
     from saltus.heightmap.training.dagger import CollectionProgress
     from saltus.heightmap.training.train import Progress
+
+DATASET = Path("runs/dataset")
+TRIALS = 1_000_000
+"""Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
+Settings = TypeVar("Settings")
+ConfigFile = Annotated[Path | None, shown("PATH", "none")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromPlanner:
+    """Episodes of the scripted planner in MuJoCo on this computer's processors, with true depth.
+
+    Example: saltus heightmap collect planner --episodes 200 --out runs/dataset
+    """
+
+    out: Path = DATASET
+    """Folder of the dataset; it is made, or a shard is added to it."""
+    config: ConfigFile = None
+    """TOML file with the settings that are to be other ones."""
+    settings: Annotated[PlannerCollection, tyro.conf.arg(name="")] = field(default_factory=PlannerCollection)
+
+    def defaults(self) -> "FromPlanner":
+        """The same command with the settings that its flags change: those of --config, and the defaults."""
+        return replace(self, settings=_changed(PlannerCollection(), self.config))
+
+    def run(self) -> int:
+        """Writes the shard; of one that is interrupted what is whole."""
+        with training_packages():
+            from saltus.heightmap.data.planned import PlannedBounding
+            from saltus.heightmap.data.rollouts import collect
+
+        settings, profile = self.settings, load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
+        print_differences(PlannerCollection(), settings, "by default")
+        with tqdm(total=settings.episodes, unit="episode", desc="collect") as bar:
+            source = PlannedBounding(
+                first_seed=TRIALS * (1 + settings.seed), profile=profile,
+                progress=lambda share: bar.set_postfix_str(f"robots run, {100 * share:.0f} %"),
+            )  # fmt: skip
+            try:
+                record = collect(
+                    self.out, source, count=settings.episodes, seed=settings.seed,
+                    config={"source": "planner", "episodes": settings.episodes, "profile": settings.profile},
+                    view=profile.view_chain, done=bar.update,
+                )  # fmt: skip
+            except KeyboardInterrupt:
+                _tell_nothing(bar)
+                raise
+        _tell([(self.out, record)], whole=record.episodes == settings.episodes)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromPolicy:
+    """Episodes of the learned policy on a GPU, thousands of robots at once; falls and finishes make more of them.
+
+    The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
+
+    Examples:
+      saltus heightmap collect policy --episodes 16384 --predictor models/checkpoints/heightmap.pt
+      saltus heightmap collect policy --loop.learned 0.75 --loop.cameras d435i ideal
+    """
+
+    out: Path = DATASET
+    """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
+    config: ConfigFile = None
+    """TOML file with the settings that are to be other ones."""
+    settings: Annotated[PolicyCollection, tyro.conf.arg(name="")] = field(default_factory=PolicyCollection)
+    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    """Which code collects, where this machine has no repository."""
+    json: Flag = False
+    """Print how many labelled steps of 10 ms came a second, with and without writing, as JSON on the last line."""
+
+    def defaults(self) -> "FromPolicy":
+        """The same command with the settings that its flags change: those of --config, and the defaults."""
+        return replace(self, settings=_changed(PolicyCollection(), self.config))
+
+    def run(self) -> int:
+        """Writes the shards; of those that are interrupted the batches that are whole."""
+        with training_packages():
+            from saltus.heightmap.device_collection import collect
+
+        settings = self.settings
+        print_differences(PolicyCollection(), settings, "by default")
+        ticks = settings.batches * settings.loop.ticks
+        outputs = {
+            camera: self.out.with_name(f"{self.out.name}-{camera}") if number else self.out
+            for number, camera in enumerate(settings.loop.cameras)
+        }
+        with tqdm(total=ticks, unit="tick", desc="collect") as bar:
+
+            def show(now: "DeviceProgress") -> None:
+                bar.update(now.ticks - bar.n)
+                if now.labelled and now.ticks % settings.loop.ticks == 0:
+                    speed = f"{now.labelled / now.seconds:.0f}"
+                    bar.set_postfix(steps=now.labelled, per_s=speed, crowded=f"{100 * now.crowded:.2f} %")
+
+            try:
+                found = collect(settings, outputs, show, self.commit)
+            except KeyboardInterrupt:
+                _tell_nothing(bar)
+                raise
+        _tell([(outputs[camera], record) for camera, record in found.records.items()], whole=found.whole)
+        if self.json:
+            print_json(found.progress.speed)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collect:
+    """Adds a shard of labelled episodes to a dataset: of the scripted planner, or of the learned policy.
+
+    Ctrl-C keeps what was collected by then.
+    """
+
+    command: tyro.conf.OmitSubcommandPrefixes[
+        Annotated[
+            Annotated[FromPlanner, subcommand("planner")] | Annotated[FromPolicy, subcommand("policy")],
+            tyro.conf.arg(name=""),
+        ]
+    ]
+
+    def run(self) -> int:
+        """Runs the chosen command."""
+        return self.command.run()
+
+
+def _changed(settings: Settings, config: Path | None) -> Settings:
+    return load_changes(settings, config) if config else settings
+
+
+def _tell(records: "Iterable[tuple[Path, ShardRecord]]", *, whole: bool) -> None:
+    """Names the shards.
+
+    Raises:
+        KeyboardInterrupt: an interrupted collection is not whole.
+    """
+    for folder, record in records:
+        print(f"{folder / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}")
+    if not whole:
+        print("interrupted: what was collected is kept; collect the rest with another --seed", file=sys.stderr)
+        raise KeyboardInterrupt
+
+
+def _tell_nothing(bar: "tqdm[None]") -> None:
+    bar.close()
+    print("interrupted: no episode was whole yet, nothing is kept", file=sys.stderr)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dagger:
-    """Rounds of: the predictor leads robots, and is trained on all that was collected. Goes on where it was stopped."""
+    """Rounds of: the predictor drives robots, and is trained on all that was collected. Goes on where it was stopped.
 
-    rounds: int = 3
-    """In all; a run may go on for more."""
+    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over the
+    file, the file over the run that goes on, or over the defaults.
+
+    Examples:
+      saltus heightmap dagger --rounds 3 --out runs/dagger
+      saltus heightmap dagger --start models/checkpoints/heightmap.pt --base runs/dataset --out runs/further
+    """
+
     out: Path = Path("runs/dagger")
     """Folder of the run: dataset, and a predictor for each round."""
-    start: Path | None = None
-    """Checkpoint of the predictor to begin with; without it round 0 sees true heights and trains from nothing."""
-    base: Path | None = None
+    start: Annotated[Path | None, shown("PATH", "none: round 0 sees true heights and trains from nothing")] = None
+    """Checkpoint of the predictor to begin with."""
+    base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
-    episodes: int = 256
-    """Robots that are led in a round, for 6 s each, a multiple of 32: falls and finishes make more episodes of them."""
-    updates: int = 1500
-    """Gradient steps in a round."""
-    batch: int = 32
-    """Windows in a gradient step."""
-    hardest: float = 0.8
-    """Courses go up to this difficulty."""
-    learned: float = 0.5
-    """Share of robots that the learned policy leads; the others are led by the scripted planner."""
-    camera: Camera = "d435i"
-    """Takes the images that are learned from. d435i: with the errors of a stereo camera. ideal: true depth."""
-    seed: int = 0
-    """Of all that is drawn."""
-    processes: int | None = None
-    """That collect; one for each core where it is not given. The data do not depend on it."""
-    ray: str | None = None
+    config: ConfigFile = None
+    """TOML file with the settings that are to be other ones."""
+    settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(default_factory=DaggerConfig)
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """That collect. The data do not depend on it."""
+    ray: Annotated[str | None, shown("STR", "none: this computer's cores")] = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
+
+    def defaults(self) -> "Dagger":
+        """The same command with the settings that its flags change: of the run that goes on, and of --config."""
+        return replace(self, settings=_changed(self._before(), self.config))
 
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
-        from saltus.heightmap.data.closed_loop import ClosedLoop
-        from saltus.heightmap.training.dagger import DaggerConfig, Observer, dagger
+        with training_packages():
+            from saltus.heightmap.training.dagger import BEGUN, Observer, dagger
 
-        check_at_least(self, episodes=1)
-        loop = ClosedLoop(hardest=self.hardest, learned=self.learned, camera=self.camera)
-        config = DaggerConfig(
-            rounds=self.rounds,
-            batches=-(-self.episodes // loop.robots),
-            updates=self.updates,
-            batch=self.batch,
-            seed=self.seed,
-            loop=loop,
-        )
-        with _Bars(config.batches, self.updates) as bars:
+        begun = (self.out / BEGUN).exists()
+        print_differences(self._before(), self.settings, "of the run that goes on" if begun else "by default")
+        with _Bars(self.settings.batches, self.settings.updates) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(
-                self.out,
-                config,
-                observer,
-                start=self.start,
-                base=self.base,
-                processes=self.processes,
+                self.out, self.settings, observer, start=self.start, base=self.base, processes=self.processes,
                 cluster=self.ray,
-            )
+            )  # fmt: skip
         print(model)
         return 0
+
+    def _before(self) -> DaggerConfig:
+        """Settings where neither flags nor file say otherwise."""
+        if not (self.out / "dagger.json").exists():
+            return DaggerConfig()
+        with training_packages():
+            from saltus.heightmap.training.dagger import begun_settings
+
+        return begun_settings(self.out)
 
 
 class _Bars:
@@ -120,7 +269,7 @@ class Info:
 
     data: tyro.conf.Positional[Path]
     """Folder of the dataset."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object on the last line."""
 
     def run(self) -> int:
@@ -182,10 +331,11 @@ class Dataset:
     """Datasets on disk: info, validate, merge."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[
+        Annotated[
             Annotated[Info, subcommand("info")]
             | Annotated[Validate, subcommand("validate")]
-            | Annotated[Merge, subcommand("merge")]
+            | Annotated[Merge, subcommand("merge")],
+            tyro.conf.arg(name=""),
         ]
     ]
 

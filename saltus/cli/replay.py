@@ -45,13 +45,14 @@ class Replay:
         return 0
 
     def _bag(self, model: Path) -> dict[str, object]:
-        from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+        from saltus.heightmap.level_robot import LevelRobot
+        from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.realsense import read_realsense
 
         frames = list(read_realsense(self.recording))
         if not self.assume_level:
             raise RecordingError(f"{self.recording} has no robot state: add --assume-level (see saltus replay --help)")
-        stand_in = AssumeLevel(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
+        stand_in = LevelRobot(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
         heightmaps = replay_frames(model, frames, stand_in)
         return {
             "recording": str(self.recording),
@@ -64,7 +65,8 @@ class Replay:
         }
 
     def _run(self, model: Path) -> dict[str, object]:
-        from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+        from saltus.heightmap.level_robot import LevelRobot
+        from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.recording import read_recording
 
         recording = read_recording(self.recording)
@@ -77,7 +79,7 @@ class Replay:
         if not states and not self.assume_level:
             lost = f" (lost: {'; '.join(recording.lost)})" if recording.lost else ""
             raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
-        robot = AssumeLevel(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
+        robot = LevelRobot(base_height_m=self.base_height_m, camera_pitch_deg=self.camera_pitch_deg)
         if self.assume_level:
             heightmaps = replay_frames(model, frames, robot)
         else:

@@ -11,7 +11,8 @@ from benchmarks.realism import check_twins, with_age_held
 from saltus.heightmap.data.delivery import DeliveryModel
 from saltus.heightmap.data.rollouts import episodes
 from saltus.heightmap.data.shards import DatasetError, Episode
-from saltus.heightmap.model import HeightmapModel, ModelConfig
+from saltus.heightmap.model import HeightmapModel
+from saltus.heightmap.settings import ModelConfig
 from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window
 
 

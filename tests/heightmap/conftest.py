@@ -5,8 +5,9 @@ import pytest
 import torch
 from heightmap_inputs import WARMUP
 
-from saltus.heightmap.model import HeightmapModel, ModelConfig, Normalisation
+from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.settings import ModelConfig
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.export import Origin, export
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks._measuring import depth_frame
 from saltus.depth import MODEL_CAMERA
-from saltus.heightmap.service.replay import AssumeLevel
+from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import DepthFrame, RobotState
 
 MS = 1_000_000
@@ -22,7 +22,7 @@ def frame(frame_id: int, time_ms: float, depth: np.ndarray | None = None) -> Dep
 def states(count: int) -> list[RobotState]:
     """A robot that stands, one state every 10 ms."""
     ticks = [frame(step, 10.0 * step - 50.0) for step in range(count)]
-    return AssumeLevel().states(ticks)
+    return LevelRobot().states(ticks)
 
 
 def on_time(step: int) -> DepthFrame | None:

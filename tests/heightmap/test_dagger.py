@@ -15,11 +15,12 @@ from saltus.cli.main import main
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.closed_loop import ClosedLoop, MixedPlanner
+from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.training.dagger import CollectionProgress, DaggerConfig, Observer, dagger
+from saltus.heightmap.settings import ClosedLoop, DaggerConfig
+from saltus.heightmap.training.dagger import CollectionProgress, Observer, dagger
 from saltus.heightmap.training.train import Progress
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.observation import observe
@@ -141,7 +142,7 @@ def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Pat
 
 def test_episodes_differ_with_what_the_robot_believes_and_nothing_else(whole: Path) -> None:
     model = whole / "round_000" / "heightmap.onnx"
-    true, predicted, again = (LOOP.episodes(path, (3, 0, 0)) for path in (None, model, model))
+    true, predicted, again = (closed_loop_episodes(LOOP, path, (3, 0, 0)) for path in (None, model, model))
     for a, b in zip(predicted, again, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.proprioception, b.proprioception)

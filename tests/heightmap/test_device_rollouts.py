@@ -12,14 +12,13 @@ from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
-from saltus.heightmap.data.device_rollouts import DeviceLoop
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.gpu_rollouts import main
+from saltus.heightmap.settings import DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv, Transition
@@ -27,22 +26,28 @@ from saltus.terrain.batch import KINDS
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
 ROBOTS, TICKS = 8, 70
-NOT_ON_GPU_MACHINES = ("open3d", "cv2", "tyro", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "tqdm")
+NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly")
 
 
 def collected(folder: Path, *more: str) -> list[Episode]:
-    """What a run of the program with a predictor in the loop puts into a dataset."""
-    given = {"robots": ROBOTS, "ticks": TICKS, "batches": 2, "seed": 3, "device": "cpu"}
-    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS / "heightmap.pt", "out": folder}
-    main([*(part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value))), *more])
+    """What the command with a predictor in the loop puts into a dataset, in two batches."""
+    assert saltus([*command(folder), *more]) == 0
     return read_dataset(folder)
+
+
+def command(folder: Path) -> list[str]:
+    given = {"episodes": 2 * ROBOTS, "loop.robots": ROBOTS, "loop.ticks": TICKS, "seed": 3, "device": "cpu"}
+    files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS / "heightmap.pt", "out": folder}
+    flags = (part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value)))
+    return ["heightmap", "collect", "policy", *flags]
 
 
 @pytest.fixture(scope="module")
 def datasets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Images of both cameras from one motion, and the same once more."""
     folder = tmp_path_factory.mktemp("device")
-    collected(folder / "d435i", "--also-ideal", str(folder / "ideal"))
+    collected(folder / "d435i", "--loop.cameras", "d435i", "ideal")
+    (folder / "d435i-ideal").rename(folder / "ideal")
     collected(folder / "again")
     return {name: folder / name for name in ("d435i", "ideal", "again")}
 
@@ -95,7 +100,7 @@ def test_robots_are_led_by_whom_the_share_says(
         return step(env, output)
 
     monkeypatch.setattr(JumpEnv, "step", watched)
-    collected(tmp_path, "--learned", str(share), "--batches", "1")
+    collected(tmp_path, "--loop.learned", str(share), "--episodes", str(ROBOTS))
     rhythm = torch.stack(outputs)[..., ACTIONS.index("stepping_frequency_hz")]
     assert rhythm.shape == (TICKS, ROBOTS)
     varies = rhythm.std(0) > 1e-6
@@ -171,9 +176,8 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
 
 def test_all_that_a_gpu_machine_needs_is_imported_without_what_it_lacks() -> None:
     blocked = f"import sys; sys.modules.update(dict.fromkeys({NOT_ON_GPU_MACHINES!r}))"
-    program = (
-        f"{blocked}; import saltus.heightmap.training.gpu_rollouts, saltus.heightmap.training.train, saltus.sim.warp"
-    )
+    needed = "saltus.heightmap.device_collection, saltus.heightmap.training.train, saltus.sim.warp, saltus.cli.main"
+    program = f"{blocked}; import {needed}"
     subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
 
 
@@ -195,7 +199,31 @@ def test_a_missing_gpu_is_said_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert saltus(["heightmap", "collect", "--source", "policy", "--out", str(tmp_path)]) == 2
+    assert saltus(["heightmap", "collect", "policy", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip()
     assert "no GPU found" in said.splitlines()[-1]
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("interrupted_at", [30, TICKS + 30])
+def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], interrupted_at: int
+) -> None:
+    calls, step = [], JumpEnv.step
+
+    def interrupted(env: JumpEnv, output: torch.Tensor) -> Transition:
+        calls.append(env)
+        if len(calls) == interrupted_at:
+            raise KeyboardInterrupt
+        return step(env, output)
+
+    monkeypatch.setattr(JumpEnv, "step", interrupted)
+    assert saltus(command(tmp_path / "data")) == 130
+    said = capsys.readouterr().err
+    if interrupted_at < TICKS:
+        assert "nothing is kept" in said
+        assert list((tmp_path / "data").iterdir()) == []
+        return
+    assert "what was collected is kept" in said
+    assert validate(tmp_path / "data") == []
+    assert 0 < len(read_dataset(tmp_path / "data")) <= ROBOTS

@@ -17,13 +17,16 @@ from ray.cluster_utils import Cluster
 
 from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
-from saltus.heightmap.data.closed_loop import MIN_TICKS, ClosedLoop
+from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
+from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.settings import ClosedLoop
 from saltus.resources import resource
 from saltus.workers import in_order
 
 LOOP = ClosedLoop(robots=2, courses=1, ticks=MIN_TICKS + 4, hardest=0.3)
+EPISODES = partial(closed_loop_episodes, LOOP)
 KEYS = [(3, 1, batch) for batch in range(4)]
 HOPELESS = (3, 1, 99)
 MODEL = resource("models/heightmap.onnx")
@@ -61,7 +64,7 @@ class Deadly:
             os.kill(os.getpid(), signal.SIGKILL)
         if key == HOPELESS:
             raise ModelError(f"{model and model.name} is hopeless")
-        return LOOP.episodes(model, key)
+        return closed_loop_episodes(LOOP, model, key)
 
 
 def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cluster: Cluster, tmp_path: Path) -> None:
@@ -76,7 +79,7 @@ def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cl
             with pytest.raises(ModelError, match=r"^heightmap\.onnx is hopeless$"):
                 next(batches)
 
-    here = (episode for batch in in_order(partial(LOOP.episodes, MODEL), KEYS, 2) for episode in batch)
+    here = (episode for batch in in_order(partial(EPISODES, MODEL), KEYS, 2) for episode in batch)
     for name, episodes in (("ray", lossy()), ("processes", here)):
         write_shard(tmp_path / name, episodes, seed=3, config={})
     assert deadly.killed.exists()
@@ -105,7 +108,7 @@ def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> No
 def test_who_has_no_ray_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ConfigError, match=r"saltus\[ray\]"):
-        next(in_order_on_ray(LOOP.episodes, None, KEYS, LOCAL))
+        next(in_order_on_ray(EPISODES, None, KEYS, LOCAL))
 
 
 def test_the_command_line_asks_for_the_cluster_that_is_named(
@@ -120,14 +123,14 @@ def test_an_address_where_nobody_listens_is_named_at_once() -> None:
         port = server.getsockname()[1]
     for address in (f"127.0.0.1:{port}", f"ray://127.0.0.1:{port}", "no address"):
         with pytest.raises(StackError, match=f"no Ray cluster at {address}"):
-            next(in_order_on_ray(LOOP.episodes, None, KEYS, address))
+            next(in_order_on_ray(EPISODES, None, KEYS, address))
 
 
 def test_a_cluster_knows_its_own_cores() -> None:
     with pytest.raises(ConfigError, match="processes = 3"):
-        next(in_order_on_ray(LOOP.episodes, None, KEYS, "10.0.0.1:6379", processes=3))
+        next(in_order_on_ray(EPISODES, None, KEYS, "10.0.0.1:6379", processes=3))
 
 
 def test_a_host_with_other_code_is_refused() -> None:
     with pytest.raises(StackError, match="not another: install the same"):
-        on_host(LOOP.episodes, "", None, KEYS[0], Installation("elsewhere", "another"))
+        on_host(EPISODES, "", None, KEYS[0], Installation("elsewhere", "another"))

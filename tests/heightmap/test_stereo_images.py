@@ -8,12 +8,13 @@ from synthetic_motion import GlidingRobots
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.effects.camera import ViewChain
-from saltus.heightmap.data.closed_loop import ClosedLoop
+from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
 from saltus.heightmap.data.stereo_images import drawn_cameras, stereo_images
+from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
 from saltus.policy.planner import make_planner
 from saltus.render.stereo.camera import IDEAL_STEREO
@@ -53,7 +54,7 @@ def test_cameras_differ_in_how_bad_they_are() -> None:
 
 def test_motion_does_not_depend_on_the_camera() -> None:
     loops = [ClosedLoop(robots=2, courses=2, ticks=STAND_STEPS, camera=camera) for camera in ("ideal", "d435i")]
-    true, stereo = (loop.episodes(None, (5, 0, 0)) for loop in loops)
+    true, stereo = (closed_loop_episodes(loop, None, (5, 0, 0)) for loop in loops)
     assert len(true) == len(stereo) > 0
     for a, b in zip(true, stereo, strict=True):
         np.testing.assert_array_equal(a.height, b.height)

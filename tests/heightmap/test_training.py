@@ -1,7 +1,6 @@
 import copy
 import math
 import shutil
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +12,19 @@ from synthetic_motion import GlidingRobots
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel
+from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
 from saltus.heightmap.data.rollouts import collect
 from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
-from saltus.heightmap.model import HeightmapModel, ModelConfig
+from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import INTERVAL90
+from saltus.heightmap.settings import ModelConfig, TrainConfig
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.calibration import calibrate
-from saltus.heightmap.training.dataset import NO_NOISE, TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
+from saltus.heightmap.training.dataset import TRAINING_NOISE, EpisodeStore, ImageNoise, run_window, with_noise
 from saltus.heightmap.training.release import release
-from saltus.heightmap.training.train import Progress, TrainConfig, load_checkpoint, main, train
+from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import SETTLED_TICKS, run_episode
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -92,13 +92,16 @@ def test_the_command_measures_on_unseen_data_and_says_so(
 ) -> None:
     train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
     collect(tmp_path / "unseen", GlidingRobots(ticks=150), count=3, seed=77, config={"source": "synthetic"})
-    out = tmp_path / "new folder" / "m.onnx"
-    command = ["heightmap", "export", "--data", str(data), "--checkpoint", str(tmp_path / "a.pt"), "--out", str(out)]
+    out = tmp_path / "new folder" / "heightmap.onnx"
+    files = ["--checkpoint", str(tmp_path / "a.pt"), "--out", str(out.parent)]
+    command = ["heightmap", "export", "--data", str(data), *files]
     assert saltus([*command, "--unseen", str(tmp_path / "unseen")]) == 0
     assert HeightmapNetwork(out).model_id in capsys.readouterr().out
     card = out.with_suffix(".md").read_text()
     assert f"3 of dataset {dataset_hash(read_manifest(tmp_path / 'unseen'))}, seeds 77" in card
-    assert {path.name for path in out.parent.iterdir()} == {"m.onnx", "m.onnx.sha256", "m.md"}
+    assert {path.name for path in out.parent.iterdir()} == {
+        "heightmap.onnx", "heightmap.onnx.sha256", "heightmap.md",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
@@ -218,10 +221,10 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
         path.write_bytes(
             {"text": b"not a checkpoint\n", "words": b"hello\n", "empty": b"", "cut": whole[: len(whole) // 2]}[content]
         )
-    given = ["heightmap", "train", "--data", str(data), "--checkpoint", str(tmp_path / "b.pt"), "--updates", "1"]
+    given = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path / "b"), "--updates", "1"]
     for command in (
         [*given, "--start", str(path)],
-        ["heightmap", "export", "--data", str(data), "--checkpoint", str(path), "--out", str(tmp_path / "m.onnx")],
+        ["heightmap", "export", "--data", str(data), "--checkpoint", str(path), "--out", str(tmp_path / "m")],
         ["heightmap", "dagger", "--start", str(path), "--out", str(tmp_path / "run")],
     ):
         assert saltus(command) == 2
@@ -257,9 +260,8 @@ def test_a_training_forgets_as_often_as_it_is_told(data: Path, tmp_path: Path, m
 
     monkeypatch.setattr(EpisodeStore, "windows", watched)
     monkeypatch.setattr(heightmap_train, "calibrate", lambda *_: None)
-    given = ["--data", str(data), "--updates", "1", "--batch", "2", "--device", "cpu"]
-    main([*given, "--out", str(tmp_path / "g.pt"), "--forgets", "0.25"])
-    main([*given, "--out", str(tmp_path / "h.pt")])
+    assert saltus([*quick(data, tmp_path / "g"), "--forgets", "0.25"]) == 0
+    assert saltus(quick(data, tmp_path / "h")) == 0
     assert shares == [0.25, TrainConfig().forgets]
 
 
@@ -287,14 +289,52 @@ def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path
             torch.testing.assert_close(weights, before[name])
 
 
-def test_training_runs_as_a_program(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = str(tmp_path / "f.pt")
-    images = ["--no-noise", "--delivery", "at-once"]
-    main(["--data", str(data), "--out", out, "--updates", "1", "--batch", "2", "--device", "cpu", *images])
-    config = load_checkpoint(tmp_path / "f.pt")[1]["config"]
-    assert config["noise"] == asdict(NO_NOISE)
-    assert config["delivery"] == asdict(DELIVERIES["at-once"])
-    assert "data are loaded" in capsys.readouterr().out
+def quick(data: Path, out: Path) -> list[str]:
+    """The command of a training of one update."""
+    small = ["--updates", "1", "--batch", "2", "--window", "50", "--device", "cpu", "--model.hidden", "32"]
+    return ["heightmap", "train", "--data", str(data), "--out", str(out), *small]
+
+
+def test_a_file_changes_what_it_names_a_flag_wins_and_both_are_told(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "some.toml"
+    file.write_text('delivery = "at-once"\nbatch = 4\n[model]\nhead = [16]\n')
+    assert saltus([*quick(data, tmp_path / "f"), "--no-noise", "--config", str(file)]) == 0
+    model, origin = load_checkpoint(tmp_path / "f" / "heightmap.pt")
+    config = origin["config"]
+    assert (config["noise"], config["delivery"], config["batch"]) == (False, "at-once", 2)
+    assert model.config == ModelConfig(hidden=32, head=(16,))
+    said = capsys.readouterr().err.splitlines()[0]
+    assert said.startswith("settings other than by default: updates = 1 (1500), batch = 2 (32), window = 50 (100), ")
+    assert "model.head = (16,) ((256, 256))" in said
+    assert "forgets" not in said
+
+
+def test_a_training_goes_on_with_its_own_settings_on_another_device(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert saltus([*quick(data, tmp_path), "--seed", "3", "--forgets", "0.1"]) == 0
+    before = (tmp_path / "heightmap.pt").read_bytes()
+    again = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path)]
+    for more, told in (([], "as of the training that goes on"), (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)")):
+        capsys.readouterr()
+        assert saltus([*again, *more]) == 0
+        assert told in capsys.readouterr().err.splitlines()[0]
+    assert saltus([*again, "--forgets", "0.2"]) == 2
+    assert "another training (config.forgets = 0.1, not 0.2)" in capsys.readouterr().err.splitlines()[-1]
+    assert (tmp_path / "heightmap.pt").read_bytes() == before
+
+
+@pytest.mark.parametrize("text", ["updates = 0", "update = 5", "updates = [", "batch = 'many'", "seed = -1", "\xff"])
+def test_a_file_that_cannot_be_used_is_refused_by_name(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "some.toml"
+    file.write_bytes(text.encode("latin-1"))
+    assert saltus([*quick(tmp_path, tmp_path / "f"), "--config", str(file)]) == 2
+    assert str(file) in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["some.toml"]
 
 
 def found(store: EpisodeStore, heights: np.ndarray) -> tuple[Episode, int]:

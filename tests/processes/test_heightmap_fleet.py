@@ -16,8 +16,8 @@ import pytest
 from saltus.clock import RunClock
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.model_inbox import FILE, give
-from saltus.heightmap.service.replay import AssumeLevel
 from saltus.model_file import ModelFile, put_model
 from saltus.resources import resource
 from saltus.runtime.process import RUN_FILE
@@ -58,7 +58,7 @@ class Robot:
         )
         if self._step % 2 == 0:
             self._frames.put(frame)
-        self._states.put(replace(AssumeLevel().states([frame])[0], step=self._step))
+        self._states.put(replace(LevelRobot().states([frame])[0], step=self._step))
         self._step += 1
         self.listen()
 

@@ -5,7 +5,8 @@ import pytest
 
 from saltus.depth import MODEL_CAMERA, model_image
 from saltus.errors import RecordingError
-from saltus.heightmap.service.replay import AssumeLevel, replay_frames
+from saltus.heightmap.level_robot import LevelRobot
+from saltus.heightmap.service.replay import replay_frames
 from saltus.recordings.realsense import read_realsense
 from saltus.resources import resource
 from saltus.wire.messages import DepthFrame, HeightmapStatus
@@ -50,7 +51,7 @@ def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None
 
 
 def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> None:
-    answers = replay_frames(resource("models/heightmap.onnx"), frames, AssumeLevel(base_height_m=0.3))
+    answers = replay_frames(resource("models/heightmap.onnx"), frames, LevelRobot(base_height_m=0.3))
     assert [h.status for h in answers] == [HeightmapStatus.WARMING] * 2
     assert [h.frame_id for h in answers] == [0, 1]
     assert all(np.isfinite(h.height).all() for h in answers)

@@ -1,0 +1,219 @@
+"""Settings of collections and trainings: each dataclass is the TOML file and the flags of its command."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from saltus.config import Camera, check_between
+from saltus.errors import ConfigError
+from saltus.heightmap.data.delivery import DeliveryName
+from saltus.heightmap.data.planner_randomisation import VARIATION
+from saltus.heightmap.data.runs import MIN_TICKS
+
+FIRST_RATE = 1e-3  # original
+FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
+MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for
+LARGEST = 2**20
+"""Of robots, ticks, windows, neurons: more of them fill any memory before the work begins."""
+MANY = 10**9
+"""Of updates, episodes, rounds: what takes time, not memory."""
+SEEDS = (0, 2**53)
+_SHARE = (0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """Sizes of the network.
+
+    Raises:
+        ConfigError: a layer without neurons, or with more than fit into a memory.
+    """
+
+    channels: tuple[int, int, int] = (8, 16, 16)
+    """Of the three convolutions; original: 2, 4, 8."""
+    hidden: int = 256
+    """Size of the hidden state of the GRU."""
+    head: tuple[int, ...] = (256, 256)
+    """Hidden layers after the GRU; original: three."""
+
+    def __post_init__(self) -> None:
+        check_between(self, channels=(1, LARGEST), hidden=(1, LARGEST), head=(1, LARGEST))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """A training. The defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
+
+    Raises:
+        ConfigError: a number that cannot be; the message names it.
+    """
+
+    updates: int = 1500
+    """Gradient steps in all."""
+    batch: int = 32
+    """Windows in a gradient step; 1024 fill a GPU."""
+    window: int = 100
+    """Ticks of 10 ms in a window; the hidden state is carried across windows, its gradient is not."""
+    learning_rate: float = FIRST_RATE
+    """Greatest rate, after the warm-up; by default 0.0005 where it begins with another network."""
+    weight_decay: float = 0.01  # original
+    """Of AdamW."""
+    gradient_norm: float = 1.0
+    """A longer gradient is cut to this."""
+    noise: bool = True
+    """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
+    delivery: DeliveryName = "training"
+    """Of the images. training: 30 to 60 ms late with jitter, losses and pauses. nominal: 50 ms late, none lost.
+    at-once: neither late nor lost."""
+    forgets: float = 0.4
+    """Share of windows before which the hidden state is emptied on the way, as after a long loss of images: its first
+    half second is then learned as well as the rest."""
+    seed: int = 0
+    """Of weights, batches and noise."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where to train; auto: on a GPU where there is one."""
+    save_every_s: float = 60.0
+    """Time between checkpoints [s]."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+
+    def __post_init__(self) -> None:
+        check_between(
+            self, updates=(1, MANY), batch=(1, LARGEST), window=(1, LARGEST), learning_rate=_SHARE, weight_decay=_SHARE,
+            gradient_norm=(1e-9, 1e9), forgets=_SHARE, seed=SEEDS, save_every_s=(0.0, math.inf),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """How robots are let run on processors with a predictor in the loop, a batch at a time.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
+
+    robots: int = 32
+    """In a batch."""
+    courses: int = 8
+    """Different terrains in a batch: the images of robots on the same one are taken together."""
+    ticks: int = 600
+    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float = 0.8
+    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
+    poor heights: falls are part of what must be seen."""
+    learned: float = 0.5
+    """Share of robots that the learned policy drives; the scripted planner drives the others."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    camera: Camera = "d435i"
+    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
+    The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
+
+    def __post_init__(self) -> None:
+        check_between(self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=_SHARE, learned=_SHARE)
+        check_between(self, variation=_SHARE)
+        if not 1 <= self.courses <= self.robots:
+            raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaggerConfig:
+    """A run of rounds; all of it but the number of rounds stays as it was begun.
+
+    Raises:
+        ConfigError: no rounds, no batches, or no updates.
+    """
+
+    rounds: int = 3
+    """In all; a run may go on for more."""
+    batches: int = 8
+    """In a round, each of `loop.robots` robots."""
+    updates: int = 1500
+    """Gradient steps in a round."""
+    batch: int = 32
+    """Windows in a gradient step."""
+    seed: int = 0
+    """Of terrains, trials, cameras, weights and noise."""
+    loop: ClosedLoop = field(default_factory=ClosedLoop)
+
+    def __post_init__(self) -> None:
+        check_between(self, rounds=(1, MANY), batches=(1, MANY), updates=(1, MANY), batch=(1, LARGEST), seed=SEEDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerCollection:
+    """Episodes of the scripted planner in the batched plant, on true heights.
+
+    Raises:
+        ConfigError: no episodes, or a seed that is none.
+    """
+
+    episodes: int = 200
+    """One robot each, from its start to its end."""
+    seed: int = 0
+    """Of terrains and trials."""
+    profile: str = "shipped"
+    """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
+    file."""
+
+    def __post_init__(self) -> None:
+        check_between(self, episodes=(1, MANY), seed=SEEDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceLoop:
+    """How robots are let run on one device, thousands at once.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
+
+    robots: int = 4096
+    """At once: 2.5 GB of a GPU's memory for what 6 s of them leave."""
+    ticks: int = 600
+    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float = 1.0
+    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to 1.2, as falls are
+    part of what must be seen."""
+    learned: float = 1.0
+    """Share of robots that the learned policy drives; the scripted planner drives the others."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    cameras: tuple[Camera, ...] = ("d435i",)
+    """Whose images are kept, of the same motion; the predictor in the loop sees those of the first. d435i: with the
+    errors of a stereo camera. ideal: true depth."""
+
+    def __post_init__(self) -> None:
+        check_between(self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT))
+        check_between(self, learned=_SHARE, variation=_SHARE)
+        if not self.cameras or len(set(self.cameras)) < len(self.cameras):
+            raise ConfigError(f"cameras = {self.cameras}: name each once, and at least one")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyCollection:
+    """Robots that the learned policy drives on a GPU, with the predictor in the loop.
+
+    Raises:
+        ConfigError: no robots, or a seed that is none.
+    """
+
+    episodes: int = 4096
+    """How many robots in all, in equal batches; falls make more episodes of them."""
+    seed: int = 0
+    """Of courses, robots and cameras."""
+    policy: Path | None = None
+    """Checkpoint of the policy; that of this checkout where none is named."""
+    predictor: Path | None = None
+    """Checkpoint of the predictor in the loop; true heights where none is named."""
+    device: Literal["cuda", "cpu"] = "cuda"
+    """Where all of it runs."""
+    loop: DeviceLoop = field(default_factory=DeviceLoop)
+
+    def __post_init__(self) -> None:
+        check_between(self, episodes=(1, MANY), seed=SEEDS)
+
+    @property
+    def batches(self) -> int:
+        """Batches of at most `loop.robots` robots."""
+        return -(-self.episodes // self.loop.robots)

@@ -1,0 +1,153 @@
+"""`saltus heightmap train` and `saltus heightmap export`: from a dataset to a model file."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from tqdm import tqdm
+
+from saltus.cli.flags import shown
+from saltus.config import load_changes
+from saltus.errors import SaltusError
+from saltus.folders import ask_for_room, differences
+from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, TrainConfig
+
+if TYPE_CHECKING:
+    from saltus.heightmap.training.train import Progress
+
+FOLDER = Path("runs/heightmap")
+CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
+PACKAGES = "pip install 'saltus[train]'"
+
+
+@contextmanager
+def training_packages() -> Iterator[None]:
+    """Says in one line which package is missing.
+
+    Raises:
+        SaltusError: one is.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise SaltusError(f"this needs {error.name}: {PACKAGES}") from error
+
+
+def print_differences(before: Any, now: Any, what: str) -> None:
+    """Prints which settings are not those that they began with."""
+    found = [f"{d.name} = {d.now} ({d.before})" for d in differences(asdict(before), asdict(now))]
+    print(f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}", file=sys.stderr)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Trains the heightmap network on a dataset; the same command goes on from where it was interrupted.
+
+    The settings can also stand in a TOML file (--config), those of the network as model.hidden = 128. A flag wins over
+    the file, the file over the training that goes on, or over the defaults.
+
+    Examples:
+      saltus heightmap train --data runs/dataset
+      saltus heightmap train --data runs/all --start models/checkpoints/heightmap.pt --updates 9000 --batch 128
+    """
+
+    data: Path = Path("runs/dataset")
+    """Folder of the dataset."""
+    out: Path = FOLDER
+    """Folder for heightmap.pt, written about once a minute and on Ctrl-C. One with another training is refused."""
+    start: Annotated[Path | None, shown("PATH", "none: from nothing")] = None
+    """Begin with the network of another checkpoint, at half the rate."""
+    config: Annotated[Path | None, shown("PATH", "none")] = None
+    """TOML file with the settings that are to be other ones."""
+    settings: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
+
+    def defaults(self) -> "Train":
+        """The same command with the settings that its flags change: of the training that goes on, and of --config."""
+        before = self._before()
+        return replace(self, settings=load_changes(before, self.config) if self.config else before)
+
+    def run(self) -> int:
+        """Trains, with a progress bar."""
+        with training_packages():
+            from saltus.heightmap.training.train import load_checkpoint, train
+
+        checkpoint, before = self.out / CHECKPOINT, self._before()
+        if self.start is not None:
+            load_checkpoint(self.start)  # what is wrong is said before anything is written down
+        ask_for_room(self.out)
+        print_differences(
+            before, self.settings, "of the training that goes on" if checkpoint.exists() else "by default"
+        )
+        with tqdm(total=self.settings.updates, unit="update", desc="train") as bar:
+
+            def show(progress: "Progress") -> None:
+                bar.update(progress.update - bar.n)
+                bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
+                if progress.calibrates:
+                    bar.set_description("calibrate")
+
+            written = _written_ns(checkpoint)
+            try:
+                train(self.data, checkpoint, self.settings, show, start=self.start)
+            except KeyboardInterrupt:
+                bar.close()
+                kept = "what was learned is" if _written_ns(checkpoint) != written else "nothing new is"
+                print(f"interrupted: {kept} in {checkpoint}", file=sys.stderr)
+                raise
+            bar.update(self.settings.updates - bar.n)  # where all was done before
+        print(checkpoint)
+        return 0
+
+    def _before(self) -> TrainConfig:
+        """Settings where neither flags nor file say otherwise."""
+        checkpoint = self.out / CHECKPOINT
+        if checkpoint.exists():
+            with training_packages():
+                from saltus.heightmap.training.train import settings_of
+
+            return settings_of(checkpoint)
+        return TrainConfig(learning_rate=FURTHER_RATE if self.start else FIRST_RATE)
+
+
+def _written_ns(path: Path) -> int | None:
+    """When a file was written; None where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Exports a checkpoint to ONNX, measures the file on held-out episodes, and writes its card.
+
+    Example: saltus heightmap export --data runs/all --checkpoint runs/heightmap/heightmap.pt
+    """
+
+    data: Path = Path("runs/dataset")
+    """Folder of the dataset that the checkpoint was trained on."""
+    checkpoint: Path = FOLDER / CHECKPOINT
+    """What to export."""
+    out: Path = FOLDER
+    """Folder for heightmap.onnx, its checksum and its card."""
+    unseen: Annotated[Path | None, shown("PATH", "the tenth of --data that training held out")] = None
+    """Dataset to measure on, of which nothing was trained on; of --data only manifest.json is needed then."""
+
+    def run(self) -> int:
+        """Writes the files and prints what was measured."""
+        with training_packages():
+            from saltus.heightmap.training.release import card_path, release
+
+        if self.out.suffix:
+            raise SaltusError(f"--out {self.out}: name a folder; {MODEL} is written into it")
+        model = self.out / MODEL
+        print("exporting and measuring; a minute for 100 episodes", file=sys.stderr)
+        result = release(self.checkpoint, self.data, model, self.unseen)
+        print(f"{model}  model {result.model_id}, warm after {result.warmup_frames} images")
+        for images, found in (("images 50 ms late", result.clean), ("late with jitter and losses", result.faulty)):
+            print(
+                f"    {images}: {1e3 * found.mae_m:.1f} mm off, {100 * found.coverage90:.0f} % within the 90 % interval"
+            )
+        print(card_path(model))
+        return 0
