@@ -3,7 +3,9 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from saltus.config import Camera, check_between
 from saltus.errors import ConfigError
@@ -202,10 +204,14 @@ class PolicyCollection:
     """How many robots in all, in equal batches; falls make more episodes of them."""
     seed: int = 0
     """Of courses, robots and cameras."""
-    policy: Path | None = None
-    """Checkpoint of the policy; that of this checkout where none is named."""
-    predictor: Path | None = None
-    """Checkpoint of the predictor in the loop; true heights where none is named."""
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: this checkout's)")] = (
+        None
+    )
+    """Checkpoint of the policy."""
+    predictor: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(default: true heights)")] = (
+        None
+    )
+    """Checkpoint of the predictor in the loop."""
     device: Literal["cuda", "cpu"] = "cuda"
     """Where all of it runs."""
     loop: DeviceLoop = field(default_factory=DeviceLoop)

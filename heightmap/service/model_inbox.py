@@ -1,9 +1,11 @@
 """A folder's place for a model that is given to a running service: watched, checked, and only then handed over."""
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,8 +14,13 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 
 FILE = "heightmap.onnx"
-"""Name of the file below the folder of a run; its checksum lies beside it."""
+"""Name of the file below the folder of a run; its checksum lies beside it, and the service's answer."""
+CHECKING, ACCEPTED = "checking", "accepted"
+"""Answers of a service; anything else is why it refuses the model."""
 TIMEOUT_S = 60.0
+HEARD_S = 10.0
+"""For the first answer of a service, which looks twice a second: one on a busy computer."""
+_POLL_S = 0.1
 
 
 class ModelInbox:
@@ -44,15 +51,30 @@ class ModelInbox:
             if signature != self._seen:
                 self._seen = signature
                 if signature is not None:
+                    self._answer(CHECKING)
                     self._check = self._worker.submit(self._load_checked)
             return None
         if not self._check.done():
             return None
         check, self._check = self._check, None
         try:
-            return check.result()
+            network = check.result()
         except OSError as error:  # no memory or no handle for another process: not the fault of those who are served
+            self._answer(f"it could not be checked: {error}")
             raise ModelError(f"model {self._path} could not be checked: {error}") from error
+        except ModelError as error:
+            self._answer(str(error))
+            raise
+        self._answer(ACCEPTED)
+        return network
+
+    def _answer(self, text: str) -> None:
+        """Tells whoever gave the model; robots are served all the same where that cannot be written."""
+        place = _answer_path(self._path)
+        with contextlib.suppress(OSError):
+            partial = place.with_name(f".{place.name}.partial")
+            partial.write_text(text)
+            partial.replace(place)
 
     def close(self) -> None:
         """Ends a check that is under way, and the thread."""
@@ -108,11 +130,46 @@ def give(model: Path, run_dir: Path) -> str:
     _ask_for_checksum(model)
     model_id = HeightmapNetwork(model).model_id
     target = run_dir / FILE
+    _answer_path(target).unlink(missing_ok=True)
     for source, place in ((checksum_path(model), checksum_path(target)), (model, target)):
         partial = place.with_name(f".{place.name}.partial")
-        shutil.copyfile(source, partial)
-        partial.replace(place)
+        try:
+            shutil.copyfile(source, partial)
+            partial.replace(place)
+        finally:
+            partial.unlink(missing_ok=True)
     return model_id
+
+
+def wait_for_answer(run_dir: Path) -> str:
+    """Waits until the service of a run has checked the model that was given; returns why it refuses it, or nothing.
+
+    Raises:
+        ModelError: no service looks there, or it does not come to an end; the model is taken away again.
+    """
+    target = run_dir / FILE
+    answer, heard, deadline_s = _answer_path(target), False, time.monotonic() + HEARD_S
+    while time.monotonic() < deadline_s:
+        text = answer.read_text() if answer.exists() else ""
+        if text == ACCEPTED:
+            return ""
+        if text and text != CHECKING:
+            return text
+        if text and not heard:
+            heard, deadline_s = True, time.monotonic() + TIMEOUT_S + HEARD_S
+        time.sleep(_POLL_S)
+    for place in (target, checksum_path(target), answer):
+        place.unlink(missing_ok=True)
+    if heard:
+        raise ModelError(f"the service of '{run_dir}' did not finish its check within {TIMEOUT_S + HEARD_S:g} s")
+    raise ModelError(
+        f"no heightmap service looks into '{run_dir}': name the --run-dir of one that runs, in real time "
+        "(a lockstep run takes no model)"
+    )
+
+
+def _answer_path(target: Path) -> Path:
+    return target.with_name(f"{target.name}.answer")
 
 
 def _ask_for_checksum(path: Path) -> None:

@@ -1,5 +1,6 @@
 """`saltus heightmap`: the service, and all that makes and measures its models."""
 
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,6 +93,9 @@ class Serve:
 class Give:
     """Gives a model to a heightmap service that runs in real time, which checks it and warms it up first.
 
+    Ends when the check is over: with 0 where the model is accepted, with 1 where it is refused. The service's events
+    say when each robot has it.
+
     Example: saltus heightmap give runs/heightmap/heightmap.onnx --run-dir runs/one
     """
 
@@ -101,13 +105,14 @@ class Give:
     """Folder with the run's run.toml."""
 
     def run(self) -> int:
-        """Checks the file and puts it where the service looks."""
-        from saltus.heightmap.service.model_inbox import give
+        """Checks the file, puts it where the service looks, and says what became of it."""
+        from saltus.heightmap.service.model_inbox import give, wait_for_answer
 
-        print(
-            f"model {give(self.model, self.run_dir)} is in {self.run_dir}: the service's events say what becomes of it"
-        )
-        return 0
+        model_id = give(self.model, self.run_dir)
+        print(f"model {model_id} is in {self.run_dir}: waiting for the service", file=sys.stderr)
+        refusal = wait_for_answer(self.run_dir)
+        print(f"model {model_id} is {f'refused: {refusal}' if refusal else 'accepted'}")
+        return 1 if refusal else 0
 
 
 @dataclass(frozen=True, kw_only=True)

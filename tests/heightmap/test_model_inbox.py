@@ -1,5 +1,6 @@
 """A model is given to a running service: whatever is wrong with it, the service keeps the one that it has."""
 
+import contextlib
 import errno
 import json
 import shutil
@@ -16,6 +17,7 @@ import pytest
 
 from saltus.cli.main import main
 from saltus.errors import ModelError
+from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
@@ -170,13 +172,49 @@ def test_a_check_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path:
         verdict(inbox)
 
 
+@pytest.fixture
+def looking(inbox: ModelInbox) -> Iterator[None]:
+    """A service that looks into the folder."""
+    stopped = threading.Event()
+
+    def look() -> None:
+        while not stopped.wait(0.01):
+            with contextlib.suppress(ModelError):
+                inbox.poll()
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    yield
+    stopped.set()
+    thread.join()
+
+
+@pytest.mark.usefixtures("looking")
 def test_the_command_puts_a_model_where_the_service_looks(
     model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["heightmap", "give", str(model_path), "--run-dir", str(tmp_path)]) == 0
     model_id = HeightmapNetwork(tmp_path / FILE).model_id
-    assert f"model {model_id} is in {tmp_path}" in capsys.readouterr().out
+    assert capsys.readouterr().out == f"model {model_id} is accepted\n"
     assert checksum_path(tmp_path / FILE).read_text() == checksum_path(model_path).read_text()
+
+
+@pytest.mark.usefixtures("looking")
+def test_the_command_fails_where_the_service_refuses(
+    model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put(changed(model_path, tmp_path, not_finite), tmp_path / "new.onnx")
+    assert main(["heightmap", "give", str(tmp_path / "new.onnx"), "--run-dir", str(tmp_path)]) == 1
+    assert "is refused: " in capsys.readouterr().out
+
+
+def test_without_a_service_the_command_fails_and_leaves_nothing(
+    model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(heightmap_model_inbox, "HEARD_S", 0.3)
+    assert main(["heightmap", "give", str(model_path), "--run-dir", str(tmp_path)]) == 2
+    assert f"no heightmap service looks into '{tmp_path}'" in capsys.readouterr().err.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_command_says_what_is_wrong_and_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
