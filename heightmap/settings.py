@@ -22,6 +22,7 @@ MANY = 10**9
 """Of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
 _SHARE = (0.0, 1.0)
+_SHIPPED, _NONE = "(default: that of this checkout)", "(default: none, true heights)"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,13 +1,14 @@
 """Runs the heightmap service over recorded depth again."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
-from saltus.wire.topics import CAMERA_LATENCY_S
+from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 
 
 class Predictor(Protocol):
@@ -40,6 +41,23 @@ def replay_frames(
     if arrival_ns is None:
         arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
     return replay_predictor(HeightmapService(model_path), frames, states, arrival_ns)
+
+
+def replay_standing(model_path: Path, frames: Sequence[DepthFrame], robot: LevelRobot) -> list[Heightmap]:
+    """The heightmap after each image of a camera that stands still, from a model that is warm.
+
+    Before a robot that stands the time between images tells nothing: they are shown at the camera's rate, and all of
+    them again and again until the model has seen as many as its warm-up takes.
+    """
+    service = HeightmapService(model_path)
+    passes = 1 - -service.network.warmup_frames // len(frames)
+    shown = [
+        replace(frame, time_ns=round(1e9 * CAMERA_PERIOD_S * i), frame_id=i)
+        for i, frame in enumerate([*frames] * passes)
+    ]
+    arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in shown]
+    answers = replay_predictor(service, shown, robot.states(shown), arrival_ns)[-len(frames) :]
+    return [replace(answer, frame_id=frame.frame_id) for answer, frame in zip(answers, frames, strict=True)]
 
 
 def replay_predictor(

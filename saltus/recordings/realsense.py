@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from saltus.errors import RecordingError
+from saltus.wire.codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
 _LOG = logging.getLogger(__name__)
@@ -31,8 +32,13 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
     try:
         with Reader(path) as reader:
             yield from _frames(reader, path)
-    except (ReaderError, OSError) as error:
-        raise RecordingError(f"cannot read RealSense recording {path}: {error}") from error
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"cannot read RealSense recording {path}: {error.strerror}") from error
+    except Exception as error:  # damaged bytes fail in many ways; all mean the same
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordingError(f"{path} is no RealSense recording, or damaged: {reason}") from error
 
 
 def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
@@ -50,6 +56,12 @@ def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
         _LOG.warning("%s does not state its depth unit: taking %g m", path, _DEFAULT_UNIT_M)
     # The option is a float32: 0.001 reads as 0.0010000000475.
     unit = _DEFAULT_UNIT_M if option is None else round(float(option.data), 9)
+    for name, value, most in (
+        ("depth unit", unit, DEPTH_UNIT_MAX_M), ("fx", info.K[0], FOCAL_MAX_PX), ("fy", info.K[4], FOCAL_MAX_PX),
+        ("cx", info.K[2], CENTRE_MAX_PX), ("cy", info.K[5], CENTRE_MAX_PX),
+    ):  # fmt: skip
+        if not 0.0 < value <= most:
+            raise RecordingError(f"{path} is damaged: its {name} is {value:g}, allowed are 0 to {most:g}")
     for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
         image = store.deserialize_ros1(raw, connection.msgtype)
         if (image.width, image.height) != (info.width, info.height):

@@ -1,8 +1,11 @@
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from realsense_bag import write_bag
 
+from saltus.cli.main import main
 from saltus.depth import MODEL_CAMERA, model_image
 from saltus.errors import RecordingError
 from saltus.heightmap.level_robot import LevelRobot
@@ -63,6 +66,42 @@ def test_files_that_are_no_recordings_are_refused_by_name(tmp_path: Path, conten
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"broken\.bag"):
         list(read_realsense(path))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_damaged_recording_is_one_line_or_what_is_sound_of_it(
+    tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Cut off anywhere, or with some bytes changed."""
+    path = write_bag(tmp_path / "desk.bag")
+    data, rng = bytearray(path.read_bytes()), np.random.default_rng(seed)
+    if seed % 3 == 0:
+        data = data[: rng.integers(len(data))]
+    else:
+        for place in rng.integers(len(data), size=20):
+            data[place] = rng.integers(256)
+    path.write_bytes(data)
+    code, told = main(["replay", str(path), "--assume-level"]), capsys.readouterr()
+    assert code in (0, 2)
+    assert "nan" not in told.out
+    assert code == 0 or (told.err.startswith(f"saltus: {path}") or str(path) in told.err)
+    assert told.err.count("\n") == (code == 2)
+
+
+def test_a_short_recording_is_repeated_until_the_model_is_warm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "desk.bag", frames=2)
+    command = ["replay", str(bag), "--assume-level", "--base-height-m", "0.3"]
+    assert main([*command, "--json"]) == 0
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert table["status"] == {"ok": 2}
+    assert len(table["x"]) == len(table["height"]) == len(table["half_width_90"]) == 30
+    assert table["height"][0] == pytest.approx(-0.3, abs=0.05)  # under the feet
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "nan" not in told
+    assert "height [m]" in told
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
