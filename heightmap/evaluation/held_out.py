@@ -6,6 +6,7 @@ the end of the run, whichever it is.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, TerrainKind, check_at_least
+from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, TerrainKind, check_between
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, load_profile
@@ -41,6 +42,7 @@ from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
+from saltus.workers import tell
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 MASTERED, HARD = "mastered", "hard"
@@ -48,6 +50,9 @@ HARDEST = 0.8  # as in training: stairs of 0.25 m, a step of 0.64 m, a gap of 0.
 COURSES = 10  # in a batch: all kinds, mastered and hard
 ROBOTS = 20  # in a batch
 FIRST_SEED = 3_000_000_000  # above those of policy evaluations, below those that data are drawn from (2**32)
+LAST_SEED = 6000  # of the runs: each has 200,000 seeds of trials
+ROBOT_WORK = 50
+"""Steps of a batch that take as long as measuring one robot of it."""
 NETWORK = "network"
 _NS = 1e9
 
@@ -70,10 +75,10 @@ class HeldOutRuns:
     """Of a run: at 1.2 m/s any course is behind a robot that still runs."""
 
     def __post_init__(self) -> None:
-        check_at_least(self, runs=1)
         stands_s = STAND_STEPS * TICK_S
         if not self.time_limit_s > stands_s:
             raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: a robot only stands for the first {stands_s:g} s")
+        check_between(self, runs=(1, 10**6), seed=(0, LAST_SEED), time_limit_s=(stands_s, 3600.0))
         for name in self.baselines:
             if name not in BASELINES:
                 raise ConfigError(f"unknown baseline '{name}': {nearest_hint(name, BASELINES)}")
@@ -82,6 +87,11 @@ class HeldOutRuns:
     def batches(self) -> list[tuple[int, int]]:
         """Number and size of each batch."""
         return [(i, min(ROBOTS, self.runs - first)) for i, first in enumerate(range(0, self.runs, ROBOTS))]
+
+    @property
+    def work(self) -> int:
+        """What `measure` tells of a batch, see `saltus.workers.tell`: steps, then robots that are measured."""
+        return math.ceil(self.time_limit_s / TICK_S) + 1 + ROBOTS * ROBOT_WORK
 
     def measure(self, model: Path, batch: tuple[int, int]) -> list["HeldOutRun"]:
         """Runs one of `batches`; it follows from the seed and the model alone."""
@@ -99,9 +109,17 @@ class HeldOutRuns:
             heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(model), rng))),
             time_limit_s=self.time_limit_s,
         )
-        steps = list(rollout.run())
-        levels = [some[i % COURSES][0] for i in range(count)]
-        return [_measured(self, steps, factory.ticks, robot, terrains[robot], levels[robot]) for robot in range(count)]
+        steps = []
+        for step in rollout.run():
+            steps.append(step)
+            tell(1)
+        tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
+        measured = []
+        for robot, terrain in enumerate(terrains):
+            measured.append(_measured(self, steps, factory.ticks, robot, terrain, some[robot % COURSES][0]))
+            tell(ROBOT_WORK)
+        tell(ROBOT_WORK * (ROBOTS - count))
+        return measured
 
     def _source(
         self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]

@@ -1,14 +1,15 @@
 """`saltus heightmap eval`: what a predictor is worth in runs that no training saw."""
 
+import math
 import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import tyro
 from tqdm import tqdm
 
+from saltus.cli.flags import Flag, shown
 from saltus.cli.output import print_json
 from saltus.config import Camera
 
@@ -23,28 +24,35 @@ COLUMNS = (
     ("NLL", "nll", 1.0),
 )
 """Of the table: title, key, and factor to what is printed."""
+BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone."""
+    """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone.
 
-    model: Path | None = None
-    """ONNX file; the shipped model where it is not given."""
+    Examples:
+      saltus heightmap eval --runs 20 --baselines
+      saltus heightmap eval --model runs/heightmap/heightmap.onnx --seed 5 --json
+    """
+
+    model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    """ONNX file."""
     runs: int = 200
     """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
-    learned policy and the scripted planner lead a batch in turns."""
+    learned policy and the scripted planner drive a batch in turns."""
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     camera: Camera = "d435i"
     """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run."""
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
-    """Predictors without training that are shown the same images: geometric, geometric-feet."""
+    """Predictors without training that are shown the same images: geometric, geometric-feet; none by --baselines
+    alone."""
     time_limit_s: float = 10.0
     """Of a run."""
-    processes: int | None = None
-    """How many share the runs; one for each core where it is not given. The numbers do not depend on it."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """How many share the runs. The numbers do not depend on it."""
+    json: Flag = False
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
@@ -59,10 +67,12 @@ class Eval:
         )  # fmt: skip
         work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
         measured: list[HeldOutRun] = []
-        with tqdm(total=self.runs, unit="run", file=sys.stderr) as bar:
-            for batch in in_order(work, config.batches, self.processes):
+        total = len(config.batches) * config.work
+        with tqdm(total=total, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
+            bar.set_postfix_str(f"0 of {self.runs} runs")
+            for batch in in_order(work, config.batches, self.processes, bar.update):
                 measured += batch
-                bar.update(len(batch))
+                bar.set_postfix_str(f"{len(measured)} of {self.runs} runs")
         table = scores(measured)
         _print_table(table)
         if self.json:
@@ -78,4 +88,8 @@ def _print_table(table: dict[str, Any]) -> None:
         rows += [(baseline, row), *((f"  {name}", part) for name, part in row["by_terrain"].items())]
     print(f"{'error [mm]':<18}" + "".join(f"{title:>11}" for title, _, _ in COLUMNS))
     for name, row in rows:
-        print(f"{name:<18}" + "".join(f"{factor * row[key]:>11.2f}" for _, key, factor in COLUMNS))
+        print(f"{name:<18}" + "".join(f"{_cell(factor * row[key]):>11}" for _, key, factor in COLUMNS))
+
+
+def _cell(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "-"

@@ -1,6 +1,7 @@
 """Held-out runs: what is counted, and that scores say what they are named after."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -102,7 +103,10 @@ def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_pa
 def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--runs", "1", "--baselines", "geometric-feet", "--processes", "1", "--time-limit-s", "1.5", "--json"]
     assert main(["heightmap", "eval", "--model", str(model_path), *flags]) == 0
-    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    told = capsys.readouterr()
+    assert "nan" not in told.out  # flat ground has no edges
+    assert re.search(r" [1-9][0-9]?%.* 0 of 1 runs", told.err)  # it moves before the first batch is over
+    table = json.loads(told.out.splitlines()[-1])
     asked = {"mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_error_m", "coverage90", "nll"}
     assert asked | {"by_terrain", "baselines"} <= set(table)
     assert asked <= set(table["baselines"]["geometric-feet"])
