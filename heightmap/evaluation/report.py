@@ -15,8 +15,10 @@ from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
 from saltus.recordings.recording import Recording
 from saltus.recordings.report import STYLE
+from saltus.recordings.summary import rounded
 
 WORST = 10
+WORST_M = 0.01  # of mean error: a moment that is off by less is not bad
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
 _TABLE_STYLE = (
     "td, th { padding: 0.25em 0.5em; } td { white-space: nowrap; } "
@@ -61,13 +63,13 @@ class ErrorReport:
         return result
 
     def worst(self) -> list[tuple[Comparison, int]]:
-        """The moments with the greatest mean error of the first predictor, worst first: run and index of the step."""
+        """Run and step of the moments with a mean error of the first predictor above `WORST_M`, worst first."""
         ranked = sorted(
-            (-float(np.nanmean(np.abs(error))), number, i)
+            (-mean, number, i)
             for number, comparison in enumerate(self.comparisons)
             if comparison.predictor == self.predictors[0]
             for i, error in enumerate(comparison.error)
-            if np.isfinite(error).any()
+            if np.isfinite(error).any() and (mean := float(np.nanmean(np.abs(error)))) > WORST_M
         )
         chosen: list[tuple[Comparison, int]] = []
         for _, number, i in ranked:
@@ -170,7 +172,9 @@ def write_report(report: ErrorReport, path: Path) -> None:
         '<p class="note">Left: how many of the true heights lie in the intervals that should hold a share of them. '
         "Right: the error that 90 % are below, of the points whose stated intervals are as wide.</p>",
         figures.figure_html(figures.calibration_figure(errors)),
-        f"<h2>The {WORST} worst moments of {html.escape(report.predictors[0])}</h2>",
+        f"<h2>The worst moments of {html.escape(report.predictors[0])}</h2>",
+        f'<p class="note">Steps with a mean error above {centimetres(WORST_M)} cm, at most {WORST}, at least '
+        f"{APART_S:g} s apart.{'' if report.worst() else ' There are none.'}</p>",
         *_moments(report),
     ]
     body = "\n".join(parts)
@@ -247,17 +251,19 @@ def _summary_table(report: ErrorReport) -> str:
             numbers = _summary(errors[name], edges[name])
             shares = [c.ok_share for c in report.comparisons if c.predictor == name and run in (None, c.run)]
             cells = (
-                *(_centimetres(numbers[f"{key}_m"]) for key in ("mae", "mae_visible", "mae_remembered", "edge_error")),
-                f"{100 * numbers['edges_found']:.0f} % of {numbers['edges']}", str(numbers["edges_false"]),
-                f"{100 * numbers['coverage90']:.1f} %", f"{numbers['nll']:.2f}", f"{100 * np.mean(shares):.0f} %",
+                *(centimetres(numbers[f"{key}_m"]) for key in ("mae", "mae_visible", "mae_remembered", "edge_error")),
+                f"{rounded(100 * numbers['edges_found'], 0)} % of {numbers['edges']}", str(numbers["edges_false"]),
+                f"{rounded(100 * numbers['coverage90'], 1)} %", rounded(numbers["nll"], 2),
+                f"{100 * np.mean(shares):.0f} %",
             )  # fmt: skip
             texts = (html.escape(run or "all runs"), html.escape(name), *cells)
             rows.append("<tr>" + "".join(f"<td>{text}</td>" for text in texts) + "</tr>")
     return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{''.join(rows)}</table>"
 
 
-def _centimetres(value: float | None) -> str:
-    return "-" if value is None or not np.isfinite(value) else f"{100 * value:.2f}"
+def centimetres(value: float | None) -> str:
+    """A length [m] in centimetres; "-" where there is none."""
+    return "-" if value is None else rounded(100 * value, 2)
 
 
 def _moments(report: ErrorReport) -> list[str]:

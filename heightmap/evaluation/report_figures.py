@@ -18,7 +18,7 @@ from saltus.wire.messages import DepthFrame
 COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")  # the rest of Okabe and Ito's palette
 EDGE_BIN_M = 0.1
 MOMENT_HEIGHT = 230  # px
-_LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom"}
+_LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}
 """Above the curves, which make room for as many lines as it has."""
 
 

@@ -6,33 +6,40 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.output import print_json
+from saltus.cli.flags import Flag, shown
+from saltus.cli.output import print_json, run_directory
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Measures the heightmaps of recorded runs and writes one HTML file."""
+    """Measures the heightmaps of recorded runs and writes one HTML file.
+
+    Example: saltus heightmap report runs/one/recording.mcap --model geometric runs/heightmap/heightmap.onnx
+    """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Recorded runs (.mcap), whole or damaged, with ground truth or without."""
     model: tuple[str, ...] = ()
     """To compare, on the same depth: paths of ONNX files, "geometric" (deprojection), or "geometric-feet" (the same,
     its map held to the feet that stand)."""
-    out: Path = Path("report.html")
-    """The file to write."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-heightmap-report")] = None
+    """Folder for report.html."""
+    json: Flag = False
     """Print all numbers as one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes the file and prints the numbers."""
-        from saltus.errors import RecordingError
-        from saltus.heightmap.evaluation.report import measure, write_report
+        from saltus.errors import RecordingError, SaltusError
+        from saltus.heightmap.evaluation.report import centimetres, measure, write_report
         from saltus.recordings.recording import read_recording
 
         if not self.recordings:
             raise RecordingError("no recording: name at least one .mcap file")
+        if self.out is not None and self.out.suffix:
+            raise SaltusError(f"--out {self.out}: name a folder; report.html is written into it")
         report = measure([read_recording(path) for path in self.recordings], self.model)
-        write_report(report, self.out)
+        path = run_directory("heightmap-report", self.out) / "report.html"
+        write_report(report, path)
         numbers = report.numbers()
         for run in numbers["runs"]:
             for item in run["lost"]:
@@ -41,10 +48,10 @@ class Report:
             print(f"not compared: {reason}")
         for name, row in numbers["predictors"].items():
             print(
-                f"{name}: {100 * row['mae_m']:.2f} cm, edges {100 * row['edge_error_m']:.2f} cm, "
+                f"{name}: {centimetres(row['mae_m'])} cm, edges {centimetres(row['edge_error_m'])} cm, "
                 f"90 % intervals cover {100 * row['coverage90']:.0f} %"
             )
-        print(f"report    {self.out}")
+        print(f"report    {path}")
         if self.json:
             print_json(numbers)
         return 0

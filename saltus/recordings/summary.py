@@ -51,6 +51,11 @@ def shown(value: float, digits: int, unit: str) -> str:
     return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "unknown"
 
 
+def rounded(value: float, digits: int) -> str:
+    """A number in a table; "-" where there is none."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+
+
 def summarise(recording: Recording) -> RunSummary:
     """Computes the summary of a run; a run that was cut off has no outcome and counts as a failure."""
     outcome = _outcome(recording)

@@ -18,7 +18,7 @@ from saltus.heightmap.evaluation.comparison import RECORDED, Comparison, compare
 from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors, Row
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
-from saltus.heightmap.evaluation.report import APART_S, WORST, measure, write_report
+from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure, write_report
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
 from saltus.recordings.recording import Recording
 from saltus.render.camera import Mount, camera_pose, ray_directions
@@ -200,9 +200,9 @@ def test_a_cut_recording_is_measured_and_says_what_is_lost(recording: Recording,
     data = recording.path.read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(data[: int(kept * len(data))])
-    out = tmp_path / "report.html"
+    out = tmp_path / "report"
     assert Report(recordings=(path, recording.path), model=("geometric",), out=out).run() == 0
-    text = out.read_text()
+    text = (out / "report.html").read_text()
     assert "Lost in cut" in text
     assert "Lost in run" not in text
 
@@ -221,19 +221,40 @@ def test_nothing_to_compare_is_an_error(run: Glide, tmp_path: Path) -> None:
         measure([empty])
 
 
-def test_worst_moments_are_apart_and_worst_first(recording: Recording) -> None:
+def test_worst_moments_are_apart_and_worst_first(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+    size = np.abs(np.random.default_rng(0).normal(0.0, 0.03, (len(run.states), 1)))
+    maps = told(run, geometric, size * np.ones(30), size * np.ones(30) + 0.01)
+    recording = record(tmp_path / "wrong.mcap", run, maps)
     worst = measure([recording, recording]).worst()
     assert 1 < len(worst) <= WORST
-    size = [float(np.nanmean(np.abs(c.error[i]))) for c, i in worst]
-    assert size == sorted(size, reverse=True)
+    found = [float(np.nanmean(np.abs(c.error[i]))) for c, i in worst]
+    assert found == sorted(found, reverse=True)
+    assert found[-1] > WORST_M
     for n, (c, i) in enumerate(worst):
         assert all(d is not c or abs(d.time_s[j] - c.time_s[i]) > APART_S for d, j in worst[:n])
+
+
+def test_good_moments_are_not_shown_as_worst(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
+    """Nor is what nobody knows printed as a number: ground without edges has none that were found."""
+    wrong = np.full_like(run.true_height, 0.9 * WORST_M)
+    flat = [replace(truth, height=np.full(30, -0.3)) for truth in run.truths]
+    maps = [
+        replace(h, height=np.full(30, -0.3) + e, half_width_90=np.full(30, 0.01))
+        for h, e in zip(geometric, wrong, strict=True)
+    ]
+    recording = record(tmp_path / "flat.mcap", replace(run, truths=flat), maps)
+    assert measure([recording]).worst() == []
+    write_report(measure([recording]), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert "There are none." in text
+    page = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.search(r"\bnan\b", page)
 
 
 def test_the_page_has_every_part_and_numbers_are_json(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "report.html"
+    out = tmp_path / "report"
     names = ("geometric", "geometric-feet")
     assert Report(recordings=(recording.path, recording.path), model=names, out=out, json=True).run() == 0
     numbers = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -241,7 +262,7 @@ def test_the_page_has_every_part_and_numbers_are_json(
     assert [row["name"] for row in numbers["runs"]] == ["run0 (1)", "run0 (2)"]
     # The recorded heights are the geometric ones: the two must agree in every number.
     assert numbers["predictors"][RECORDED] == numbers["predictors"]["geometric"]
-    text = out.read_text()
+    text = (out / "report.html").read_text()
     for title in ("distance", "gait phase", "speed", "age", "terrain", "remembered", "Edges", "intervals", "worst"):
         assert title in text
     assert re.search(r"<(script|link|img)[^>]*(src|href)=.?http", text) is None  # it opens without a network
