@@ -100,12 +100,13 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
             raise DatasetError(damages[0])
     _compare([found[sha256] for sha256 in records])
     out.mkdir(parents=True, exist_ok=True)
-    merged: list[ShardRecord] = []
-    for sha256, record in records.items():
-        name = f"round_{len(merged):03d}.h5"
-        write_whole(out / name, partial(shutil.copyfile, found[sha256]))
-        merged.append(replace(record, file=name))
-    write_manifest(out, merged)
+    merged = [replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())]
+    try:
+        for record in merged:
+            write_whole(out / record.file, partial(shutil.copyfile, found[record.sha256]))
+        write_manifest(out, merged)
+    except OSError as error:
+        raise DatasetError(f"cannot write into {out}: {error.strerror}") from error
     return merged
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Singles
+from saltus.config import from_table
 from saltus.depth import MODEL_CAMERA
-from saltus.errors import SaltusError
+from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.shard_columns import ShardColumn, read_column
@@ -138,7 +139,7 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
     records = read_manifest(directory)
     refuse_twice(directory, records, seed, config)
     name = f"round_{len(records):03d}.h5"
-    with ExitStack() as ending:
+    with ExitStack() as ending, _said_in_one_line(directory / name):
         with _whole(directory / name) as temporary, _pool() as pool, h5py.File(temporary, "w") as file:
             writer = ShardWriter(file, pool)
             yield writer
@@ -149,6 +150,17 @@ def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str 
             file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts
         )
         write_manifest(directory, [*records, writer.record])
+
+
+@contextmanager
+def _said_in_one_line(path: Path) -> Iterator[None]:
+    """What HDF5 says of a full disk has many lines."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise DatasetError(f"cannot write {path}: {os.strerror(error.errno)}") from error
 
 
 @contextmanager
@@ -209,9 +221,15 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
         table = json.loads(path.read_text())
         if table["format"] != _FORMAT:
             raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
-        return [ShardRecord(**record) for record in table["shards"]]
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        records = [from_table(ShardRecord, record) for record in table["shards"]]
+    except (ValueError, ConfigError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
+    except (KeyError, TypeError, AttributeError) as error:
+        raise DatasetError(f"{path} is damaged: it is no table of shards") from error
+    for record in records:
+        if Path(record.file).name != record.file:
+            raise DatasetError(f"{path} is damaged: '{record.file}' does not lie beside it")
+    return records
 
 
 def read_records(directory: Path) -> list[ShardRecord]:

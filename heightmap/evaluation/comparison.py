@@ -24,6 +24,8 @@ RECORDED = "recorded"
 BASELINES = {"geometric": 0.0, "geometric-feet": FOOT_GAIN}
 """Geometric baselines by name, with the gain by which their map follows the feet."""
 LATER_S = (0.1, 2.0)  # a place counts as seen again from five images later on; odometry drifts: not for longer than 2 s
+SHOWN_LOST = 2
+"""Parts of a damaged recording that an error message names."""
 FLIGHT, FRONT, REAR, ALL = "flight", "front stance", "rear stance", "front and rear"
 PHASES = (FRONT, FLIGHT, REAR, ALL)
 
@@ -127,6 +129,12 @@ def read_run(recording: Recording) -> Run:
     )
 
 
+def lost_note(lost: Sequence[str]) -> str:
+    """What a recording lacks, for the end of an error message; empty where it lacks nothing."""
+    more = f"; and {len(lost) - SHOWN_LOST} more" if len(lost) > SHOWN_LOST else ""
+    return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
+
+
 def predictor_named(name: str) -> Predictor:
     """A fresh predictor: "geometric", "geometric-feet", or the path of an ONNX file.
 
@@ -164,8 +172,9 @@ def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
     running = {step for step in common if run.states[step].mode == ControllerMode.RUN}
     used = sorted(running or common)
     if not used:
-        lost = f" (lost: {'; '.join(run.lost)})" if run.lost else ""
-        raise RecordingError(f"{run.name}: no step has a robot state and a heightmap of status OK of every model{lost}")
+        raise RecordingError(
+            f"{run.name}: no step has a robot state and a heightmap of status OK of every model{lost_note(run.lost)}"
+        )
     poses = _poses(run)
     result = []
     for name, maps in predicted.items():

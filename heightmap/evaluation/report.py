@@ -1,5 +1,6 @@
 """One HTML file, and the same as numbers, about the errors of predicted heights in recorded runs."""
 
+import contextlib
 import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -178,13 +179,17 @@ def write_report(report: ErrorReport, path: Path) -> None:
         *_moments(report),
     ]
     body = "\n".join(parts)
+    partial = path.with_name(f".{path.name}.partial")
     try:
-        path.write_text(
+        partial.write_text(
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus heightmap errors</title>'
             f"<style>{STYLE}{_TABLE_STYLE}</style></head><body>{body}</body></html>"
         )
+        partial.replace(path)
     except OSError as error:
-        raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another file") from error
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another folder") from error
 
 
 def _named_apart(runs: list[Run]) -> list[Run]:

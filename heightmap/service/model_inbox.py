@@ -131,12 +131,17 @@ def give(model: Path, run_dir: Path) -> str:
     model_id = HeightmapNetwork(model).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)
-    for source, place in ((checksum_path(model), checksum_path(target)), (model, target)):
-        partial = place.with_name(f".{place.name}.partial")
-        try:
+    places = {checksum_path(model): checksum_path(target), model: target}
+    partials = {source: place.with_name(f".{place.name}.partial") for source, place in places.items()}
+    try:
+        for source, partial in partials.items():
             shutil.copyfile(source, partial)
-            partial.replace(place)
-        finally:
+        for source, partial in partials.items():
+            partial.replace(places[source])
+    except OSError as error:
+        raise ModelError(f"cannot write into '{run_dir}': {error.strerror}") from error
+    finally:
+        for partial in partials.values():
             partial.unlink(missing_ok=True)
     return model_id
 

@@ -25,7 +25,7 @@ from typing import Any
 from saltus.config import from_table
 from saltus.errors import ConfigError
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.inventory import merge
+from saltus.heightmap.data.inventory import merge, validate
 from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.data.shards import (
     DatasetError,
@@ -111,6 +111,8 @@ def dagger(
         load_checkpoint(start)  # what is wrong is said before anything is written down
     elif base is not None and not (directory / BEGUN).exists():
         refuse_twice(base, read_records(base), config.seed, _table(config, 0, "true"))
+    if base is not None and not (directory / BEGUN).exists() and (damages := validate(base)):
+        raise DatasetError(damages[0])
     directory.mkdir(parents=True, exist_ok=True)
     _remember(directory, config, start, base)
     data = directory / "dataset"

@@ -1,5 +1,6 @@
 """From a checkpoint to a model that can be shipped: exported, compared, measured, described."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -41,7 +42,13 @@ class Release:
     """Images 30 to 60 ms late with jitter and losses, as in training."""
 
 
-def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None = None) -> Release:
+def release(
+    checkpoint: Path,
+    data: Path,
+    model_path: Path,
+    unseen: Path | None = None,
+    begun: Callable[[], object] = lambda: None,
+) -> Release:
     """Exports a checkpoint, measures the file on held-out episodes and writes its card beside it.
 
     Args:
@@ -51,6 +58,7 @@ def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None 
         unseen: Dataset to measure on, none of whose episodes were trained on; those of the last training and of the
             one that it began with are refused. Of `data` only the manifest is needed then: its shards may have stayed
             on the machine that made them. Without it, what training held out.
+        begun: Called when all files are read and the work begins.
 
     Raises:
         DatasetError: `data` is not what the checkpoint was trained on, or `unseen` is known to have been.
@@ -63,6 +71,7 @@ def release(checkpoint: Path, data: Path, model_path: Path, unseen: Path | None 
         raise DatasetError(f"{checkpoint} was trained on dataset {training['dataset']}, not on {data}")
     measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
     held_out = split(read_dataset(data))[1] if unseen is None else read_dataset(unseen)
+    begun()
     origin = Origin(warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
     model_path.parent.mkdir(parents=True, exist_ok=True)
     # Until all is measured the model that may be there stays.

@@ -76,8 +76,8 @@ def train(
         OSError: `checkpoint` cannot be written.
     """
     records, device = read_records(data), _device(config.device)
-    _ask_for_room(checkpoint)
     known = load_checkpoint(start) if start else None
+    _ask_for_room(checkpoint)
     settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
     origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
     if start and known:
@@ -278,4 +278,5 @@ def _save(
         temporary.replace(checkpoint)
     except (OSError, RuntimeError) as error:  # torch says RuntimeError where a disk is full
         temporary.unlink(missing_ok=True)
-        raise ModelError(f"cannot write {checkpoint}: {str(error).splitlines()[0]}") from error
+        reason = error.strerror if isinstance(error, OSError) else "the disk may be full"
+        raise ModelError(f"cannot write {checkpoint}: {reason}") from error

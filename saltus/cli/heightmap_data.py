@@ -1,8 +1,9 @@
 """`saltus heightmap collect`, `dagger` and `dataset`: the data that predictors learn from."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -11,9 +12,9 @@ from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.flags import Flag, shown
-from saltus.cli.heightmap_train import print_differences, training_packages
+from saltus.cli.heightmap_train import QUIET_S, print_differences, training_packages
 from saltus.cli.output import print_json
-from saltus.config import DEFAULT_ROBOT, load_changes
+from saltus.config import DEFAULT_ROBOT, check_between, load_changes
 from saltus.effects.profile import load_profile
 from saltus.heightmap.settings import DaggerConfig, PlannerCollection, PolicyCollection
 from saltus.robots.loading import load_robot
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from saltus.heightmap.training.train import Progress
 
 DATASET = Path("runs/dataset")
+MOST_PROCESSES = 4096
 TRIALS = 1_000_000
 """Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
 Settings = TypeVar("Settings")
@@ -55,12 +57,14 @@ class FromPlanner:
             from saltus.heightmap.data.rollouts import collect
 
         settings, profile = self.settings, load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
-        print_differences(PlannerCollection(), settings, "by default")
-        with tqdm(total=settings.episodes, unit="episode", desc="collect") as bar:
-            source = PlannedBounding(
-                first_seed=TRIALS * (1 + settings.seed), profile=profile,
-                progress=lambda share: bar.set_postfix_str(f"robots run, {100 * share:.0f} %"),
-            )  # fmt: skip
+        announce = cache(partial(print_differences, PlannerCollection(), settings, "by default"))
+        with tqdm(total=settings.episodes, unit="episode", desc="collect", delay=QUIET_S) as bar:
+
+            def moved(share: float) -> None:
+                announce()
+                bar.set_postfix_str(f"robots run, {100 * share:.0f} %", refresh=round(1e3 * share) % 20 == 0)
+
+            source = PlannedBounding(first_seed=TRIALS * (1 + settings.seed), profile=profile, progress=moved)
             try:
                 record = collect(
                     self.out, source, count=settings.episodes, seed=settings.seed,
@@ -105,15 +109,16 @@ class FromPolicy:
             from saltus.heightmap.device_collection import collect
 
         settings = self.settings
-        print_differences(PolicyCollection(), settings, "by default")
+        announce = cache(partial(print_differences, PolicyCollection(), settings, "by default"))
         ticks = settings.batches * settings.loop.ticks
         outputs = {
             camera: self.out.with_name(f"{self.out.name}-{camera}") if number else self.out
             for number, camera in enumerate(settings.loop.cameras)
         }
-        with tqdm(total=ticks, unit="tick", desc="collect") as bar:
+        with tqdm(total=ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
 
             def show(now: "DeviceProgress") -> None:
+                announce()
                 bar.update(now.ticks - bar.n)
                 if now.labelled and now.ticks % settings.loop.ticks == 0:
                     speed = f"{now.labelled / now.seconds:.0f}"
@@ -206,9 +211,11 @@ class Dagger:
         with training_packages():
             from saltus.heightmap.training.dagger import BEGUN, Observer, dagger
 
-        begun = (self.out / BEGUN).exists()
-        print_differences(self._before(), self.settings, "of the run that goes on" if begun else "by default")
-        with _Bars(self.settings.batches, self.settings.updates) as bars:
+        if self.processes is not None:
+            check_between(self, processes=(1, MOST_PROCESSES))
+        what = "of the run that goes on" if (self.out / BEGUN).exists() else "by default"
+        announce = cache(partial(print_differences, self._before(), self.settings, what))
+        with _Bars(self.settings.batches, self.settings.updates, announce) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(
                 self.out, self.settings, observer, start=self.start, base=self.base, processes=self.processes,
@@ -230,7 +237,8 @@ class Dagger:
 class _Bars:
     """One progress bar at a time: of a round's collection, then of its training."""
 
-    def __init__(self, batches: int, updates: int) -> None:
+    def __init__(self, batches: int, updates: int, begin: Callable[[], None]) -> None:
+        self._begin = begin
         self._totals = {"collect": batches, "train": updates}
         self._bar: tqdm[None] | None = None
         self._name = ""
@@ -257,6 +265,7 @@ class _Bars:
     def _at(self, index: int, half: str, done: int) -> "tqdm[None]":
         name = f"round {index} {half}"
         if self._bar is None or self._name != name:
+            self._begin()
             self.__exit__()
             self._bar, self._name = tqdm(total=self._totals[half], desc=name, file=sys.stderr), name
         self._bar.update(done - self._bar.n)

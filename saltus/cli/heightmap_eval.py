@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from tqdm import tqdm
 
 from saltus.cli.flags import Flag, shown
+from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json
 from saltus.config import Camera
 
@@ -68,7 +69,7 @@ class Eval:
         work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work
-        with tqdm(total=total, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
+        with tqdm(total=total, desc="eval", bar_format=BAR, delay=QUIET_S, file=sys.stderr) as bar:
             bar.set_postfix_str(f"0 of {self.runs} runs")
             for batch in in_order(work, config.batches, self.processes, bar.update):
                 measured += batch

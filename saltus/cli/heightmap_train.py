@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ from tqdm import tqdm
 from saltus.cli.flags import shown
 from saltus.config import load_changes
 from saltus.errors import SaltusError
-from saltus.folders import ask_for_room, differences
+from saltus.folders import differences
 from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, TrainConfig
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 FOLDER = Path("runs/heightmap")
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
+QUIET_S = 0.2
+"""Before a progress bar is shown: what is wrong with an input is said by then, in one line."""
 PACKAGES = "pip install 'saltus[train]'"
 
 
@@ -73,18 +76,15 @@ class Train:
     def run(self) -> int:
         """Trains, with a progress bar."""
         with training_packages():
-            from saltus.heightmap.training.train import load_checkpoint, train
+            from saltus.heightmap.training.train import train
 
         checkpoint, before = self.out / CHECKPOINT, self._before()
-        if self.start is not None:
-            load_checkpoint(self.start)  # what is wrong is said before anything is written down
-        ask_for_room(self.out)
-        print_differences(
-            before, self.settings, "of the training that goes on" if checkpoint.exists() else "by default"
-        )
-        with tqdm(total=self.settings.updates, unit="update", desc="train") as bar:
+        what = "of the training that goes on" if checkpoint.exists() else "by default"
+        announce = cache(partial(print_differences, before, self.settings, what))
+        with tqdm(total=self.settings.updates, unit="update", desc="train", delay=QUIET_S) as bar:
 
             def show(progress: "Progress") -> None:
+                announce()
                 bar.update(progress.update - bar.n)
                 bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
                 if progress.calibrates:
@@ -98,7 +98,8 @@ class Train:
                 kept = "what was learned is" if _written_ns(checkpoint) != written else "nothing new is"
                 print(f"interrupted: {kept} in {checkpoint}", file=sys.stderr)
                 raise
-            bar.update(self.settings.updates - bar.n)  # where all was done before
+            announce()  # where all was done before
+            bar.update(self.settings.updates - bar.n)
         print(checkpoint)
         return 0
 
@@ -142,8 +143,8 @@ class Export:
         if self.out.suffix:
             raise SaltusError(f"--out {self.out}: name a folder; {MODEL} is written into it")
         model = self.out / MODEL
-        print("exporting and measuring; a minute for 100 episodes", file=sys.stderr)
-        result = release(self.checkpoint, self.data, model, self.unseen)
+        begun = partial(print, "exporting and measuring; a minute for 100 episodes", file=sys.stderr)
+        result = release(self.checkpoint, self.data, model, self.unseen, begun)
         print(f"{model}  model {result.model_id}, warm after {result.warmup_frames} images")
         for images, found in (("images 50 ms late", result.clean), ("late with jitter and losses", result.faulty)):
             print(

@@ -1,5 +1,6 @@
 """The command `saltus`: its table of subcommands, and how errors look."""
 
+import errno
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -72,6 +73,9 @@ def _run(arguments: Sequence[str]) -> int:
         sys.stdout = None  # the reader has left: there is nobody to tell
         return 1
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            print("saltus: no space is left on the disk", file=sys.stderr)
+            return BAD_INPUT
         if error.filename is None:
             raise  # nothing that a user has named
         print(f"saltus: cannot use '{error.filename}': {error.strerror}", file=sys.stderr)

@@ -77,11 +77,12 @@ class Replay:
         return table, heightmaps
 
     def _run(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
+        from saltus.heightmap.evaluation.comparison import lost_note
         from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.recording import read_recording
 
         recording = read_recording(self.recording)
-        lost = f" (lost: {'; '.join(recording.lost)})" if recording.lost else ""
+        lost = lost_note(recording.lost)
         arrivals, frames = _frames(recording)
         if not frames:
             raise RecordingError(f"{self.recording} has no depth image{lost}")
