@@ -70,7 +70,7 @@ class Eval:
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work
         with tqdm(total=total, desc="eval", bar_format=BAR, delay=QUIET_S, file=sys.stderr) as bar:
-            bar.set_postfix_str(f"0 of {self.runs} runs")
+            bar.set_postfix_str(f"0 of {self.runs} runs", refresh=False)
             for batch in in_order(work, config.batches, self.processes, bar.update):
                 measured += batch
                 bar.set_postfix_str(f"{len(measured)} of {self.runs} runs")
