@@ -4,7 +4,7 @@ Each episode that is long enough runs twice, images 30 to 60 ms late with jitter
 hidden state emptied in its middle. The mean error over all 30 points of the first, and by how much more the second errs
 in the 0.1 s that follow some times after the loss.
 
-    saltus heightmap collect policy --device cpu --episodes 128 --seed 4711 --out runs/unseen
+    saltus heightmap collect gpu --device cpu --episodes 128 --seed 4711 --out runs/unseen
     saltus bench restart -- runs/unseen models/heightmap.onnx
 """
 

@@ -12,7 +12,7 @@ from saltus.config import Camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.shards import ShardRecord, ShardWriter, open_shard, uninterrupted
-from saltus.heightmap.settings import PolicyCollection
+from saltus.heightmap.settings import DeviceCollection
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.policy.training.checkpoint import read_checkpoint
 from saltus.resources import resource
@@ -45,7 +45,7 @@ class DeviceProgress:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceCollection:
+class CollectedShards:
     """What was collected."""
 
     records: dict[Camera, ShardRecord]
@@ -57,11 +57,11 @@ class DeviceCollection:
 
 
 def collect(
-    settings: PolicyCollection,
+    settings: DeviceCollection,
     outputs: Mapping[Camera, Path],
     progress: Callable[[DeviceProgress], None],
     code: str | None = None,
-) -> DeviceCollection:
+) -> CollectedShards:
     """Adds one shard to each dataset; all show the same motion.
 
     Where it is interrupted, the batches that are whole are kept; the shards then have fewer ticks than were asked for.
@@ -92,7 +92,7 @@ def collect(
         }
         now, whole = _run(rollouts, settings.batches, shards, progress)
     records = {camera: shard.record for camera, shard in shards.items()}
-    return DeviceCollection(records=records, progress=now, whole=whole)
+    return CollectedShards(records=records, progress=now, whole=whole)
 
 
 def _run(

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from saltus.config import Camera, check_between
+from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import DeliveryName
 from saltus.heightmap.data.planner_randomisation import VARIATION
@@ -144,23 +145,26 @@ class DaggerConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannerCollection:
-    """Episodes of the scripted planner in the batched plant, on true heights.
+class ProcessorCollection:
+    """Robots that both planners drive on processors: what a round of `DaggerConfig` collects.
 
     Raises:
-        ConfigError: no episodes, or a seed that is none.
+        ConfigError: no batches, or a seed that is none.
     """
 
-    episodes: int = 200
-    """One robot each, from its start to its end."""
+    batches: int = 8
+    """Each of `loop.robots` robots."""
     seed: int = 0
-    """Of terrains and trials."""
-    profile: str = "shipped"
+    """Of terrains, trials and cameras."""
+    profile: str = SHIPPED
     """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
     file."""
+    model: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint=_NONE)] = None
+    """ONNX file of the predictor in the loop."""
+    loop: ClosedLoop = field(default_factory=ClosedLoop)
 
     def __post_init__(self) -> None:
-        check_between(self, episodes=(1, MANY), seed=SEEDS)
+        check_between(self, batches=(1, MANY), seed=SEEDS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +198,7 @@ class DeviceLoop:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyCollection:
+class DeviceCollection:
     """Robots that the learned policy drives on a GPU, with the predictor in the loop.
 
     Raises:

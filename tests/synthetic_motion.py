@@ -1,52 +1,59 @@
 """Motion that costs nothing to make, for tests of what is done with motion: robots glide over the ground."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from saltus import go1, rotations
 from saltus.config import TerrainConfig, TerrainKind
-from saltus.heightmap.data.rollouts import Trajectory
+from saltus.depth import MODEL_CAMERA
+from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.rollouts import Trajectory, episode_of
+from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import proprioception
 from saltus.terrain.curriculum import make_terrain
 
 TICK_S = 0.01
+TERRAINS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 
 
-@dataclass(frozen=True, kw_only=True)
-class GlidingRobots:
-    """A `saltus.heightmap.data.rollouts.MotionSource`: stiff legs, a base that bobs and nods above the ground."""
+def gliding_robots(
+    rng: np.random.Generator, count: int, *, ticks: int = 150, terrains: tuple[TerrainKind, ...] = TERRAINS
+) -> Iterator[Trajectory]:
+    """Yields trajectories of one robot each: stiff legs, a base that bobs and nods above the ground."""
+    for _ in range(count):
+        yield _trajectory(rng, ticks, terrains[rng.integers(len(terrains))])
 
-    ticks: int = 150
-    terrains: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 
-    def trajectories(self, rng: np.random.Generator, count: int) -> Iterator[Trajectory]:
-        """Yields `count` trajectories, one robot each."""
-        for _ in range(count):
-            yield self._trajectory(rng)
+def gliding_episodes(
+    count: int, *, seed: int = 0, ticks: int = 150, terrains: tuple[TerrainKind, ...] = TERRAINS
+) -> Iterator[Episode]:
+    """The same with true images, as a dataset keeps them."""
+    rng = np.random.default_rng(seed)
+    for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
+        yield episode_of(trajectory, MODEL_CAMERA, random_mount(rng))
 
-    def _trajectory(self, rng: np.random.Generator) -> Trajectory:
-        kind = self.terrains[rng.integers(len(self.terrains))]
-        terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, 0.4))))
-        time_s = TICK_S * np.arange(self.ticks)
-        x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
-        bob = rng.uniform(0.01, 0.05) * np.sin(2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6)))
-        z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + go1.STAND_HEIGHT + bob
-        position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
-        pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
-        zero = np.zeros_like(x)
-        quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
-        joints = np.tile(go1.STAND_POSE, (self.ticks, 1))
-        features = proprioception(
-            quaternion_base_in_world=quaternion,
-            angular_velocity_base=np.stack([zero, np.gradient(pitch, TICK_S), zero], axis=-1),
-            joint_position=joints,
-            velocity_base_in_world=np.gradient(position, TICK_S, axis=0),
-            base_height=bob + go1.STAND_HEIGHT,
-            leg_trusted=np.ones((self.ticks, 4), np.bool_),
-        )
-        return Trajectory(
-            terrain=terrain, position_base_in_world=position, quaternion_base_in_world=quaternion,
-            joint_position=joints, proprioception=features,
-        )  # fmt: skip
+
+def _trajectory(rng: np.random.Generator, ticks: int, kind: TerrainKind) -> Trajectory:
+    terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, 0.4))))
+    time_s = TICK_S * np.arange(ticks)
+    x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
+    bob = rng.uniform(0.01, 0.05) * np.sin(2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6)))
+    z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + go1.STAND_HEIGHT + bob
+    position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
+    pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
+    zero = np.zeros_like(x)
+    quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
+    joints = np.tile(go1.STAND_POSE, (ticks, 1))
+    features = proprioception(
+        quaternion_base_in_world=quaternion,
+        angular_velocity_base=np.stack([zero, np.gradient(pitch, TICK_S), zero], axis=-1),
+        joint_position=joints,
+        velocity_base_in_world=np.gradient(position, TICK_S, axis=0),
+        base_height=bob + go1.STAND_HEIGHT,
+        leg_trusted=np.ones((ticks, 4), np.bool_),
+    )
+    return Trajectory(
+        terrain=terrain, position_base_in_world=position, quaternion_base_in_world=quaternion,
+        joint_position=joints, proprioception=features,
+    )  # fmt: skip

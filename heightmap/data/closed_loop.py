@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, TerrainConfig, TerrainKind
+from saltus.depth import MODEL_CAMERA
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.mounts import random_mount
@@ -20,7 +21,7 @@ from saltus.heightmap.data.robot_cameras import IdealCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
-from saltus.heightmap.data.stereo_images import stereo_images
+from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
@@ -28,35 +29,47 @@ from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutSte
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.render.camera import moved_camera
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
+from saltus.workers import tell
 
 # Stairs and stones twice: there the heights matter most, and there they were worst.
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
 MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.delivery.TRAINING`
 
 
-def closed_loop_episodes(loop: ClosedLoop, model: Path | None, key: Sequence[int]) -> list[Episode]:
-    """One batch, which follows from its key and the predictor alone, wherever it is run.
+def closed_loop_episodes(
+    loop: ClosedLoop, model: Path | None, key: Sequence[int], profile: str = SHIPPED
+) -> list[Episode]:
+    """One batch, which follows from its key, predictor and profile alone, wherever it is run.
+
+    Each step of its robots is told, see `saltus.workers.tell`.
 
     Args:
         loop: How robots are let run.
         model: ONNX file of the predictor; true heights, shifted as each trial says, where there is none.
         key: Seed, round and number of the batch, from which everything is drawn.
+        profile: Hardware of the robots, by name or file.
     """
-    rng = np.random.default_rng(key)
-    trajectories = list(_trajectories(loop, model, rng))
-    mounts = [random_mount(rng) for _ in trajectories]
+    rng, robot = np.random.default_rng(key), load_robot(DEFAULT_ROBOT)
+    hardware = load_profile(profile, robot)
+    trajectories = list(_trajectories(loop, model, rng, robot, hardware))
+    claimed = MODEL_CAMERA if loop.camera == "ideal" else SAMPLED
+    views = [moved_camera(hardware.view_chain, claimed, random_mount(rng)) for _ in trajectories]
     if loop.camera == "ideal":
-        return [episode_of(*robot, threads=1) for robot in zip(trajectories, mounts, strict=True)]
-    images = stereo_images(trajectories, mounts, rng)
-    return [labelled(*robot) for robot in zip(trajectories, images, strict=True)]
+        return [episode_of(trajectory, *view) for trajectory, view in zip(trajectories, views, strict=True)]
+    images = stereo_images(trajectories, views, rng)
+    return [labelled(*seen) for seen in zip(trajectories, images, strict=True)]
 
 
-def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator) -> Iterator[Trajectory]:
+def _trajectories(
+    loop: ClosedLoop, model: Path | None, rng: np.random.Generator, robot: Robot, profile: Profile
+) -> Iterator[Trajectory]:
     some = [
         make_terrain(random_course(rng, loop.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(loop.courses)
     ]
@@ -64,14 +77,19 @@ def _trajectories(loop: ClosedLoop, model: Path | None, rng: np.random.Generator
     # Beyond the seeds of all evaluations and other rounds of data.
     first = int(rng.integers(2**32, 2**62))
     rollout = Rollout(
-        load_robot(DEFAULT_ROBOT),
+        robot,
         terrains,
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(rng, loop.robots, learned=loop.learned, variation=loop.variation),
-        heights=_heights(model, rng.uniform(0.0, MAX_LOSS)),
+        profile=profile,
+        heights=_heights(model, profile, rng.uniform(0.0, MAX_LOSS)),
         time_limit_s=np.inf,
     )
-    yield from _cut([rollout.step() for _ in range(loop.ticks)], terrains)
+    steps = []
+    for _ in range(loop.ticks):
+        steps.append(rollout.step())
+        tell(1)
+    yield from _cut(steps, terrains)
 
 
 class MixedPlanner:
@@ -81,7 +99,7 @@ class MixedPlanner:
         rng: Draws who is led by which, and how each differs.
         count: Number of robots.
         learned: Share of robots that the learned policy leads.
-        variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planned`.
+        variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planner_randomisation`.
     """
 
     def __init__(self, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:
@@ -106,12 +124,11 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(model: Path | None, loss: float) -> HeightsFactory | None:
+def _heights(model: Path | None, profile: Profile, loss: float) -> HeightsFactory | None:
     if model is None:
         return None
-    shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
-    profile = replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=loss)))
-    return partial(_predicted, HeightmapNetwork(model), profile)
+    lossy = replace(profile, camera=(*profile.camera, FrameDrop(fraction=loss)))
+    return partial(_predicted, HeightmapNetwork(model), lossy)
 
 
 def _predicted(
@@ -140,7 +157,7 @@ def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[
     position = np.array([step.truth.position_base_in_world for step in steps])
     quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
     joints = np.array([step.truth.joint_position for step in steps])
-    proprioception = np.array([proprioception_of_states(step.states) for step in steps])
+    features = np.array([proprioception_of_states(step.states) for step in steps])
     for robot, terrain in enumerate(terrains):
         for run in runs(starts[:, robot]):
             yield Trajectory(
@@ -148,5 +165,5 @@ def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[
                 position_base_in_world=position[run, robot],
                 quaternion_base_in_world=quaternion[run, robot],
                 joint_position=joints[run, robot],
-                proprioception=proprioception[run, robot],
+                proprioception=features[run, robot],
             )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S
 from saltus.heightmap.data.rollouts import Trajectory
 from saltus.render.camera import Mount
@@ -25,14 +25,18 @@ def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
     return CameraRandomisation().draw(count, rng).stereo(StereoConfig())
 
 
+View = tuple[Intrinsics, Mount]
+"""How wide a camera looks, and where it sits."""
+
+
 def stereo_images(
-    trajectories: Sequence[Trajectory], mounts: Sequence[Mount], rng: np.random.Generator
+    trajectories: Sequence[Trajectory], views: Sequence[View], rng: np.random.Generator
 ) -> list[NDArray[np.uint16]]:
     """Takes the pictures of robots, each with a camera of its own.
 
     Args:
         trajectories: Motion of each robot; an image is taken every `FRAME_TICKS`.
-        mounts: Where each camera really sits.
+        views: Of each camera as it really is; its claimed resolution is that of `SAMPLED`.
         rng: Draws the quality of the cameras and all their errors.
 
     Returns:
@@ -41,31 +45,31 @@ def stereo_images(
     images: list[NDArray[np.uint16]] = []
     for first in range(0, len(trajectories), CHUNK):
         part = slice(first, first + CHUNK)
-        images += _chunk(trajectories[part], mounts[part], rng)
+        images += _chunk(trajectories[part], views[part], rng)
     return images
 
 
 def _chunk(
-    trajectories: Sequence[Trajectory], mounts: Sequence[Mount], rng: np.random.Generator
+    trajectories: Sequence[Trajectory], views: Sequence[View], rng: np.random.Generator
 ) -> list[NDArray[np.uint16]]:
     """The same for as many robots as the arrays of one exposure fit into the cache."""
-    views = [_views(trajectory, mount) for trajectory, mount in zip(trajectories, mounts, strict=True)]
-    count, frames = len(views), [len(depth) for depth, _ in views]
+    seen = [_seen(trajectory, view) for trajectory, view in zip(trajectories, views, strict=True)]
+    count, frames = len(seen), [len(depth) for depth, _ in seen]
     camera = StereoCamera(drawn_cameras(count, rng), OPTICS)
     state = camera.init((count,), rng)
     images = np.empty((count, max(frames), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
     for i in range(max(frames)):
         # The camera of a robot whose run is over stands still; what it takes is not kept.
-        depth, hidden = (np.stack([view[kind][min(i, len(view[kind]) - 1)] for view in views]) for kind in (0, 1))
+        depth, hidden = (np.stack([pair[kind][min(i, len(pair[kind]) - 1)] for pair in seen]) for kind in (0, 1))
         image, state = camera.step(depth, hidden, np.full(count, i * FRAME_TICKS * TICK_S), state)
         images[:, i] = depth_in_millimetres(pooled(image.depth, ROWS, COLUMNS))
     return [taken[:length] for taken, length in zip(images, frames, strict=True)]
 
 
-def _views(trajectory: Trajectory, mount: Mount) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _seen(trajectory: Trajectory, view: View) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """True depth and what the second imager does not see, at each image of a robot."""
     rows = slice(None, None, FRAME_TICKS)
-    return StereoEmbree(trajectory.terrain, OPTICS, SAMPLED, mount).render_pair_batch(
+    return StereoEmbree(trajectory.terrain, OPTICS, *view).render_pair_batch(
         trajectory.position_base_in_world[rows],
         trajectory.quaternion_base_in_world[rows],
         trajectory.joint_position[rows],

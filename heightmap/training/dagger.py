@@ -20,13 +20,11 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from saltus.config import from_table
 from saltus.errors import ConfigError
-from saltus.heightmap.data.closed_loop import closed_loop_episodes
+from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.inventory import merge, validate
-from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.data.shards import (
     DatasetError,
     Episode,
@@ -38,20 +36,15 @@ from saltus.heightmap.data.shards import (
     write_shard,
     write_whole,
 )
-from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, TrainConfig
+from saltus.heightmap.settings import FURTHER_RATE, DaggerConfig, TrainConfig
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
-from saltus.workers import in_order
 
-SOURCE = "dagger"
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 BEGUN = "dagger.json"
 
-Key = tuple[int, int, int]
-"""Of a batch: seed, round, number."""
 Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
 """Makes batches from a predictor and their keys, in the order of the keys."""
 
@@ -110,7 +103,7 @@ def dagger(
     if start is not None:
         load_checkpoint(start)  # what is wrong is said before anything is written down
     elif base is not None and not (directory / BEGUN).exists():
-        refuse_twice(base, read_records(base), config.seed, _table(config, 0, "true"))
+        refuse_twice(base, read_records(base), config.seed, round_table(config.loop, config.batches, 0, None))
     if base is not None and not (directory / BEGUN).exists() and (damages := validate(base)):
         raise DatasetError(damages[0])
     directory.mkdir(parents=True, exist_ok=True)
@@ -122,7 +115,14 @@ def dagger(
     before = None if start is None else _started(directory / "start", start)
     for index in range(config.rounds):
         if index >= len(read_manifest(data)) - begun_with:
-            _collect(data, index, before, config, observer, partial(_batches, config.loop, processes, cluster))
+            _collect(
+                data,
+                index,
+                before,
+                config,
+                observer,
+                partial(closed_loop_batches, config.loop, processes=processes, cluster=cluster),
+            )
         folder = directory / f"round_{index:03d}"
         if not folder.exists():
             _train(folder, index, before, config, observer)
@@ -176,29 +176,15 @@ def _started(folder: Path, start: Path) -> Path:
     return folder
 
 
-def _batches(
-    loop: ClosedLoop, processes: int | None, cluster: str | None, model: Path | None, keys: Sequence[Key]
-) -> Generator[list[Episode], None, None]:
-    """What `loop` makes of a predictor and each key, in the order of the keys, from this machine or a cluster."""
-    if cluster is not None:
-        return in_order_on_ray(partial(closed_loop_episodes, loop), model, keys, cluster, processes)
-    return in_order(partial(closed_loop_episodes, loop, model), keys, processes)
-
-
 def _collect(
     data: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer, batches: Batches
 ) -> None:
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
-    table = _table(config, index, "true" if model is None else HeightmapNetwork(model).model_id)
+    table = round_table(config.loop, config.batches, index, model)
     # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
     with closing(batches(model, keys)) as made:
         write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)
-
-
-def _table(config: DaggerConfig, index: int, heights: str) -> dict[str, Any]:
-    """What the manifest says of a round."""
-    return {"source": SOURCE, "round": index, "batches": config.batches, **asdict(config.loop), "heights": heights}
 
 
 def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -> Iterator[Episode]:

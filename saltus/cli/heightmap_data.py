@@ -14,9 +14,10 @@ from tyro.conf import subcommand
 from saltus.cli.flags import Flag, shown
 from saltus.cli.heightmap_train import QUIET_S, print_differences, training_packages
 from saltus.cli.output import print_json
-from saltus.config import DEFAULT_ROBOT, check_between, load_changes
+from saltus.config import DEFAULT_ROBOT, load_changes
 from saltus.effects.profile import load_profile
-from saltus.heightmap.settings import DaggerConfig, PlannerCollection, PolicyCollection
+from saltus.errors import ConfigError
+from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
 from saltus.robots.loading import load_robot
 
 if TYPE_CHECKING:
@@ -27,100 +28,110 @@ if TYPE_CHECKING:
 
 DATASET = Path("runs/dataset")
 MOST_PROCESSES = 4096
-TRIALS = 1_000_000
-"""Seeds of trials in a round of data: rounds with different seeds, and evaluations, never meet the same trial."""
 Settings = TypeVar("Settings")
 ConfigFile = Annotated[Path | None, shown("PATH", "none")]
+Processes = Annotated[int | None, shown("INT", "one for each core")]
+Ray = Annotated[str | None, shown("STR", "none: this computer's cores")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FromPlanner:
-    """Episodes of the scripted planner in MuJoCo on this computer's processors, with true depth.
+class OnProcessors:
+    """Episodes of both planners in MuJoCo on this computer's processors, or on a Ray cluster.
 
-    Example: saltus heightmap collect planner --episodes 200 --out runs/dataset
+    The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over it.
+
+    Examples:
+      saltus heightmap collect cpu --batches 4 --out runs/dataset
+      saltus heightmap collect cpu --model models/heightmap.onnx --loop.learned 1 --seed 1
     """
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it."""
     config: ConfigFile = None
     """TOML file with the settings that are to be other ones."""
-    settings: Annotated[PlannerCollection, tyro.conf.arg(name="")] = field(default_factory=PlannerCollection)
+    settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(default_factory=ProcessorCollection)
+    processes: Processes = None
+    """That collect. The data do not depend on it."""
+    ray: Ray = None
+    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
-    def defaults(self) -> "FromPlanner":
+    def defaults(self) -> "OnProcessors":
         """The same command with the settings that its flags change: those of --config, and the defaults."""
-        return replace(self, settings=_changed(PlannerCollection(), self.config))
+        return replace(self, settings=_changed(ProcessorCollection(), self.config))
 
     def run(self) -> int:
-        """Writes the shard; of one that is interrupted what is whole."""
+        """Writes the shard; of one that is interrupted the batches that are whole."""
         with training_packages():
-            from saltus.heightmap.data.planned import PlannedBounding
-            from saltus.heightmap.data.rollouts import collect
+            from saltus.heightmap.collection import collect
 
-        settings, profile = self.settings, load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
-        announce = cache(partial(print_differences, PlannerCollection(), settings, "by default"))
-        with tqdm(total=settings.episodes, unit="episode", desc="collect", delay=QUIET_S) as bar:
+        settings, ticks = self.settings, self.settings.loop.ticks
+        load_profile(settings.profile, load_robot(DEFAULT_ROBOT))
+        _check_processes(self.processes)
+        announce = cache(partial(print_differences, ProcessorCollection(), settings, "by default"))
+        done = 0
+        with tqdm(total=settings.batches * ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
 
-            def moved(share: float) -> None:
+            def show(batches: int) -> None:
+                nonlocal done
+                done = batches
                 announce()
-                bar.set_postfix_str(f"robots run, {100 * share:.0f} %", refresh=round(1e3 * share) % 20 == 0)
+                bar.set_postfix_str(f"{batches} of {settings.batches} batches")
+                if self.ray is not None:  # hosts of a cluster tell nothing before a batch is done
+                    bar.update(batches * ticks - bar.n)
 
-            source = PlannedBounding(first_seed=TRIALS * (1 + settings.seed), profile=profile, progress=moved)
             try:
                 record = collect(
-                    self.out, source, count=settings.episodes, seed=settings.seed,
-                    config={"source": "planner", "episodes": settings.episodes, "profile": settings.profile},
-                    view=profile.view_chain, done=bar.update,
-                )  # fmt: skip
+                    settings, self.out, show, processes=self.processes, cluster=self.ray, listener=bar.update
+                )
             except KeyboardInterrupt:
                 _tell_nothing(bar)
                 raise
-        _tell([(self.out, record)], whole=record.episodes == settings.episodes)
+        _tell([(self.out, record)], whole=done == settings.batches)
         return 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class FromPolicy:
-    """Episodes of the learned policy on a GPU, thousands of robots at once; falls and finishes make more of them.
+class OnDevice:
+    """Episodes of thousands of robots at once on a GPU; falls and finishes make more of them.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
 
     Examples:
-      saltus heightmap collect policy --episodes 16384 --predictor models/checkpoints/heightmap.pt
-      saltus heightmap collect policy --loop.learned 0.75 --loop.cameras d435i ideal
+      saltus heightmap collect gpu --episodes 16384 --predictor models/checkpoints/heightmap.pt
+      saltus heightmap collect gpu --loop.learned 0.75 --loop.cameras d435i ideal
     """
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
     config: ConfigFile = None
     """TOML file with the settings that are to be other ones."""
-    settings: Annotated[PolicyCollection, tyro.conf.arg(name="")] = field(default_factory=PolicyCollection)
+    settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(default_factory=DeviceCollection)
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
     json: Flag = False
     """Print how many labelled steps of 10 ms came a second, with and without writing, as JSON on the last line."""
 
-    def defaults(self) -> "FromPolicy":
+    def defaults(self) -> "OnDevice":
         """The same command with the settings that its flags change: those of --config, and the defaults."""
-        return replace(self, settings=_changed(PolicyCollection(), self.config))
+        return replace(self, settings=_changed(DeviceCollection(), self.config))
 
     def run(self) -> int:
         """Writes the shards; of those that are interrupted the batches that are whole."""
         with training_packages():
             from saltus.heightmap.device_collection import collect
 
-        settings = self.settings
-        announce = cache(partial(print_differences, PolicyCollection(), settings, "by default"))
-        ticks = settings.batches * settings.loop.ticks
+        settings, ticks = self.settings, self.settings.loop.ticks
+        announce = cache(partial(print_differences, DeviceCollection(), settings, "by default"))
         outputs = {
             camera: self.out.with_name(f"{self.out.name}-{camera}") if number else self.out
             for number, camera in enumerate(settings.loop.cameras)
         }
-        with tqdm(total=ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
+        with tqdm(total=settings.batches * ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
 
             def show(now: "DeviceProgress") -> None:
                 announce()
                 bar.update(now.ticks - bar.n)
-                if now.labelled and now.ticks % settings.loop.ticks == 0:
+                if now.labelled and now.ticks % ticks == 0:
                     speed = f"{now.labelled / now.seconds:.0f}"
                     bar.set_postfix(steps=now.labelled, per_s=speed, crowded=f"{100 * now.crowded:.2f} %")
 
@@ -137,14 +148,14 @@ class FromPolicy:
 
 @dataclass(frozen=True, kw_only=True)
 class Collect:
-    """Adds a shard of labelled episodes to a dataset: of the scripted planner, or of the learned policy.
+    """Adds a shard of labelled episodes to a dataset, made on processors or on a GPU.
 
     Ctrl-C keeps what was collected by then.
     """
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[
-            Annotated[FromPlanner, subcommand("planner")] | Annotated[FromPolicy, subcommand("policy")],
+            Annotated[OnProcessors, subcommand("cpu")] | Annotated[OnDevice, subcommand("gpu")],
             tyro.conf.arg(name=""),
         ]
     ]
@@ -152,6 +163,11 @@ class Collect:
     def run(self) -> int:
         """Runs the chosen command."""
         return self.command.run()
+
+
+def _check_processes(processes: int | None) -> None:
+    if processes is not None and not 1 <= processes <= MOST_PROCESSES:
+        raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 
 
 def _changed(settings: Settings, config: Path | None) -> Settings:
@@ -197,9 +213,9 @@ class Dagger:
     config: ConfigFile = None
     """TOML file with the settings that are to be other ones."""
     settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(default_factory=DaggerConfig)
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Processes = None
     """That collect. The data do not depend on it."""
-    ray: Annotated[str | None, shown("STR", "none: this computer's cores")] = None
+    ray: Ray = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
     def defaults(self) -> "Dagger":
@@ -211,8 +227,7 @@ class Dagger:
         with training_packages():
             from saltus.heightmap.training.dagger import BEGUN, Observer, dagger
 
-        if self.processes is not None:
-            check_between(self, processes=(1, MOST_PROCESSES))
+        _check_processes(self.processes)
         what = "of the run that goes on" if (self.out / BEGUN).exists() else "by default"
         announce = cache(partial(print_differences, self._before(), self.settings, what))
         with _Bars(self.settings.batches, self.settings.updates, announce) as bars:

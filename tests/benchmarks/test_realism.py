@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from synthetic_motion import GlidingRobots
+from synthetic_motion import gliding_episodes
 
 from benchmarks.realism import check_twins, with_age_held
 from saltus.heightmap.data.delivery import DeliveryModel
-from saltus.heightmap.data.rollouts import episodes
 from saltus.heightmap.data.shards import DatasetError, Episode
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.settings import ModelConfig
@@ -18,7 +17,7 @@ from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window
 
 @pytest.fixture(scope="module")
 def motion() -> list[Episode]:
-    return list(episodes(GlidingRobots(ticks=21, terrains=("step",)), np.random.default_rng(0), 3))
+    return list(gliding_episodes(3, ticks=21, terrains=("step",)))
 
 
 def test_images_may_differ(motion: list[Episode]) -> None:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded_run import glide, record
-from synthetic_motion import GlidingRobots
+from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
-from saltus.heightmap.data.rollouts import collect
+from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.replay import replay_predictor
@@ -52,8 +52,8 @@ NUMBERS: dict[str, dict[str, list[str]]] = {
         "--loop.variation": ["nan"],
         "--processes": ["0"],
     },
-    "collect planner": {"--episodes": ["0", "nan"], "--seed": ["-1"], "--profile": ["nosuch"]},
-    "collect policy": {
+    "collect cpu": {"--batches": ["0", "nan"], "--seed": ["-1"], "--profile": ["nosuch"], "--processes": ["-1"]},
+    "collect gpu": {
         "--episodes": ["-1"],
         "--loop.robots": ["0", "99999999999"],
         "--loop.ticks": ["59", "nan"],
@@ -93,7 +93,7 @@ def broken(folder: Path, kind: str, suffix: str) -> Path:
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data")
-    collect(path, GlidingRobots(ticks=80), count=10, seed=0, config={"source": "synthetic"})
+    write_shard(path, gliding_episodes(10, ticks=80), seed=0, config={})
     return path
 
 
@@ -124,8 +124,9 @@ def test_checkpoints_models_and_recordings_that_are_none(
         (checkpoint, ["train", "--data", data, "--start", checkpoint, "--out", out]),
         (checkpoint, ["dagger", "--start", checkpoint, "--out", out]),
         (checkpoint, ["export", "--data", data, "--checkpoint", checkpoint, "--out", out]),
-        (checkpoint, ["collect", "policy", "--device", "cpu", "--predictor", checkpoint, "--out", out]),
+        (checkpoint, ["collect", "gpu", "--device", "cpu", "--predictor", checkpoint, "--out", out]),
         (model, ["give", model, "--run-dir", data]),
+        (model, ["collect", "cpu", "--model", model, "--out", out]),
         (model, ["eval", "--runs", "1", "--model", model]),
         (model, ["report", recording, "--model", model, "--out", out]),
         (run, ["report", run, "--out", out]),
@@ -147,7 +148,7 @@ def test_datasets_that_are_none(kind: str, tmp_path: Path, capsys: pytest.Captur
         ["train", "--data", bad, "--out", out],
         ["dagger", "--base", bad, "--out", out],
         ["export", "--data", bad, "--checkpoint", shipped, "--out", out],
-        ["collect", "planner", "--episodes", "1", "--out", bad],
+        ["collect", "cpu", "--batches", "1", "--out", bad],
         ["dataset", "info", bad],
         ["dataset", "validate", bad],
         ["dataset", "merge", bad, "--out", out],

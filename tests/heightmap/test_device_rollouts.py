@@ -39,7 +39,7 @@ def command(folder: Path) -> list[str]:
     given = {"episodes": 2 * ROBOTS, "loop.robots": ROBOTS, "loop.ticks": TICKS, "seed": 3, "device": "cpu"}
     files = {"policy": CHECKPOINTS / "policy.pt", "predictor": CHECKPOINTS / "heightmap.pt", "out": folder}
     flags = (part for name, value in {**given, **files}.items() for part in (f"--{name}", str(value)))
-    return ["heightmap", "collect", "policy", *flags]
+    return ["heightmap", "collect", "gpu", *flags]
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +199,7 @@ def test_a_missing_gpu_is_said_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert saltus(["heightmap", "collect", "policy", "--out", str(tmp_path)]) == 2
+    assert saltus(["heightmap", "collect", "gpu", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip()
     assert "no GPU found" in said.splitlines()[-1]
     assert list(tmp_path.iterdir()) == []

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 from samples import ROBOT
-from synthetic_motion import GlidingRobots
+from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
-from saltus.depth import MILLIMETRE, RANGE_M
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M
 from saltus.effects.camera import ViewChain
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
-from saltus.heightmap.data.stereo_images import drawn_cameras, stereo_images
+from saltus.heightmap.data.stereo_images import SAMPLED, drawn_cameras, stereo_images
 from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
 from saltus.policy.planner import make_planner
@@ -25,19 +25,19 @@ from saltus.trial import Trial
 
 @pytest.fixture(scope="module")
 def motion() -> list[Trajectory]:
-    short = GlidingRobots(ticks=41, terrains=("stairs", "gap"))
-    longer = GlidingRobots(ticks=60, terrains=("stepping_stones", "step"))
     rng = np.random.default_rng(0)
-    return [*short.trajectories(rng, 3), *longer.trajectories(rng, 3)]
+    short = gliding_robots(rng, 3, ticks=41, terrains=("stairs", "gap"))
+    return [*short, *gliding_robots(rng, 3, ticks=60, terrains=("stepping_stones", "step"))]
 
 
 def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
     rng = np.random.default_rng(1)
     mounts = [random_mount(rng) for _ in motion]
-    images, again = (stereo_images(motion, mounts, np.random.default_rng(2)) for _ in range(2))
+    views = [(SAMPLED, mount) for mount in mounts]
+    images, again = (stereo_images(motion, views, np.random.default_rng(2)) for _ in range(2))
     off_mm = []
     for trajectory, mount, image, same in zip(motion, mounts, images, again, strict=True):
-        true = episode_of(trajectory, mount, threads=1).depth
+        true = episode_of(trajectory, MODEL_CAMERA, mount).depth
         assert image.shape == true.shape == (-(-len(trajectory.joint_position) // FRAME_TICKS), 48, 16)
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1

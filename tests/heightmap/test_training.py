@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from synthetic_motion import GlidingRobots
+from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
-from saltus.heightmap.data.rollouts import collect
-from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest
+from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest, write_shard
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import INTERVAL90
@@ -35,7 +34,7 @@ CONFIG = TrainConfig(updates=30, batch=8, window=50, device="cpu", model=SMALL)
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data")
-    collect(path, GlidingRobots(ticks=150), count=20, seed=0, config={"source": "synthetic"})
+    write_shard(path, gliding_episodes(20, seed=0), seed=0, config={"source": "synthetic"})
     return path
 
 
@@ -63,7 +62,7 @@ def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, tmp_path:
     manifest, unseen = tmp_path / "elsewhere", tmp_path / "unseen"
     manifest.mkdir()
     shutil.copy(data / "manifest.json", manifest)  # the shards stayed on the machine that trained
-    collect(unseen, GlidingRobots(ticks=150), count=3, seed=1, config={"source": "synthetic"})
+    write_shard(unseen, gliding_episodes(3, seed=1), seed=1, config={"source": "synthetic"})
     result = release(tmp_path / "a.pt", manifest, tmp_path / "a.onnx", unseen)
     assert result.clean.ticks == 3 * (150 - SETTLED_TICKS)
     assert read_manifest(data)[0].sha256[:16] in (tmp_path / "a.md").read_text()
@@ -76,9 +75,8 @@ def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, tmp_path:
 
 def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(data: Path, tmp_path: Path) -> None:
     further, twin = tmp_path / "further", tmp_path / "twin"
-    motion = GlidingRobots(ticks=150)
-    collect(further, motion, count=10, seed=2, config={"source": "synthetic", "camera": "ideal"})
-    collect(twin, motion, count=11, seed=2, config={"source": "synthetic", "camera": "d435i"})
+    write_shard(further, gliding_episodes(10, seed=2), seed=2, config={"source": "synthetic", "camera": "ideal"})
+    write_shard(twin, gliding_episodes(11, seed=2), seed=2, config={"source": "synthetic", "camera": "d435i"})
     config = TrainConfig(**{**vars(CONFIG), "updates": 1})
     train(data, tmp_path / "a.pt", config)
     train(further, tmp_path / "b.pt", config, start=tmp_path / "a.pt")
@@ -91,7 +89,7 @@ def test_the_command_measures_on_unseen_data_and_says_so(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
-    collect(tmp_path / "unseen", GlidingRobots(ticks=150), count=3, seed=77, config={"source": "synthetic"})
+    write_shard(tmp_path / "unseen", gliding_episodes(3, seed=77), seed=77, config={"source": "synthetic"})
     out = tmp_path / "new folder" / "heightmap.onnx"
     files = ["--checkpoint", str(tmp_path / "a.pt"), "--out", str(out.parent)]
     command = ["heightmap", "export", "--data", str(data), *files]

@@ -18,7 +18,7 @@ COMMANDS = {
     "demo": "demo --terrain flat --time-limit-s 0.3 --no-video --renderer pyrender",
     "preview": "render preview --terrain flat --out preview.html",
     "train": "policy train --device cpu --robots 8 --iterations 1 --evaluate-minutes 0 --out trained",
-    "collect": "heightmap collect policy --device cpu --episodes 1 --out data",
+    "collect": "heightmap collect gpu --device cpu --episodes 1 --out data",
 }
 LAST = {"train": "torch", "collect": "kornia.morphology"}
 """Commands that take longer end with the first call of this module."""

@@ -1,0 +1,76 @@
+"""A shard that robots on processors make: repeatable, of the robot's own profile, kept where it is interrupted."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from samples import PROFILE
+
+from saltus.cli.main import main
+from saltus.config import Camera
+from saltus.effects.camera_pitch import CameraPitch
+from saltus.effects.profile import profile_to_toml
+from saltus.heightmap import collection as heightmap_collection
+from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
+from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.policy.evaluation.rollout import STAND_STEPS
+
+ROBOTS, TICKS = 2, STAND_STEPS + 8
+
+
+def command(out: Path, camera: Camera, *more: str) -> list[str]:
+    sizes = {"robots": ROBOTS, "courses": 1, "ticks": TICKS, "hardest": 0.2, "camera": camera}
+    loop = [part for name, value in sizes.items() for part in (f"--loop.{name}", str(value))]
+    return ["heightmap", "collect", "cpu", "--out", str(out), "--batches", "2", "--processes", "1", *loop, *more]
+
+
+def collected(out: Path, camera: Camera, *more: str) -> list[Episode]:
+    assert main(command(out, camera, *more)) == 0
+    return read_dataset(out)
+
+
+@pytest.mark.parametrize("camera", ["ideal", "d435i"])
+def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: Camera, tmp_path: Path) -> None:
+    profile = tmp_path / "tilted.toml"
+    profile.write_text(profile_to_toml(replace(PROFILE, camera=(*PROFILE.camera, CameraPitch(offset=0.17)))))
+    first, again, tilted = (
+        collected(tmp_path / name, camera, *more)
+        for name, more in (("a", ()), ("b", ()), ("c", ("--profile", str(profile))))
+    )
+    assert len(first) == 2 * ROBOTS
+    for one, same, other in zip(first, again, tilted, strict=True):
+        assert one.height.shape == (TICKS, 30)
+        assert one.proprioception.shape == (TICKS, len(PROPRIOCEPTION))
+        assert one.depth.shape == (len(one.frame_tick), 48, 16)
+        np.testing.assert_array_equal(one.depth, same.depth)
+        np.testing.assert_array_equal(one.proprioception, other.proprioception)
+        nearer = np.minimum(other.depth, 3000).mean() / np.minimum(one.depth, 3000).mean()
+        assert nearer < 0.97  # it looks further down
+
+
+@pytest.mark.parametrize("interrupted_at", [1, 2])
+def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], interrupted_at: int
+) -> None:
+    calls, law = [], heightmap_collection.closed_loop_episodes
+
+    def interrupted(*given: Any, **more: Any) -> list[Episode]:
+        calls.append(given)
+        if len(calls) == interrupted_at:
+            raise KeyboardInterrupt
+        return law(*given, **more)
+
+    monkeypatch.setattr(heightmap_collection, "closed_loop_episodes", interrupted)
+    out = tmp_path / "data"
+    assert main(command(out, "ideal")) == 130
+    said = capsys.readouterr().err
+    if interrupted_at == 1:
+        assert "nothing is kept" in said
+        assert list(out.iterdir()) == []
+        return
+    assert "what was collected is kept" in said
+    assert validate(out) == []
+    assert read_manifest(out)[0].episodes == ROBOTS
