@@ -10,7 +10,7 @@ from typing import Any
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.ray_workers import in_order_on_ray
-from saltus.heightmap.data.shards import Episode, ShardRecord, open_shard
+from saltus.heightmap.data.shards import Collection, Episode, collect_batches
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop, ProcessorCollection
 from saltus.workers import Listener, in_order
@@ -22,40 +22,20 @@ Key = tuple[int, int, int]
 def collect(
     settings: ProcessorCollection,
     directory: Path,
-    batches: Callable[[int], object],
+    done: Callable[[int], object],
     *,
     processes: int | None = None,
     cluster: str | None = None,
     listener: Listener | None = None,
-) -> ShardRecord:
-    """Adds a shard to a dataset; of a collection that is interrupted the batches that are whole.
-
-    Args:
-        settings: What to collect.
-        directory: The dataset.
-        batches: Is told after each batch how many are in the dataset.
-        processes: That collect, see `closed_loop_batches`.
-        cluster: The same.
-        listener: Is told of steps while batches are made, but not by a cluster.
-
-    Raises:
-        KeyboardInterrupt: it was interrupted before the first batch was whole.
-        DatasetError: the dataset has these episodes, or cannot be written.
-    """
+) -> Collection:
+    """Adds a shard to a dataset; arguments and errors as those of `collect_batches` and `closed_loop_batches`."""
     keys = [(settings.seed, 0, batch) for batch in range(settings.batches)]
     table = round_table(settings.loop, settings.batches, 0, settings.model)
     if settings.profile != SHIPPED:
         table["profile"] = settings.profile
     made = closed_loop_batches(settings.loop, settings.model, keys, settings.profile, processes, cluster, listener)
-    with open_shard(directory, seed=settings.seed, config=table) as shard, closing(made):
-        try:
-            for done, episodes in enumerate(made, start=1):
-                shard.append(episodes)
-                batches(done)
-        except KeyboardInterrupt:
-            if not shard.ticks:
-                raise
-    return shard.record
+    with closing(made):
+        return collect_batches([(directory, table)], ([batch] for batch in made), done, seed=settings.seed)
 
 
 def closed_loop_batches(

@@ -2,8 +2,7 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 from saltus.config import Camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
-from saltus.heightmap.data.shards import ShardRecord, ShardWriter, open_shard, uninterrupted
+from saltus.heightmap.data.shards import Collection, Episode, collect_batches
 from saltus.heightmap.settings import DeviceCollection
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.policy.training.checkpoint import read_checkpoint
@@ -21,59 +20,42 @@ POLICY = "models/checkpoints/policy.pt"
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceProgress:
-    """Where a collection is, at the end of each tick of its robots."""
+class DeviceSpeed:
+    """How fast robots were, without what came before the first batch."""
 
     ticks: int
-    """Of all batches so far."""
-    labelled: int = 0
-    """Steps of all robots that are in the dataset."""
-    moving_s: float = 0.0
-    """Time for all but writing, without what came before the first batch."""
-    seconds: float = 0.0
+    """Labelled steps of 10 ms."""
+    moving_s: float
+    """For all but writing."""
+    seconds: float
     """With writing."""
-    crowded: float = 0.0
-    """Share of the robots of the batch whose physics left out contacts for want of room."""
 
     @property
-    def speed(self) -> dict[str, float]:
+    def table(self) -> dict[str, int]:
         """Labelled steps a second."""
-        return {
-            "steps_per_s": round(self.labelled / self.moving_s),
-            "steps_per_s_with_writing": round(self.labelled / self.seconds),
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class CollectedShards:
-    """What was collected."""
-
-    records: dict[Camera, ShardRecord]
-    """Of the shard in each dataset."""
-    progress: DeviceProgress
-    """At the end."""
-    whole: bool
-    """Whether it was not interrupted."""
+        pairs = (("steps_per_s", self.moving_s), ("steps_per_s_with_writing", self.seconds))
+        return {name: round(self.ticks / seconds) for name, seconds in pairs}
 
 
 def collect(
     settings: DeviceCollection,
     outputs: Mapping[Camera, Path],
-    progress: Callable[[DeviceProgress], None],
+    ticked: Callable[[], object],
+    done: Callable[[DeviceSpeed, float], object],
     code: str | None = None,
-) -> CollectedShards:
+) -> Collection:
     """Adds one shard to each dataset; all show the same motion.
-
-    Where it is interrupted, the batches that are whole are kept; the shards then have fewer ticks than were asked for.
 
     Args:
         settings: What to collect.
         outputs: Dataset for the images of each of the loop's cameras.
-        progress: Called after each tick.
+        ticked: Is called after each tick.
+        done: Is told after each batch how fast it is, and the share of robots whose physics left out contacts for want
+            of room.
         code: Which code collects, where this machine cannot tell.
 
     Raises:
-        SaltusError: there is no such device, or a checkpoint cannot be read.
+        SaltusError: there is no such device, a checkpoint cannot be read, or as `collect_batches`.
         KeyboardInterrupt: it was interrupted before the first batch was whole.
     """
     device = checked_device(settings.device)
@@ -83,50 +65,22 @@ def collect(
     rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=device, seed=settings.seed)
     table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **asdict(loop)}
     table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
-    with ExitStack() as stack:
-        shards = {
-            camera: stack.enter_context(
-                open_shard(folder, seed=settings.seed, config={**table, "camera": camera}, code=code)
-            )
-            for camera, folder in outputs.items()
-        }
-        now, whole = _run(rollouts, settings.batches, shards, progress)
-    records = {camera: shard.record for camera, shard in shards.items()}
-    return CollectedShards(records=records, progress=now, whole=whole)
+    began, moving_s = time.perf_counter(), 0.0
 
-
-def _run(
-    rollouts: DeviceRollouts,
-    batches: int,
-    shards: Mapping[Camera, ShardWriter],
-    progress: Callable[[DeviceProgress], None],
-) -> tuple[DeviceProgress, bool]:
-    """Runs all batches, or until it is interrupted; returns how far it came, and whether to the end."""
-    now, began = DeviceProgress(ticks=0), time.perf_counter()
-
-    def tell() -> None:
-        nonlocal now
-        now = replace(now, ticks=now.ticks + 1)
-        progress(now)
-
-    try:
-        for _ in range(batches):
+    def batches() -> Iterator[list[Iterator[Episode]]]:
+        nonlocal moving_s
+        for _ in range(settings.batches):
             start = time.perf_counter()
-            recorded = rollouts.batch(tell)
-            moving_s = now.moving_s + time.perf_counter() - start
-            with uninterrupted():
-                for camera, shard in shards.items():
-                    shard.append(recorded.episodes(camera))
-            now = replace(
-                now, labelled=shard.ticks, moving_s=moving_s, seconds=time.perf_counter() - began,
-                crowded=rollouts.crowded_share(),
-            )  # fmt: skip
-            progress(now)
-    except KeyboardInterrupt:
-        if not any(shard.ticks for shard in shards.values()):
-            raise
-        return now, False
-    return now, True
+            recorded = rollouts.batch(ticked)
+            moving_s += time.perf_counter() - start
+            yield [recorded.episodes(camera) for camera in outputs]
+
+    def tell(ticks: int) -> None:
+        speed = DeviceSpeed(ticks=ticks, moving_s=moving_s, seconds=time.perf_counter() - began)
+        done(speed, rollouts.crowded_share())
+
+    datasets = [(folder, {**table, "camera": camera}) for camera, folder in outputs.items()]
+    return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
 
 
 def _shipped_policy() -> Path:

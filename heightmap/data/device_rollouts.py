@@ -75,7 +75,7 @@ class DeviceRollouts:
         self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
 
     @torch.no_grad()
-    def batch(self, told: Callable[[], None] = lambda: None) -> RecordedBatch:
+    def batch(self, told: Callable[[], object] = lambda: None) -> RecordedBatch:
         """Lets all robots run for `loop.ticks`; `told` is called after each."""
         env = self._env
         self._cameras.replace(self._rng)

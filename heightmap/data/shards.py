@@ -5,7 +5,7 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -158,7 +158,7 @@ def _said_in_one_line(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno is None:
+        if error.errno is None or error.filename is not None:
             raise
         raise DatasetError(f"cannot write {path}: {os.strerror(error.errno)}") from error
 
@@ -191,6 +191,55 @@ def refuse_twice(directory: Path, records: Iterable[ShardRecord], seed: int, con
         if motion(record.seed, record.config) == motion(seed, config):
             where = directory / record.file
             raise DatasetError(f"{where} holds the episodes of seed {seed} already: take another seed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collection:
+    """What was collected."""
+
+    records: list[ShardRecord]
+    """Of the shard in each dataset."""
+    whole: bool
+    """Whether it was not interrupted."""
+
+
+def collect_batches(
+    datasets: Sequence[tuple[Path, dict[str, Any]]],
+    batches: Iterable[Sequence[Iterable[Episode]]],
+    done: Callable[[int], object],
+    *,
+    seed: int,
+    code: str | None = None,
+) -> Collection:
+    """Adds a shard to each of some datasets; where it is interrupted, of the batches that are whole by then.
+
+    Args:
+        datasets: Folder and configuration of each, see `open_shard`.
+        batches: Episodes of each batch, for each dataset.
+        done: Is told after each batch how many ticks a dataset has got.
+        seed: From which the episodes are drawn.
+        code: Which code makes them, where this machine cannot tell.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted before the first batch was whole.
+        DatasetError: as `open_shard`.
+    """
+    whole = True
+    with ExitStack() as stack:
+        shards = [
+            stack.enter_context(open_shard(folder, seed=seed, config=config, code=code)) for folder, config in datasets
+        ]
+        try:
+            for batch in batches:
+                with uninterrupted():
+                    for shard, episodes in zip(shards, batch, strict=True):
+                        shard.append(episodes)
+                done(shards[0].ticks)
+        except KeyboardInterrupt:
+            if not shards[0].ticks:
+                raise
+            whole = False
+    return Collection(records=[shard.record for shard in shards], whole=whole)
 
 
 def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, config: dict[str, Any]) -> ShardRecord:

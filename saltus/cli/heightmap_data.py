@@ -2,40 +2,38 @@
 
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache, partial
+from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.flags import Flag, shown
-from saltus.cli.heightmap_train import QUIET_S, print_differences, training_packages
+from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
 from saltus.cli.output import print_json
-from saltus.config import DEFAULT_ROBOT, load_changes
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
 from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
 from saltus.robots.loading import load_robot
 
 if TYPE_CHECKING:
-    from saltus.heightmap.data.shards import ShardRecord
-    from saltus.heightmap.device_collection import DeviceProgress
+    from saltus.heightmap.data.shards import Collection
+    from saltus.heightmap.device_collection import DeviceSpeed
     from saltus.heightmap.training.dagger import CollectionProgress
     from saltus.heightmap.training.train import Progress
 
 DATASET = Path("runs/dataset")
 MOST_PROCESSES = 4096
-Settings = TypeVar("Settings")
-ConfigFile = Annotated[Path | None, shown("PATH", "none")]
 Processes = Annotated[int | None, shown("INT", "one for each core")]
 Ray = Annotated[str | None, shown("STR", "none: this computer's cores")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnProcessors:
+class OnProcessors(SettingsCommand):
     """Episodes of both planners in MuJoCo on this computer's processors, or on a Ray cluster.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over it.
@@ -47,51 +45,34 @@ class OnProcessors:
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it."""
-    config: ConfigFile = None
-    """TOML file with the settings that are to be other ones."""
     settings: Annotated[ProcessorCollection, tyro.conf.arg(name="")] = field(default_factory=ProcessorCollection)
     processes: Processes = None
     """That collect. The data do not depend on it."""
     ray: Ray = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
-    def defaults(self) -> "OnProcessors":
-        """The same command with the settings that its flags change: those of --config, and the defaults."""
-        return replace(self, settings=_changed(ProcessorCollection(), self.config))
-
     def run(self) -> int:
         """Writes the shard; of one that is interrupted the batches that are whole."""
         with training_packages():
             from saltus.heightmap.collection import collect
 
-        settings, ticks = self.settings, self.settings.loop.ticks
-        load_profile(settings.profile, load_robot(DEFAULT_ROBOT))
+        load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
         _check_processes(self.processes)
-        announce = cache(partial(print_differences, ProcessorCollection(), settings, "by default"))
-        done = 0
-        with tqdm(total=settings.batches * ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
+        total = self.settings.batches * self.settings.loop.ticks
+        with _CollectionBar(self, total) as progress:
 
-            def show(batches: int) -> None:
-                nonlocal done
-                done = batches
-                announce()
-                bar.set_postfix_str(f"{batches} of {settings.batches} batches")
-                if self.ray is not None:  # hosts of a cluster tell nothing before a batch is done
-                    bar.update(batches * ticks - bar.n)
+            def done(steps: int) -> None:
+                progress.bar.set_postfix(steps=steps)
+                progress.tick(0 if self.ray is None else self.settings.loop.ticks)
 
-            try:
-                record = collect(
-                    settings, self.out, show, processes=self.processes, cluster=self.ray, listener=bar.update
-                )
-            except KeyboardInterrupt:
-                _tell_nothing(bar)
-                raise
-        _tell([(self.out, record)], whole=done == settings.batches)
-        return 0
+            found = collect(
+                self.settings, self.out, done, processes=self.processes, cluster=self.ray, listener=progress.tick
+            )
+        return _tell([self.out], found)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnDevice:
+class OnDevice(SettingsCommand):
     """Episodes of thousands of robots at once on a GPU; falls and finishes make more of them.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
@@ -103,46 +84,32 @@ class OnDevice:
 
     out: Path = DATASET
     """Folder of the dataset; it is made, or a shard is added to it. A second camera's images go to OUT-ideal."""
-    config: ConfigFile = None
-    """TOML file with the settings that are to be other ones."""
     settings: Annotated[DeviceCollection, tyro.conf.arg(name="")] = field(default_factory=DeviceCollection)
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
     json: Flag = False
     """Print how many labelled steps of 10 ms came a second, with and without writing, as JSON on the last line."""
 
-    def defaults(self) -> "OnDevice":
-        """The same command with the settings that its flags change: those of --config, and the defaults."""
-        return replace(self, settings=_changed(DeviceCollection(), self.config))
-
     def run(self) -> int:
         """Writes the shards; of those that are interrupted the batches that are whole."""
         with training_packages():
             from saltus.heightmap.device_collection import collect
 
-        settings, ticks = self.settings, self.settings.loop.ticks
-        announce = cache(partial(print_differences, DeviceCollection(), settings, "by default"))
+        loop, speeds = self.settings.loop, list["DeviceSpeed"]()
         outputs = {
             camera: self.out.with_name(f"{self.out.name}-{camera}") if number else self.out
-            for number, camera in enumerate(settings.loop.cameras)
+            for number, camera in enumerate(loop.cameras)
         }
-        with tqdm(total=settings.batches * ticks, unit="tick", desc="collect", delay=QUIET_S) as bar:
+        with _CollectionBar(self, self.settings.batches * loop.ticks) as progress:
 
-            def show(now: "DeviceProgress") -> None:
-                announce()
-                bar.update(now.ticks - bar.n)
-                if now.labelled and now.ticks % ticks == 0:
-                    speed = f"{now.labelled / now.seconds:.0f}"
-                    bar.set_postfix(steps=now.labelled, per_s=speed, crowded=f"{100 * now.crowded:.2f} %")
+            def done(speed: "DeviceSpeed", crowded: float) -> None:
+                speeds.append(speed)
+                progress.bar.set_postfix(speed.table, crowded=f"{100 * crowded:.2f} %")
 
-            try:
-                found = collect(settings, outputs, show, self.commit)
-            except KeyboardInterrupt:
-                _tell_nothing(bar)
-                raise
-        _tell([(outputs[camera], record) for camera, record in found.records.items()], whole=found.whole)
+            found = collect(self.settings, outputs, progress.tick, done, self.commit)
+        _tell(outputs.values(), found)
         if self.json:
-            print_json(found.progress.speed)
+            print_json(speeds[-1].table)
         return 0
 
 
@@ -170,30 +137,48 @@ def _check_processes(processes: int | None) -> None:
         raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 
 
-def _changed(settings: Settings, config: Path | None) -> Settings:
-    return load_changes(settings, config) if config else settings
+class _CollectionBar:
+    """Progress of a collection in ticks; before it begins it says what is not as by default.
+
+    Args:
+        command: Whose settings are used.
+        ticks: In all.
+    """
+
+    def __init__(self, command: SettingsCommand, ticks: int) -> None:
+        self.bar = tqdm(total=ticks, unit="tick", desc="collect", delay=QUIET_S)
+        self._begin = cache(command.print_differences)
+
+    def tick(self, ticks: float = 1) -> None:
+        """So many more."""
+        self._begin()
+        self.bar.update(ticks)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.bar.close()
+        if kind is KeyboardInterrupt:
+            print("interrupted: no batch was whole yet, nothing is kept", file=sys.stderr)
 
 
-def _tell(records: "Iterable[tuple[Path, ShardRecord]]", *, whole: bool) -> None:
+def _tell(folders: "Iterable[Path]", found: "Collection") -> int:
     """Names the shards.
 
     Raises:
         KeyboardInterrupt: an interrupted collection is not whole.
     """
-    for folder, record in records:
+    for folder, record in zip(folders, found.records, strict=True):
         print(f"{folder / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}")
-    if not whole:
+    if not found.whole:
         print("interrupted: what was collected is kept; collect the rest with another --seed", file=sys.stderr)
         raise KeyboardInterrupt
-
-
-def _tell_nothing(bar: "tqdm[None]") -> None:
-    bar.close()
-    print("interrupted: no episode was whole yet, nothing is kept", file=sys.stderr)
+    return 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dagger:
+class Dagger(SettingsCommand):
     """Rounds of: the predictor drives robots, and is trained on all that was collected. Goes on where it was stopped.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over the
@@ -210,27 +195,19 @@ class Dagger:
     """Checkpoint of the predictor to begin with."""
     base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
-    config: ConfigFile = None
-    """TOML file with the settings that are to be other ones."""
     settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(default_factory=DaggerConfig)
     processes: Processes = None
     """That collect. The data do not depend on it."""
     ray: Ray = None
     """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this machine's cores."""
 
-    def defaults(self) -> "Dagger":
-        """The same command with the settings that its flags change: of the run that goes on, and of --config."""
-        return replace(self, settings=_changed(self._before(), self.config))
-
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
         with training_packages():
-            from saltus.heightmap.training.dagger import BEGUN, Observer, dagger
+            from saltus.heightmap.training.dagger import Observer, dagger
 
         _check_processes(self.processes)
-        what = "of the run that goes on" if (self.out / BEGUN).exists() else "by default"
-        announce = cache(partial(print_differences, self._before(), self.settings, what))
-        with _Bars(self.settings.batches, self.settings.updates, announce) as bars:
+        with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(
                 self.out, self.settings, observer, start=self.start, base=self.base, processes=self.processes,
@@ -239,10 +216,10 @@ class Dagger:
         print(model)
         return 0
 
-    def _before(self) -> DaggerConfig:
-        """Settings where neither flags nor file say otherwise."""
+    def last(self) -> DaggerConfig | None:
+        """Those of the run that goes on."""
         if not (self.out / "dagger.json").exists():
-            return DaggerConfig()
+            return None
         with training_packages():
             from saltus.heightmap.training.dagger import begun_settings
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import tyro
 from tqdm import tqdm
@@ -40,14 +40,38 @@ def training_packages() -> Iterator[None]:
         raise SaltusError(f"this needs {error.name}: {PACKAGES}") from error
 
 
-def print_differences(before: Any, now: Any, what: str) -> None:
-    """Prints which settings are not those that they began with."""
-    found = [f"{d.name} = {d.now} ({d.before})" for d in differences(asdict(before), asdict(now))]
-    print(f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}", file=sys.stderr)
+@dataclass(frozen=True, kw_only=True)
+class SettingsCommand:
+    """A command with `settings`, from flags, a TOML file, the run that goes on, and defaults, the former first."""
+
+    settings: Any
+    config: Annotated[Path | None, shown("PATH", "none")] = None
+    """TOML file with the settings that are to be other ones."""
+
+    def last(self) -> Any:
+        """Settings of the run that goes on; None where none does."""
+        return None
+
+    def usual(self) -> Any:
+        """Settings where nothing is given and no run goes on."""
+        return type(self.settings)()
+
+    def defaults(self) -> Self:
+        """The same command with the settings that its flags change."""
+        before = self.last() or self.usual()
+        return replace(self, settings=load_changes(before, self.config) if self.config else before)
+
+    def print_differences(self) -> None:
+        """Prints which settings are not those of the run that goes on, or not as by default."""
+        last = self.last()
+        what = "by default" if last is None else "of the run that goes on"
+        pairs = differences(asdict(last or self.usual()), asdict(self.settings))
+        found = [f"{d.name} = {d.now} ({d.before})" for d in pairs]
+        print(f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}", file=sys.stderr)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train:
+class Train(SettingsCommand):
     """Trains the heightmap network on a dataset; the same command goes on from where it was interrupted.
 
     The settings can also stand in a TOML file (--config), those of the network as model.hidden = 128. A flag wins over
@@ -64,23 +88,27 @@ class Train:
     """Folder for heightmap.pt, written about once a minute and on Ctrl-C. One with another training is refused."""
     start: Annotated[Path | None, shown("PATH", "none: from nothing")] = None
     """Begin with the network of another checkpoint, at half the rate."""
-    config: Annotated[Path | None, shown("PATH", "none")] = None
-    """TOML file with the settings that are to be other ones."""
     settings: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
 
-    def defaults(self) -> "Train":
-        """The same command with the settings that its flags change: of the training that goes on, and of --config."""
-        before = self._before()
-        return replace(self, settings=load_changes(before, self.config) if self.config else before)
+    def last(self) -> TrainConfig | None:
+        """Those of the training that goes on."""
+        if not (self.out / CHECKPOINT).exists():
+            return None
+        with training_packages():
+            from saltus.heightmap.training.train import settings_of
+
+        return settings_of(self.out / CHECKPOINT)
+
+    def usual(self) -> TrainConfig:
+        """A lower rate for a network that already predicts."""
+        return TrainConfig(learning_rate=FURTHER_RATE if self.start else FIRST_RATE)
 
     def run(self) -> int:
         """Trains, with a progress bar."""
         with training_packages():
             from saltus.heightmap.training.train import train
 
-        checkpoint, before = self.out / CHECKPOINT, self._before()
-        what = "of the training that goes on" if checkpoint.exists() else "by default"
-        announce = cache(partial(print_differences, before, self.settings, what))
+        checkpoint, announce = self.out / CHECKPOINT, cache(self.print_differences)
         with tqdm(total=self.settings.updates, unit="update", desc="train", delay=QUIET_S) as bar:
 
             def show(progress: "Progress") -> None:
@@ -102,16 +130,6 @@ class Train:
             bar.update(self.settings.updates - bar.n)
         print(checkpoint)
         return 0
-
-    def _before(self) -> TrainConfig:
-        """Settings where neither flags nor file say otherwise."""
-        checkpoint = self.out / CHECKPOINT
-        if checkpoint.exists():
-            with training_packages():
-                from saltus.heightmap.training.train import settings_of
-
-            return settings_of(checkpoint)
-        return TrainConfig(learning_rate=FURTHER_RATE if self.start else FIRST_RATE)
 
 
 def _written_ns(path: Path) -> int | None:

@@ -91,6 +91,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
     code = (
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of it
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
+        "    from saltus.heightmap.settings import *\n"
         f"    told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
         f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )

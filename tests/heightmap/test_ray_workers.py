@@ -89,6 +89,7 @@ def test_hosts_give_the_data_of_processes_though_a_worker_and_a_host_are_lost(cl
 def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
+        "from saltus.heightmap.settings import *\n"
         "told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
         f"dagger(Path(sys.argv[1]), DaggerConfig(batches=50, loop={LOOP!r}), told, processes=1, cluster={LOCAL!r})\n"
     )
