@@ -8,11 +8,11 @@ Networks are trained from nothing on the same motion, seed and number of updates
     D  true depth, neither late nor lost
     E  stereo errors and noise, neither late nor lost
 
-All then lead robots that have the realistic camera, in the held-out runs of `saltus heightmap eval`, and those with an
+All then drive robots that have the realistic camera, in the held-out runs of `saltus heightmap eval`, and those with an
 ideal camera, whose images are as late. Beside that, episodes that no network was fitted to are shown to each network
 with the images that A, C and D were trained on, so that all get the same ones.
 
-The age of the image is an input, and a network that only met one age may err at others for no better reason. Those
+The age of the image is an input, and a network that only saw one age may err at others for no better reason. Those
 whose images were always as late are therefore measured a second time, "age held": with an age that tells them nothing
 new. On the images that they know this changes nothing. Cameras do not sit where they should in any of the data.
 
@@ -51,7 +51,7 @@ from saltus.wire.messages import Floats
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
-LEARNED = 0.75  # share of robots that the learned policy leads, as in the GPU rollouts of the shipped network
+LEARNED = 0.75  # share of robots that the learned policy drives, as in the GPU rollouts of the shipped network
 SHOWN = 40  # held-out episodes
 STEREO, CLEAN = "stereo", "clean"
 _SAME = 1e-6  # metres, radians: what another order of the same sums may differ by
@@ -132,7 +132,7 @@ def check_twins(left: list[Episode], right: list[Episode]) -> None:
     """Refuses two datasets that do not show the same motion.
 
     Raises:
-        DatasetError: their episodes differ in what robots felt or in their heights.
+        DatasetError: their episodes differ in proprioception or heights.
     """
     if len(left) != len(right):
         raise DatasetError(f"{STEREO} has {len(left)} episodes, {CLEAN} has {len(right)}: they must be of one motion")
@@ -180,13 +180,13 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
 
 
 def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict[str, Any]:
-    """What a network is worth where it leads, with the realistic camera and with an ideal one, and on shown images."""
-    table: dict[str, Any] = {camera: led(model, runs, camera) for camera in _CAMERAS.values()}
+    """What a network is worth in the loop, with the realistic camera and with an ideal one, and on shown images."""
+    table: dict[str, Any] = {camera: in_the_loop(model, runs, camera) for camera in _CAMERAS.values()}
     return {**table, "shown": shown(model, held_out)}
 
 
-def led(model: Path, runs: int, camera: Camera) -> dict[str, Any]:
-    """Errors in the held-out runs, which the network leads."""
+def in_the_loop(model: Path, runs: int, camera: Camera) -> dict[str, Any]:
+    """Errors in the held-out runs, with the network in the loop."""
     config = HeldOutRuns(runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
     found = scores([run for batch in config.batches for run in config.measure(model, batch)])
     table: dict[str, Any] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}

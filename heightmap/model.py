@@ -1,4 +1,4 @@
-"""The heightmap network: a small CNN reads the newest depth image, a GRU remembers what has left the view.
+"""The heightmap network: a small CNN reads the newest depth image, a GRU keeps what has left the view.
 
 One call of `step` is one tick at 100 Hz. Sizes follow the paper's network (original: channels 2, 4, 8, one GRU layer
 of 256, three hidden layers of 256 with ELU); beyond it, this one sees which pixels are valid, how old its image is,
@@ -46,7 +46,7 @@ class Normalisation(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the network believes, per tick."""
+    """What the network predicts, per tick."""
 
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""
@@ -101,10 +101,10 @@ class HeightmapModel(nn.Module):
             age: of that image [s], shape (time, batch).
             new: 1 where it was not in use a tick ago, shape (time, batch).
             proprioception: see `saltus.heightmap.service.features`, shape (time, batch, n).
-            hidden: memory before the window, shape (batch, hidden); zero after a reset.
+            hidden: state before the window, shape (batch, hidden); zero after a reset.
 
         Returns:
-            The estimate of each tick and the memory after the window.
+            The estimate of each tick and the hidden state after the window.
         """
         output, last = self.gru(self._inputs(encoded, age, new, proprioception), hidden[None])
         return self._estimate(output), last[0]
@@ -131,7 +131,7 @@ class HeightmapModel(nn.Module):
     def _inputs(self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor) -> Tensor:
         normal = (proprioception - self.proprioception_mean) / self.proprioception_std
         age = age.clamp(0.0, MAX_IMAGE_AGE_S) / MAX_IMAGE_AGE_S
-        # A sensor far outside of what was seen in training must not saturate the memory.
+        # A sensor far outside of what was seen in training must not saturate the hidden state.
         return torch.cat((encoded, age[..., None], new[..., None], normal.clamp(-5.0, 5.0)), -1)
 
     def _estimate(self, hidden: Tensor) -> Estimate:

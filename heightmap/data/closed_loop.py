@@ -1,4 +1,4 @@
-"""Motion to train on from the predictor itself in the loop: what a robot sees that steps where the predictor led it."""
+"""Training data with the predictor in the loop: what a robot sees that steps where the predictor made it step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -93,12 +93,12 @@ def _trajectories(
 
 
 class MixedPlanner:
-    """Leads some robots by rules, others by the learned policy, each in its own way; a `saltus.policy.planner.Planner`.
+    """Drives some robots by rules, others by the learned policy, each in its own way; a `saltus.policy.planner.Planner`.
 
     Args:
-        rng: Draws who is led by which, and how each differs.
+        rng: Draws which planner drives which robot, and how each differs.
         count: Number of robots.
-        learned: Share of robots that the learned policy leads.
+        learned: Share of robots that the learned policy drives.
         variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planner_randomisation`.
     """
 

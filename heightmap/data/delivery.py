@@ -1,4 +1,4 @@
-"""Which image a robot has in hand at each tick, once latency, jitter and loss have had their way."""
+"""Which image a robot uses at each tick, with latency, jitter and loss."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

@@ -1,4 +1,4 @@
-"""The heightmap service of thousands of robots on one device: late images, one network, a memory for each robot.
+"""The heightmap service of thousands of robots on one device: late images, one network, a hidden state for each robot.
 
 The same law as `saltus.heightmap.data.predicted`, on tensors.
 """

@@ -1,4 +1,4 @@
-"""What many robots on a device felt, saw and should have known: kept there, then cut into episodes on the host."""
+"""Proprioception, images and true heights of many robots: kept on a device, then cut into episodes on the host."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

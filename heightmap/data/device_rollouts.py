@@ -1,4 +1,4 @@
-"""Planners lead thousands of robots on one device, on true or predicted heights, and all is written down.
+"""Planners drive thousands of robots on one device, on true or predicted heights, and all is recorded.
 
 What `saltus.heightmap.data.closed_loop` does with processes: batches of robots that run for a fixed time on courses of
 all difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
@@ -104,7 +104,7 @@ class DeviceRollouts:
         return self._recording.to_host(env.memory.kind)
 
     def proprioception(self) -> Tensor:
-        """What the robots feel now, see `saltus.heightmap.service.features`, shape (n, some)."""
+        """Of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
         vector: Tensor = proprioception_of_states(self._env.states())
         return vector
 

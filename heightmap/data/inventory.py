@@ -1,4 +1,4 @@
-"""What a dataset holds, whether it is what it was, and several made one."""
+"""What a dataset holds, whether it is undamaged, and how several are merged."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""How cameras really sit on their robots, in training data: not quite where they should."""
+"""Errors of the camera mount that training data are drawn with."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How those who lead robots differ from robot to robot, so that the network does not learn one gait by heart."""
+"""Planner randomisation: planners differ from robot to robot, so that the network does not overfit one gait."""
 
 from dataclasses import fields, replace
 

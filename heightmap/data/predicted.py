@@ -59,7 +59,7 @@ class PredictedHeights:
     """What the heightmap service of each robot would answer, with the camera of its trial.
 
     A robot gets the very images, at the very steps, that the camera process gives to it in lockstep. The network runs
-    on all robots in one call. An output that is not plausible is not used: heights and memory stay as they were.
+    on all robots in one call. An output that is not plausible is not used: heights and hidden state stay as they were.
 
     Args:
         network: Shared by all robots.
@@ -106,7 +106,7 @@ class PredictedHeights:
         return self._heights.copy()
 
     def _forget(self, mask: NDArray[np.bool_]) -> None:
-        """Robots that start anew have seen nothing."""
+        """Robots that start anew have seen nothing yet."""
         self._hidden[mask] = 0.0
         self._heights[mask], self.half_width_90[mask] = 0.0, UNKNOWN_HALF_WIDTH_M
         self._image[mask, 0], self._image[mask, 1] = 1.0, 0.0

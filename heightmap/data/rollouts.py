@@ -1,4 +1,4 @@
-"""Turns the motion of robots into episodes to train on: what they felt, saw, and should have known."""
+"""Turns the motion of robots into episodes to train on: proprioception, images, and true heights."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from saltus.terrain.terrain import Terrain
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """One robot's motion on one terrain, one row per tick of 10 ms: the truth, and what the robot felt."""
+    """One robot's motion on one terrain, one row per tick of 10 ms: the truth, and proprioception."""
 
     terrain: Terrain
     position_base_in_world: Floats

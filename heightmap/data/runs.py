@@ -1,4 +1,4 @@
-"""Where the time of one robot falls into runs, from each start to the next."""
+"""Cuts the time of one robot into runs, from each start to the next."""
 
 import numpy as np
 from numpy.typing import NDArray

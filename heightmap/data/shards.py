@@ -1,4 +1,4 @@
-"""The dataset on disk: one HDF5 shard a round, written whole or not at all, and a manifest that vouches for them."""
+"""The dataset on disk: one HDF5 shard a round, written whole or not at all, and a manifest with their checksums."""
 
 import hashlib
 import json

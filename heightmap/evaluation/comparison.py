@@ -1,4 +1,4 @@
-"""Predicted heights beside what they should have been, for every step of a recorded run."""
+"""Predicted heights and the reference, for every step of a recorded run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The geometric baseline: heights by deprojection alone, with no training, and given every chance.
+"""The geometric baseline: heights by deprojection alone, without training, on the best data that the robot has.
 
 Every valid pixel of every frame of the last two seconds becomes a point in the robot's own odometry, with the pose
 that the robot estimates at the frame's capture time. A height is the weighted mean of the points at its place: by the
@@ -31,7 +31,7 @@ MODEL_ID = "geometric"
 FOOT_GAIN = 0.3
 """Share of the distance between feet and map that one tick removes: the best of 0.05, 0.15, 0.3 on recorded runs."""
 FOOT_GATE_M = 0.06  # what is more is an edge beside the foot, not drift
-MEMORY_S = 2.0  # at 0.6 m/s and above, everything between first sight and the last point behind the robot
+MEMORY_S = 2.0  # at 0.6 m/s and above, everything between the first view and the last point behind the robot
 BASELINE_M = 0.050  # of the imagers; D435i datasheet
 DISPARITY_STD_PX = 0.08  # D435i datasheet, "sub-pixel RMS error" of a good calibration
 SENSOR_FOCAL_PX = 211.313  # of the D435i at 424 x 240; a pooled image does not lessen errors that neighbours share
@@ -43,7 +43,7 @@ WINDOW_M = 0.0125  # half of it, around each point of the grid: a pixel at 0.7 m
 WALL_ANGLE = math.radians(45.0)  # steeper than this nothing can be stood on
 WALL_SPAN = 0.014  # half the angle over which steepness is judged [rad]: wide against noise, narrow against a stair
 OUTLIER_SIGMAS = 3.0
-SLACK_M = 0.01  # what the drift since the last sight may add to the noise of a point
+SLACK_M = 0.01  # what the drift since the last view may add to the noise of a point
 GAP_SLOPE = 0.5  # standard error per distance to the nearest known point: terrains rise 0.2 m over 0.25-0.5 m
 
 _DEPTH = TOPICS["camera/depth"]

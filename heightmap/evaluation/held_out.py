@@ -1,8 +1,8 @@
-"""Runs that no training saw, with policy and predictor in the loop: what the predictor is worth.
+"""Measures a predictor in runs that no training saw, with policy and predictor in the loop.
 
 Half of the courses have sizes that both planners master, half are drawn as in training, up to the paper's, on which
-the planner made by hand falls. Cameras differ in how bad they are. Steps count from the first that is not standing to
-the end of the run, whichever it is.
+the scripted planner falls. Cameras have errors of different strength. Steps count from the first that is not standing
+to the end of the run, however it ends.
 """
 
 import dataclasses
@@ -134,7 +134,7 @@ class HeldOutRuns:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What one predictor said in one run, at each step that counts."""
+    """What one predictor predicted in one run, at each step that counts."""
 
     height: Floats
     """[m], shape (n, 30)."""
@@ -157,7 +157,7 @@ class HeldOutRun:
 
 
 class _RecordedSourceFactory:
-    """A factory of heights whose source is watched."""
+    """Makes height sources whose answers are recorded."""
 
     def __init__(self, make: Callable[[TerrainStack, Sequence[Trial]], PredictedHeights]) -> None:
         self._make = make
@@ -169,7 +169,7 @@ class _RecordedSourceFactory:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Tick:
-    """What the services of all robots had and said at one step."""
+    """What the services of all robots had and answered at one step."""
 
     height: Floats
     half_width_90: Floats
@@ -179,7 +179,7 @@ class _Tick:
 
 
 class _RecordedSource:
-    """A `saltus.policy.evaluation.heights.HeightSource` that writes down what it says."""
+    """A `saltus.policy.evaluation.heights.HeightSource` that records its answers."""
 
     def __init__(self, source: PredictedHeights, ticks: list[_Tick]) -> None:
         self._source = source

@@ -1,4 +1,4 @@
-"""Where the robot believes it has moved: its estimated velocity added up, and its orientation by the IMU."""
+"""The robot's own odometry: its estimated velocity integrated, and its orientation by the IMU."""
 
 from collections import deque
 from dataclasses import dataclass

@@ -19,21 +19,21 @@ class Score:
     """Errors of one predictor [m]; NaN where there is nothing to judge."""
 
     mae_m: float
-    """Over the points that were ever met by a ray."""
+    """Over the points that the camera ever saw, see `saltus.heightmap.evaluation.visibility`."""
     mae_visible_m: float
-    """Met in the last 0.2 s."""
+    """Seen in the last 0.2 s."""
     mae_remembered_m: float
-    """Met earlier in the run."""
+    """Seen earlier in the run."""
     mae_unseen_m: float
-    """Never met."""
+    """Never seen."""
     edge_error_m: float
-    """Of the position of jumps of more than 3 cm, where they were met and are predicted."""
+    """Of the position of jumps of more than 3 cm, where they were seen and are predicted."""
     edges_found: float
     """Share of them that is predicted."""
     coverage90: float
     """Share of all points, unseen ones included, that lie in their 90 % interval."""
     coverage90_seen: float
-    """The same of the points that were ever met by a ray."""
+    """The same of the points that the camera ever saw."""
     nll: float
     """Mean negative log-likelihood of all points [nats, heights in metres], for a Laplace law with that interval."""
     points: int
@@ -50,17 +50,17 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
     error = np.abs(height - true)
     covered = error <= half_width_90
     by_view = {name: _mean(error[view == number]) for number, name in enumerate(VIEWS)}
-    met = view != UNSEEN
-    edges = edge_errors(height, np.where(met, true, np.nan))
+    seen = view != UNSEEN
+    edges = edge_errors(height, np.where(seen, true, np.nan))
     return Score(
-        mae_m=_mean(error[met]),
+        mae_m=_mean(error[seen]),
         mae_visible_m=by_view["visible"],
         mae_remembered_m=by_view["remembered"],
         mae_unseen_m=by_view["unseen"],
         edge_error_m=edges.mean_m,
         edges_found=edges.found,
         coverage90=_mean(covered),
-        coverage90_seen=_mean(covered[met]),
+        coverage90_seen=_mean(covered[seen]),
         nll=_mean(negative_log_likelihood(error, half_width_90)),
         points=error.size,
     )

@@ -1,4 +1,4 @@
-"""Which ground a camera has met with its rays, and how long ago: what can be known of it at all."""
+"""Which ground a camera has seen, and how long ago: what can be known of it at all."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from saltus.terrain.terrain import Terrain
 
 VISIBLE, REMEMBERED, UNSEEN = 0, 1, 2
 VIEWS = ("visible", "remembered", "unseen")
-"""Names of the three: met in the last 0.2 s, met earlier in this run, never met."""
+"""Names of the three: seen in the last 0.2 s, seen earlier in this run, never seen."""
 RECENT_S = 0.2
 BIN_M = 0.01  # of the ground: a quarter of the grid's spacing
 _MARGIN_M = 4.0  # the camera sees to 3 m, from less than 1 m ahead of the base
@@ -21,7 +21,7 @@ _NEAREST_M = 0.02  # ground below the camera has no slope
 
 
 def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Floats) -> NDArray[np.int8]:
-    """How each point of the heightmap was last met, by images that the robot has got.
+    """When each point of the heightmap was last seen, in images that the robot has got.
 
     Legs are not in the way here, and the camera sits where it is said to.
 
@@ -36,7 +36,7 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     """
     ground = np.arange(position[:, 0].min() - _MARGIN_M, position[:, 0].max() + _MARGIN_M, BIN_M)
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
-    met = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
+    seen = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     points, _ = LINE.points_in_world(position, yaw)
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
@@ -44,7 +44,7 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     result = np.empty(points.shape, np.int8)
     for tick, image_s in enumerate(captured_s):
         if np.isfinite(image_s):
-            last_s[met[round(image_s / TICK_S)]] = image_s
+            last_s[seen[round(image_s / TICK_S)]] = image_s
         ago_s = tick * TICK_S - last_s[place[tick]]
         result[tick] = np.where(ago_s <= RECENT_S, VISIBLE, np.where(np.isfinite(ago_s), REMEMBERED, UNSEEN))
     return result

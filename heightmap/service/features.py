@@ -1,4 +1,4 @@
-"""What the network feels: the proprioception vector, built in one place for training and service alike."""
+"""The proprioception vector, built in one place for training and service alike."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The heightmap service of several robots: one memory each, one call of the network for all who ask at once."""
+"""The heightmap service of several robots: one hidden state each, one call of the network for all that ask at once."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -44,8 +44,8 @@ class _Robot:
         """Both."""
         return [self.service] if self.coming is None else [self.service, self.coming]
 
-    def meet(self, arrival: Arrival) -> None:
-        """Starts memories over where robot or camera have started anew."""
+    def accept(self, arrival: Arrival) -> None:
+        """Empties hidden states where robot or camera were restarted."""
         if arrival.robot_boot != self._robot_boot:
             self._robot_boot = arrival.robot_boot
             for service in self.services:
@@ -80,8 +80,8 @@ class _Robot:
 class FleetService:
     """Answers the states of several robots.
 
-    A robot has a memory of its own, which starts over when that robot or its camera starts anew, and never otherwise
-    because of another robot. Nobody is waited for: whoever asks is answered.
+    Each robot has a hidden state of its own, which is emptied when that robot or its camera is restarted, and never
+    because of another robot. The service waits for no robot: it answers those that ask.
 
     Args:
         network: The model of all of them.
@@ -98,8 +98,8 @@ class FleetService:
     def use(self, network: HeightmapNetwork) -> None:
         """Gives another model to all robots.
 
-        It runs beside the one in use and replaces it, robot by robot, when its memory is warm: no robot is left without
-        heights. Where its answers do not become as good within three seconds, it is dropped.
+        It runs beside the one in use and replaces it, robot by robot, when its hidden state is warm: each robot has
+        heights all the time. Where its answers do not become as good within three seconds, it is dropped.
         """
         for robot in self._robots.values():
             robot.coming, robot.coming_since_ns = HeightmapService(network), None
@@ -115,7 +115,7 @@ class FleetService:
         """
         asked: list[tuple[HeightmapService, Arrival, Inputs]] = []
         for name, arrival in arrivals.items():
-            self._robots[name].meet(arrival)
+            self._robots[name].accept(arrival)
             for service in self._robots[name].services:
                 inputs = service.prepare(arrival.state, arrival.frame, arrival.now_ns)
                 if inputs is not None:

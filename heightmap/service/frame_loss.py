@@ -1,4 +1,4 @@
-"""How many images a camera sent that never came to be used."""
+"""Counts images that a camera sent and the service never used."""
 
 from collections import deque
 

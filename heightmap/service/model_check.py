@@ -1,4 +1,4 @@
-"""Loads a model in a process of its own and runs it for a while: what crashes here cannot crash a robot's service.
+"""The model check: loads a model in a process of its own and runs it; a crash here cannot crash a robot's service.
 
     python -m saltus.heightmap.service.model_check FILE
 
@@ -21,14 +21,14 @@ from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 
 WARM_TICKS = 200
-"""After the warm-up: two seconds, in which a memory that grows and an output that is stuck are noticed."""
+"""After the warm-up: two seconds, in which a hidden state that grows and a frozen output are noticed."""
 MEMORY_BYTES = 8 << 30  # of addresses, most of which ONNX Runtime never touches
 CPU_S = 20
 NICENESS = 10  # the robots go first
 
 
 def checked_model(path: Path) -> HeightmapNetwork:
-    """Loads a model and runs it in a service, on made-up images of a robot that stands.
+    """Loads a model and runs it in a service, on synthetic images of a robot that stands.
 
     Raises:
         ModelError: it is damaged, does not fit, or the service does not become and stay OK with it.

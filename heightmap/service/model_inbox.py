@@ -1,4 +1,4 @@
-"""A folder's place for a model that is given to a running service: watched, checked, and only then handed over."""
+"""The place for a model that is given to a running service: watched, checked, and only then handed over."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ _POLL_S = 0.1
 
 
 class ModelInbox:
-    """Looks after one file; what lay there before is not news.
+    """Watches one file; a file that was there before is not news.
 
     A new file is loaded and run in another process first (`saltus.heightmap.service.model_check`), then the very same
     bytes, by their sha256, are loaded here, both away from the thread that answers the robots.

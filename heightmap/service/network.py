@@ -34,7 +34,7 @@ def camera_metadata() -> dict[str, Any]:
 
 
 class Inputs(NamedTuple):
-    """What one tick of one robot is computed from, next to its memory."""
+    """What one tick of one robot is computed from, next to its hidden state."""
 
     image: Singles
     """Depth in [0, 1] and validity, shape (2, 48, 16)."""

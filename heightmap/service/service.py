@@ -18,11 +18,11 @@ from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotSt
 from saltus.wire.topics import TOPICS
 
 MAX_HEIGHT_M = 1.5  # nothing that the robot can jump is further above or below its base
-MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's memory is a weighted mean of values in (-1, 1)
+MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's state is a weighted mean of values in (-1, 1)
 BAD_OUTPUTS_TO_INVALID = 3  # at 100 Hz: one bad output is bridged, three are a fault
 DEGRADED_INVALID_PIXELS = 0.3
 INVALID_INVALID_PIXELS = 0.8
-MAX_MISSED_FRAMES = 5  # after a longer gap the memory no longer tells where the robot is
+MAX_MISSED_FRAMES = 5  # after a longer gap the hidden state no longer fits where the robot is
 MAX_FUTURE_S = 0.005  # clocks of one machine agree; more than this is not a clock that can be trusted
 DEGRADED_LOST_SHARE = 0.2  # of the images of the last second; the model is trained with 8 % at most
 LOSS_MARGIN_S = 0.020
@@ -46,11 +46,11 @@ class _View:
 
 
 class HeightmapService:
-    """Holds the memory of one robot; one call of `step` for each robot state.
+    """Holds the hidden state of one robot; one call of `step` for each robot state.
 
-    A frame has an effect once: duplicates, frames older than the one in use, frames from the future and frames so old
-    that they must not be used are ignored. Nor is the network shown an image with hardly a valid pixel: it has nothing
-    to say, and the last one has. The memory is replaced only by one that is finite and plausible.
+    The service ignores duplicates, frames older than the one in use, frames from the future, and frames too old to be
+    used. It keeps the last image where the new one has hardly a valid pixel. It replaces the hidden state only by one
+    that is finite and plausible.
 
     Args:
         model: ONNX file, or a network that is loaded already, which several services may share.
@@ -78,12 +78,12 @@ class HeightmapService:
 
     @property
     def warm(self) -> bool:
-        """Whether the memory has met as many images as the model needs, whatever the status says of the last ones."""
+        """Whether the hidden state has seen as many images as the model needs, whatever the status of the last ones."""
         return self._frames >= self._network.warmup_frames
 
     @property
     def hidden(self) -> Singles:
-        """The memory, shape (hidden size,)."""
+        """The state of the GRU, shape (hidden size,)."""
         return self._hidden
 
     @property
@@ -163,7 +163,7 @@ class HeightmapService:
     def _forget(self) -> None:
         self._hidden = np.zeros(self._network.hidden_size, np.float32)
         self._frames = 0
-        self._loss = FrameLoss()  # what was lost before does not weaken a memory that begins now
+        self._loss = FrameLoss()  # what was lost before does not count for a state that begins now
         self._bad_outputs = 0
 
     def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
@@ -207,7 +207,7 @@ class HeightmapService:
         return HeightmapStatus.OK if self.warm else HeightmapStatus.WARMING
 
     def _hold(self, state: RobotState, now_ns: int) -> Heightmap:
-        """Answers in place of an output that cannot be used: the memory stays as it was."""
+        """Answers in place of an output that cannot be used: the hidden state stays as it was."""
         self._bad_outputs += 1
         status = max(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self._bad_outputs >= BAD_OUTPUTS_TO_INVALID or self._last is None:

@@ -20,7 +20,8 @@ def calibrate(
 ) -> float:
     """Scales all stated intervals so that the 90 % intervals hold 90 % of the errors.
 
-    A network states what it met in training, and errs by a little more elsewhere. The factor goes into the last layer.
+    A network states intervals for what it saw in training, and errs by a little more elsewhere. The factor goes into
+    the last layer.
 
     Args:
         model: Is changed in place.

@@ -1,4 +1,4 @@
-"""DAgger: rounds of letting the newest predictor lead robots, and of training the next one on everything collected.
+"""DAgger: rounds in which the newest predictor drives robots and the next one is trained on everything collected.
 
 A run of it is a folder:
 

@@ -1,4 +1,4 @@
-"""Episodes as the network meets them in training: on the device, delayed, noisy, cut into windows."""
+"""Episodes as the network gets them in training: on the device, delayed, noisy, cut into windows."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ class Window(NamedTuple):
     true_depth: Tensor
     """Whether the images are without any error of a camera, bool, shape (batch,)."""
     starts: Tensor
-    """Whether the robot begins this window without memory, as it does where it enters an episode, shape (batch,)."""
+    """Whether the hidden state is empty at the beginning, as it is where a robot enters an episode, shape (batch,)."""
 
 
 class EpisodeStore:
@@ -105,8 +105,8 @@ class EpisodeStore:
     ) -> Iterator[Window]:
         """Yields windows for ever: each of `batch` robots runs through random episodes, window after window.
 
-        Half of the robots enter an episode somewhere in it, so that a memory is also built up in full motion. Of the
-        windows that go on with an episode, the share `forgets` begins without memory all the same.
+        Half of the robots enter an episode in its middle, so that a hidden state is also built up in full motion. Of
+        the windows that continue an episode, the share `forgets` begins with an empty hidden state all the same.
         """
         slots = _Slots(batch, int(self._lengths.max()))
         for row in range(batch):
@@ -188,7 +188,7 @@ class _Slots:
         self.episode = np.zeros(batch, np.int64)
         self.position = np.zeros(batch, np.int64)
         self.starts = np.zeros(batch, np.bool_)
-        """Whether a robot begins without memory, having just entered its episode or lost what it knew."""
+        """Whether a robot begins with an empty hidden state: in a new episode, or where it was emptied on the way."""
         self.frame = np.zeros((batch, longest), np.int64)
         """Images as they are delivered, see `saltus.heightmap.data.delivery.Delivery`, as the two that follow."""
         self.age_s = np.zeros((batch, longest), np.float32)
@@ -196,7 +196,7 @@ class _Slots:
 
 
 def run_window(model: HeightmapModel, window: Window, hidden: Tensor) -> tuple[Estimate, Tensor]:
-    """Runs a window; robots that begin a new episode begin without memory."""
+    """Runs a window; robots that begin a new episode begin with an empty hidden state."""
     batch, images = window.image.shape[:2]
     encoded = model.encode(window.image.flatten(0, 1)).unflatten(0, (batch, images))
     rows = torch.arange(batch, device=hidden.device)

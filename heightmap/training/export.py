@@ -79,7 +79,7 @@ def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_ev
         model: The network in torch.
         path: What was made of it.
         inputs: One for each recurrent step.
-        reset_every: Both memories are emptied after so many steps.
+        reset_every: Both hidden states are emptied after so many steps.
     """
     network = HeightmapNetwork(path)
     worst = 0.0
@@ -98,7 +98,7 @@ def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_ev
 
 
 def random_inputs(model: HeightmapModel, rng: np.random.Generator, steps: int) -> Iterator[Inputs]:
-    """Inputs in the range of what occurs, without rhyme or reason."""
+    """Random inputs in the range of what occurs."""
     mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
     for _ in range(steps):
         valid = rng.uniform(size=IMAGE_SHAPE[1:]) < rng.uniform(0.2, 1.0)

@@ -149,11 +149,11 @@ Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
 {errors}
 
 Share of errors within the 90 % interval: {clean.coverage90:.2f} and {faulty.coverage90:.2f}.
-Warm-up after a loss of memory, until the error ahead is within 10 % of an undisturbed run's: {result.warmup_frames}
-images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
+Warm-up after the hidden state was emptied, until the error ahead is within 10 % of an undisturbed run's:
+{result.warmup_frames} images. Greatest difference from torch over 1,000 recurrent steps: {result.parity:.1e} m.
 
 Training: {training["update"]} updates of {config["batch"]} robots x {config["window"]} ticks, seed {config["seed"]},
-rate {config["learning_rate"]:g}, {forgets:.0f} % of the windows without memory, begun {begun}, dataset
+rate {config["learning_rate"]:g}, {forgets:.0f} % of the windows with an empty hidden state, begun {begun}, dataset
 {training["dataset"]}:
 
 | shard | source of motion | episodes | ticks | seed | commit | sha256 |

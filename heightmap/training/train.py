@@ -121,7 +121,7 @@ def train(
 
 def _stores(data: Path, records: list[ShardRecord], device: torch.device) -> tuple[EpisodeStore, EpisodeStore]:
     """Episodes to fit, and those held out."""
-    # Every round of the dataset is met equally often, however many episodes it has.
+    # Every round of the dataset is drawn equally often, however many episodes it has.
     weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
     true_depth = split([_has_true_depth(record) for record in records for _ in range(record.episodes)])
     parts = zip(split(read_dataset(data)), weights, true_depth, strict=True)

@@ -14,16 +14,16 @@ from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
-UNDER_X = 0.2  # up to the front hips: seen some time ago, or felt
+UNDER_X = 0.2  # up to the front hips: seen some time ago, or known by the feet
 SETTLED_TICKS = 50  # the first 0.5 s count for the warm-up, not for the accuracy
-WARM = 1.1  # warm: the error is at most 10 % above that of a network with a long memory
+WARM = 1.1  # warm: the error is at most 10 % above that of a network that saw all images before
 MIN_WARMUP = 5  # images: a few more than one bad one could decide for
 _AHEAD, _UNDER = HEIGHTMAP_X >= AHEAD_X, HEIGHTMAP_X <= UNDER_X
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """Mean absolute errors [m] and how much the stated intervals hold."""
+    """Mean absolute errors [m] and how well the stated intervals hold."""
 
     mae_m: float
     ahead_m: float
@@ -68,10 +68,10 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
 
 
 def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50) -> int:
-    """Images after a loss of memory until the visible part is as good as with memory, within 10 %: 5 to `limit`.
+    """Images after the hidden state was emptied until the visible part is as good as without that: 5 to `limit`.
 
-    Each episode runs once undisturbed and once with its memory lost in the middle; errors ahead are compared image by
-    image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
+    Each episode runs once undisturbed and once with its hidden state emptied in the middle; errors ahead are compared
+    image by image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
     """
     network = HeightmapNetwork(model_path)
     ticks = limit * FRAME_TICKS
@@ -100,7 +100,7 @@ def run_episode(
         network: Runs tick by tick, as in the service.
         episode: What it gets.
         delivery: How images travel; drawn from a seed of its own, so always the same.
-        forget_at: Tick before which the memory is lost once.
+        forget_at: Tick before which the hidden state is emptied once.
     """
     height, half_width_90 = np.empty_like(episode.height), np.empty_like(episode.height)
     hidden = np.zeros(network.hidden_size, np.float32)

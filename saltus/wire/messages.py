@@ -20,8 +20,10 @@ class HeightmapStatus(IntEnum):
     """How far a heightmap may be trusted."""
 
     OK = 0
-    WARMING = 1  # fewer frames since the last reset of the memory than the model needs
-    DEGRADED = 2  # the image is 50 ms older than nominal, too many pixels or images are missing, or the output is stuck
+    WARMING = 1  # fewer frames since the hidden state was emptied than the model needs
+    DEGRADED = (
+        2  # the image is 50 ms older than nominal, too many pixels or images are missing, or the output is frozen
+    )
     INVALID = 3  # the image is 100 ms older than nominal, or the output is not plausible
 
 

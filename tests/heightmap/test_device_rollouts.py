@@ -169,8 +169,8 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
     for tick in range(2 * ticks):
         k = tick % ticks
         image = torch.tensor(episode.depth[k // 2].astype(np.int32)).expand(2, 48, 16) if k % FRAME_TICKS == 0 else None
-        felt = torch.tensor(episode.proprioception[k]).expand(2, -1)
-        found = heights.step(image, tick, felt, torch.full((2,), k == 0))
+        features = torch.tensor(episode.proprioception[k]).expand(2, -1)
+        found = heights.step(image, tick, features, torch.full((2,), k == 0))
         np.testing.assert_allclose(found, np.tile(expected[k], (2, 1)), atol=1e-4)
 
 

@@ -37,13 +37,13 @@ def test_window_equals_ticks_one_by_one(model: HeightmapModel) -> None:
     time, batch = 40, 3
     image = torch.rand(time, batch, 2, 48, 16)
     age, new = torch.rand(time, batch) * 0.2, (torch.rand(time, batch) < 0.5).float()
-    felt, start = torch.randn(time, batch, 21), torch.tanh(torch.randn(batch, 256))
+    features, start = torch.randn(time, batch, 21), torch.tanh(torch.randn(batch, 256))
     with torch.no_grad():
         encoded = model.encode(image.flatten(0, 1)).unflatten(0, (time, batch))
-        whole, last = model.ticks(encoded, age, new, felt, start)
+        whole, last = model.ticks(encoded, age, new, features, start)
         hidden = start
         for i in range(time):
-            single, hidden = model.step(image[i], age[i], new[i], felt[i], hidden)
+            single, hidden = model.step(image[i], age[i], new[i], features[i], hidden)
             torch.testing.assert_close(single.height, whole.height[i], atol=1e-5, rtol=0.0)
             torch.testing.assert_close(single.log_std, whole.log_std[i], atol=1e-5, rtol=0.0)
     torch.testing.assert_close(hidden, last, atol=1e-5, rtol=0.0)

@@ -98,7 +98,7 @@ def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetw
 
 
 @pytest.mark.parametrize("who", ["robot", "camera"])
-def test_a_new_boot_starts_the_memory_of_that_robot_over_and_of_no_other(network: HeightmapNetwork, who: str) -> None:
+def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(network: HeightmapNetwork, who: str) -> None:
     fleet = FleetService(network, names(2))
     found: list[list[Heightmap]] = [[], []]
     again = 40
@@ -173,7 +173,7 @@ def lossy(robot: int, step: int) -> DepthFrame | None:
 
 
 @pytest.mark.parametrize("see", [patchy, lossy])
-def test_no_model_takes_over_without_a_memory_however_poor_the_images(
+def test_no_model_takes_over_before_it_is_warm_however_poor_the_images(
     network: HeightmapNetwork, model_path: Path, see: Callable[[int, int], DepthFrame | None]
 ) -> None:
     for begin in range(56, 62):

@@ -98,7 +98,7 @@ def test_lockstep_asks_twice_and_gets_the_same(house: House) -> None:
 
 
 @pytest.mark.parametrize("house", ["lockstep"], indirect=True)
-def test_a_robot_that_starts_anew_gets_a_new_memory(house: House, model_path: Path) -> None:
+def test_a_robot_that_starts_anew_gets_an_empty_hidden_state(house: House, model_path: Path) -> None:
     for state in states(3):
         house.ask(due(state))
     house.states = MemoryBus(house.context.config.prefix, house.hub).publisher("controller/state")

@@ -77,9 +77,9 @@ def test_edges_that_were_never_met_do_not_count() -> None:
     true = np.tile(np.where(HEIGHTMAP_X > 0.4, 0.1, 0.0), (STEPS, 1))
     late = np.roll(true, 1, axis=1)
     late[:, 0] = 0.0
-    met = score([synthetic_run(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
-    assert met.edge_error_m == pytest.approx(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
-    assert met.edges_found == 1.0
+    seen = score([synthetic_run(late, np.full_like(true, 0.1), true, np.zeros(true.shape))], NETWORK)
+    assert seen.edge_error_m == pytest.approx(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
+    assert seen.edges_found == 1.0
     ahead = np.where(HEIGHTMAP_X > 0.3, UNSEEN, VISIBLE) * np.ones_like(true)
     assert np.isnan(score([synthetic_run(late, np.full_like(true, 0.1), true, ahead)], NETWORK).edge_error_m)
 

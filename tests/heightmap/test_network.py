@@ -126,7 +126,7 @@ def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None
 
 
 def test_answers_stay_what_they_were(model_path: Path) -> None:
-    """Whatever is asked next, for however many robots: nobody else's memory is handed out."""
+    """Whatever is asked next, for however many robots: nobody else's arrays are handed out."""
     network = HeightmapNetwork(model_path)
     rng = np.random.default_rng(0)
     answers = []

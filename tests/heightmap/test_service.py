@@ -127,7 +127,7 @@ def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra
             assert answer.status == (INVALID if lost else DEGRADED if late else OK)
 
 
-def test_resumes_after_a_gap_with_a_new_memory(model_path: Path) -> None:
+def test_resumes_after_a_gap_with_an_empty_hidden_state(model_path: Path) -> None:
     frames = {step: frame_ for step, frame_ in clean(120).items() if not 40 <= step < 70}
     statuses = [h.status for h in run(HeightmapService(model_path), frames, 120)]
     back = 71
@@ -136,7 +136,7 @@ def test_resumes_after_a_gap_with_a_new_memory(model_path: Path) -> None:
     assert statuses[back + 2 * (WARMUP - 1)] == OK
 
 
-def test_short_gaps_do_not_cost_the_memory(model_path: Path) -> None:
+def test_short_gaps_do_not_cost_the_hidden_state(model_path: Path) -> None:
     frames = {step: frame_ for step, frame_ in clean(80).items() if not 41 <= step < 50}
     statuses = [h.status for h in run(HeightmapService(model_path), frames, 80)]
     assert WARMING not in statuses[41:]
@@ -174,7 +174,7 @@ def bad_tick(where: str, value: float) -> Tick:
     [bad_tick(w, v) for w in ("height", "half_width_90", "hidden") for v in (np.nan, np.inf, -2.0)]
     + [bad_tick("height", 1.6)],
 )
-def test_a_bad_output_is_bridged_and_its_memory_dropped(model_path: Path, bad: Tick) -> None:
+def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, bad: Tick) -> None:
     service = HeightmapService(model_path)
     service._network = faulty = Faulty(service, {50: bad})  # type: ignore[assignment]
     answers = run(service, clean(60), 60)

@@ -267,9 +267,9 @@ def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeSto
     window = next(store.windows(4, 20, TRAINING, ImageNoise(), np.random.default_rng(0)))
     window = window._replace(starts=torch.tensor([True, False, True, False]))
     rng = torch.Generator().manual_seed(0)
-    memories = [torch.rand((4, model.config.hidden), generator=rng) for _ in range(2)]
+    states = [torch.rand((4, model.config.hidden), generator=rng) for _ in range(2)]
     with torch.no_grad():
-        (first, _), (second, _) = (run_window(model, window, memory) for memory in memories)
+        (first, _), (second, _) = (run_window(model, window, state) for state in states)
     same = (first.height == second.height).all(-1).all(0)
     assert same.tolist() == window.starts.tolist()
 
@@ -357,7 +357,7 @@ def test_windows_tell_the_story_of_an_episode_in_order(store: EpisodeStore) -> N
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_a_share_of_the_windows_begins_without_memory_and_goes_on_all_the_same(
+def test_a_share_of_the_windows_begins_with_an_empty_state_and_goes_on_all_the_same(
     store: EpisodeStore, share: float
 ) -> None:
     windows = store.windows(200, 20, TRAINING, ImageNoise(), np.random.default_rng(0), forgets=share)

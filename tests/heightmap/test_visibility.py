@@ -1,4 +1,4 @@
-"""Which ground a camera has met: held to rays that are cast."""
+"""Which ground a camera has seen: held to rays that are cast."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
     position, quaternion = poses(np.random.default_rng(1), PLACES)
     position[:, 2] += np.maximum(terrain.height_at(position[:, 0], position[:, 1]), 0.0)
     ground = np.arange(-1.0, 6.0, BIN_M)
-    met = seen_by_rays(terrain, ground, position, quaternion)
+    seen = seen_by_rays(terrain, ground, position, quaternion)
     joints = np.tile(go1.STAND_POSE, (PLACES, 1))
     depth = EmbreeRenderer(terrain, MODEL_CAMERA, Mount(), legs=False, threads=1).render_batch(
         position, quaternion, joints
@@ -42,9 +42,9 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
         up = np.abs(hit[i, :, 2] - terrain.height_at(hit[i, :, 0], hit[i, :, 1])) < 1e-3  # on the ground, not on a wall
         up &= depth[i, :, 7:9].max(-1) < RANGE_M
         nearest = np.abs(hit[i, up, 0][:, None] - ground).argmin(-1)
-        around = met[i, nearest] | met[i, np.maximum(nearest - 1, 0)] | met[i, nearest + 1]
+        around = seen[i, nearest] | seen[i, np.maximum(nearest - 1, 0)] | seen[i, nearest + 1]
         assert around.mean() > 0.95  # but for a ray that passes within a bin of an edge
-        places = ground[met[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])]  # farther away pixels are far apart
+        places = ground[seen[i] & (ground < position[i, 0] + HEIGHTMAP_X[-1])]  # farther away pixels are far apart
         assert (np.abs(places[:, None] - hit[i, :, 0]).min(-1, initial=np.inf) < 0.2).all()
 
 
