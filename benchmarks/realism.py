@@ -35,14 +35,14 @@ import torch
 from benchmarks._command import Command
 from saltus.config import Camera
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.delivery import DELIVERIES, TICK_S, DeliveryName
+from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
 from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
 from saltus.heightmap.evaluation.held_out import HeldOutRuns
 from saltus.heightmap.evaluation.scores import scores
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import ClosedLoop, TrainConfig
+from saltus.heightmap.settings import ClosedLoop, DeliveryName, TrainConfig
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy

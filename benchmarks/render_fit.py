@@ -96,8 +96,7 @@ class Hidden:
         return build(
             "step",
             {},
-            widths=(self.depth_m, self.before_wall_m),
-            tops=(self.height_m, 0.0),
+            [(self.depth_m, self.height_m), (self.before_wall_m, 0.0)],
             last_top=WALL_M,
             finish_behind=1.0,
         )

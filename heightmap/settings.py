@@ -10,10 +10,12 @@ import tyro
 from saltus.config import Camera, check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
-from saltus.heightmap.data.delivery import DeliveryName
-from saltus.heightmap.data.planner_randomisation import VARIATION
-from saltus.heightmap.data.runs import MIN_TICKS
 
+DeliveryName = Literal["training", "nominal", "at-once"]
+"""How late images come: as drawn for training, as in a run without delays of its own, or at once."""
+VARIATION = 0.15
+"""Standard deviation of each of the scripted planner's numbers, as a share of it."""
+MIN_TICKS = 60  # the first 0.5 s are warm-up; of a shorter run nothing would be left
 FIRST_RATE = 1e-3  # original
 FURTHER_RATE = 5e-4  # of a network that already predicts: the full rate would first make it forget
 MOST_DIFFICULT = 1.2  # a fifth beyond what the policy was trained for

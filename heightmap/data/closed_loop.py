@@ -93,7 +93,7 @@ def _trajectories(
 
 
 class MixedPlanner:
-    """Drives some robots by rules, others by the learned policy, each in its own way; a `saltus.policy.planner.Planner`.
+    """Drives some robots by rules, others by the learned policy, each in its own way; a `Planner`.
 
     Args:
         rng: Draws which planner drives which robot, and how each differs.

@@ -1,12 +1,13 @@
 """Which image a robot uses at each tick, with latency, jitter and loss."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.heightmap.settings import DeliveryName
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 TICK_S = 0.01
@@ -29,7 +30,6 @@ class DeliveryModel:
 
 # Original: 30 to 60 ms between exposure and use. The service forgets after a gap of more than 5 images.
 TRAINING = DeliveryModel(latency_s=(0.030, 0.060), jitter_s=0.008, loss=0.08, burst=0.3)
-DeliveryName = Literal["training", "nominal", "at-once"]
 DELIVERIES: dict[DeliveryName, DeliveryModel] = {
     "training": TRAINING,
     "nominal": DeliveryModel(),

@@ -9,8 +9,6 @@ from saltus.policy.scripted import ScriptedParameters
 # The policy reacts to what it reaches: slower and other rhythms than its own, but not so that it falls.
 SPEED, RHYTHM = (0.7, 1.1), (0.93, 1.07)
 """Share of the policy's speed and of its stepping frequency, from and to."""
-VARIATION = 0.15
-"""Standard deviation of each of the scripted planner's numbers, as a share of it."""
 
 
 def varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-MIN_TICKS = 60  # the first 0.5 s are warm-up; of a shorter run nothing would be left
+from saltus.heightmap.settings import MIN_TICKS
 
 
 def runs(starts: NDArray[np.bool_]) -> list[slice]:

@@ -16,10 +16,9 @@ from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
-from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.settings import ClosedLoop, DaggerConfig
+from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
 from saltus.heightmap.training.dagger import CollectionProgress, Observer, dagger
 from saltus.heightmap.training.train import Progress
 from saltus.policy.evaluation.rollout import STAND_STEPS

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, DeliveryName, deliver
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, deliver
+from saltus.heightmap.settings import DeliveryName
 
 TICKS = 400
 TAKEN = np.arange(0, TICKS, 2, dtype=np.int32)

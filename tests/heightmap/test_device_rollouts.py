@@ -13,12 +13,11 @@ from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
 from saltus.heightmap.data.inventory import validate
-from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import DeviceLoop
+from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv, Transition

@@ -19,9 +19,8 @@ from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
-from saltus.heightmap.data.runs import MIN_TICKS
 from saltus.heightmap.data.shards import Episode, write_shard
-from saltus.heightmap.settings import ClosedLoop
+from saltus.heightmap.settings import MIN_TICKS, ClosedLoop
 from saltus.resources import resource
 from saltus.workers import in_order
 
