@@ -315,7 +315,7 @@ def test_a_training_goes_on_with_its_own_settings_on_another_device(
     assert saltus([*quick(data, tmp_path), "--seed", "3", "--forgets", "0.1"]) == 0
     before = (tmp_path / "heightmap.pt").read_bytes()
     again = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path)]
-    for more, told in (([], "as of the training that goes on"), (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)")):
+    for more, told in (([], "as of the run that goes on"), (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)")):
         capsys.readouterr()
         assert saltus([*again, *more]) == 0
         assert told in capsys.readouterr().err.splitlines()[0]

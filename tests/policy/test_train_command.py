@@ -156,7 +156,7 @@ def replace_iteration(path: Path, old: str, new: str) -> int:
 
 @pytest.mark.parametrize(
     ("program", "number"),
-    [("saltus.cli.main policy train", signal.SIGINT), ("saltus.policy.training.train", signal.SIGTERM)],
+    [("saltus.cli.main policy train", signal.SIGINT), ("saltus.policy.training.command", signal.SIGTERM)],
 )
 def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: Path) -> None:
     out = tmp_path / "run"

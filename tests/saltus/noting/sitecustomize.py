@@ -35,6 +35,11 @@ class Finder:
         return spec
 
 
+def of_the_project(file: str) -> bool:
+    """Whether a file is the project's own; its virtual environment may lie in its folder."""
+    return file.startswith(PROJECT) and "site-packages" not in file
+
+
 def note_first_call(module: ModuleType, attribute: str) -> None:
     """Puts a function in the place of another that notes its first call, and then puts that one back."""
     *parents, name = attribute.split(".")
@@ -47,7 +52,7 @@ def note_first_call(module: ModuleType, attribute: str) -> None:
         result = real(*arguments, **options)
         setattr(owner, name, real)
         frame = sys._getframe(1)
-        while frame.f_back is not None and not frame.f_code.co_filename.startswith(PROJECT):
+        while frame.f_back is not None and not of_the_project(frame.f_code.co_filename):
             frame = frame.f_back
         (Path(NOTES) / module.__name__).write_text(frame.f_code.co_filename)
         if module.__name__ == LAST:
