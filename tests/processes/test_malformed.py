@@ -17,7 +17,8 @@ from samples import message_of
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig, to_toml
 from saltus.resources import resource
-from saltus.runtime.process import RUN_FILE
+from saltus.robots.loading import load_robot
+from saltus.runtime.process import ROBOT_FILE, RUN_FILE
 from saltus.runtime.stack import PROGRAMS, open_router
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
@@ -111,6 +112,7 @@ class Victim:
         )
         self.clock = RunClock.of(config)
         (directory / RUN_FILE).write_text(to_toml(config))
+        (directory / ROBOT_FILE).write_text(load_robot(config.robot).to_toml())
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}
