@@ -22,6 +22,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.policy.planner import Planner, make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
@@ -53,14 +54,17 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         rise_m = self.rise_m if self.terrain == "stairs" else None
         terrain = make_terrain(TerrainConfig(terrain=self.terrain, rise_m=rise_m))
-        planner = make_planner(self.planner)
+        robot = load_robot(DEFAULT_ROBOT)
+        planner = make_planner(self.planner, robot)
         cases = [
             (Trial.draw(seed), FIRST_STAND_S + self.run_s + phase * CYCLE_S)
             for seed in range(self.seed, self.seed + self.trials)
             for phase in np.arange(self.phases) / self.phases
         ]
         table = {
-            fault: summary([land(terrain, *case, planner, fault == "silence") for case in progress(cases, fault)])
+            fault: summary(
+                [land(robot, terrain, *case, planner, fault == "silence") for case in progress(cases, fault)]
+            )
             for fault in ("stop", "silence")
         }
         return {"landing": {"terrain": self.terrain, "planner": self.planner, **table}}
@@ -80,12 +84,11 @@ class Landing:
     """From the fault to the end."""
 
 
-def land(terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
+def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: Planner, silent: bool) -> Landing:
     """Runs one robot; at `fault_s` its heightmaps end, or its plans if `silent`."""
-    kind = load_robot(DEFAULT_ROBOT)
     robot = MujocoRobot(kind, terrain, trial, trial.applied_to(load_profile(SHIPPED, kind)))
     robot.reset()
-    loop, process = ControlLoop(kind), PlannerProcess(planner)
+    loop, process = ControlLoop(kind), PlannerProcess(kind, planner)
     plan: MotionPlan | None = None
     stopped_s, start_x = float("inf"), 0.0
     fault_tick = round(fault_s / PHYSICS_DT)

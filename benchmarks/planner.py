@@ -13,10 +13,13 @@ import numpy as np
 
 from benchmarks._command import Command, progress
 from benchmarks._measuring import Stopwatch
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, collect, evaluate
 from saltus.policy.observation import Observation, observe
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.robots.legs import LegKinematics
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.states import standing_state
 
 STAIRS = TerrainConfig(terrain="stairs", steps=14, rise_m=0.06, run_m=0.25)
@@ -57,22 +60,27 @@ class Benchmark(Command):
         }
 
 
-def bounding(base_height: float, contact: tuple[bool, bool], progress: tuple[float, float]) -> Observation:
+def bounding(
+    robot: Robot, base_height: float, contact: tuple[bool, bool], progress: tuple[float, float]
+) -> Observation:
     """A level robot that bounds at 1 m/s: height of its base [m], contact and progress of front and rear feet."""
     return observe(
         replace(
-            standing_state(base_height),
+            standing_state(robot),
+            base_height=base_height,
             velocity_base_in_world=np.array([1.0, 0.0, 0.0]),
             leg_contact=np.repeat(contact, 2),
             leg_progress=np.repeat(progress, 2),
-        )
+        ),
+        LegKinematics(robot),
     )
 
 
 def plan_times() -> dict[str, float]:
     """Of one plan for a single robot."""
-    observation = bounding(0.28, (True, False), (0.3, 0.6))
-    planner, heights, watch = ScriptedPlanner(), np.full(30, -0.28), Stopwatch()
+    robot = load_robot(DEFAULT_ROBOT)
+    observation = bounding(robot, 0.28, (True, False), (0.3, 0.6))
+    planner, heights, watch = ScriptedPlanner(robot), np.full(30, -0.28), Stopwatch()
     for _ in range(PLANS):
         watch(planner.step, observation, heights)
     return watch.percentiles()

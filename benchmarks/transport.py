@@ -33,10 +33,11 @@ import numpy as np
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
 from saltus.action import REST, plan_message
-from saltus.config import RunConfig, to_toml
+from saltus.config import DEFAULT_ROBOT, RunConfig, to_toml
 from saltus.depth import D435I
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.render.stereo.model_view import sampled_model_camera
+from saltus.robots.loading import load_robot
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG, RUN_FILE
 from saltus.runtime.stack import open_router
@@ -97,7 +98,7 @@ def sample_messages() -> dict[str, Message]:
     """One message a topic, in the sizes that travel."""
     frame = random_frames(D435I, 1, np.random.default_rng(0))[0]
     plan = plan_message(REST, PlanStatus.GO)
-    return {"policy/plan": plan, "controller/state": standing_state(), "camera/depth": frame}
+    return {"policy/plan": plan, "controller/state": standing_state(load_robot(DEFAULT_ROBOT)), "camera/depth": frame}
 
 
 def send(endpoint: str, topic: str, count: int) -> None:

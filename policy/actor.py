@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus import go1
 from saltus.action import Action
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
@@ -12,6 +11,7 @@ from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.features import LAYOUT, SIZE, features
 from saltus.policy.observation import Observation
+from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, MotionPlan
 from saltus.wire.schemas import FIELDS
 
@@ -25,17 +25,18 @@ class PolicyActor:
     One thread that sleeps between calls; a plan follows from one observation and one heightmap.
 
     Args:
+        robot: For which it plans.
         path: A file written by `saltus.policy.training.export`.
 
     Raises:
-        ModelError: the file is unreadable or made for other features or actions; the message names which.
+        ModelError: the file is unreadable or made for another robot, features or actions; the message names which.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, robot: Robot, path: Path) -> None:
         file = ModelFile(path)
         self.model_id = file.model_id
         self._session = file.session
-        _check(file)
+        _check(robot, file)
 
     def step(self, observation: Observation, heights: Floats) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
@@ -48,7 +49,7 @@ class PolicyActor:
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))
 
 
-def _check(file: ModelFile) -> None:
+def _check(robot: Robot, file: ModelFile) -> None:
     """Refuses a policy that was made for other features, actions or limits than this program has."""
     expected = {"format": FORMAT, "features": LAYOUT, "actions": list(ACTIONS)}
     for name, value in expected.items():
@@ -61,10 +62,10 @@ def _check(file: ModelFile) -> None:
     if np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
         raise ModelError(f"{file.path}: 'grid_m' is not the heightmap's grid of this program")
     swing = _numbers(file, "swing_foot_z_range_m", 2)
-    if np.abs(swing - go1.SWING_FOOT_Z).max() > _TOLERANCE:
+    if np.abs(swing - robot.swing_foot_z).max() > _TOLERANCE:
         raise ModelError(
             f"{file.path}: 'swing_foot_z_range_m' is {swing.tolist()}, the leg controller's is "
-            f"{list(go1.SWING_FOOT_Z)}: train the policy again"
+            f"{robot.swing_foot_z.tolist()}: train the policy again"
         )
     low, high = (_numbers(file, name, len(ACTIONS)) for name in ("low", "high"))
     _check_bounds(file.path, low, high)

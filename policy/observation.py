@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
-from saltus.kinematics import foot_position
+from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.states import Proprioception
 
@@ -30,8 +30,8 @@ class Observation:
     """Of the present stance or swing, [0, 1], shape (..., 4)."""
 
 
-def observe(states: Proprioception) -> Observation:
-    """Derives the observation; numpy and torch, any batch."""
+def observe(states: Proprioception, legs: LegKinematics) -> Observation:
+    """Derives the observation; numpy and torch, any batch, all of robots with these legs."""
     rotation = rotation_matrix(states.quaternion_base_in_world)
     xp = namespace(rotation)
     roll, pitch, yaw = roll_pitch_yaw(rotation)
@@ -43,7 +43,7 @@ def observe(states: Proprioception) -> Observation:
         angular_velocity=(base_in_yaw @ states.angular_velocity_base[..., None])[..., 0],
         velocity=(world_in_yaw @ states.velocity_base_in_world[..., None])[..., 0],
         base_height=xp.zeros_like(roll) + states.base_height,  # an array, where a message has a number
-        foot=foot_position(states.joint_position) @ base_in_yaw.mT,
+        foot=legs.position(states.joint_position) @ base_in_yaw.mT,
         contact=states.leg_contact,
         progress=states.leg_progress,
     )

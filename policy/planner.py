@@ -5,13 +5,14 @@ from typing import Protocol
 
 import numpy as np
 
-from saltus import go1
 from saltus.action import Action
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.observation import Observation, observe
 from saltus.resources import resource
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.states import standing_state
 from saltus.wire.messages import Floats
 
@@ -29,27 +30,29 @@ class Planner(Protocol):
         ...
 
 
-def make_planner(name: PlannerName, model: Path | None = None) -> Planner:
+def make_planner(name: PlannerName, robot: Robot, model: Path | None = None) -> Planner:
     """A planner by its name.
 
     Args:
         name: Which.
+        robot: For which it plans.
         model: ONNX file of the learned one; the shipped policy where it is not given.
 
     Raises:
-        ModelError: the policy is damaged, or made for another program.
+        ModelError: the policy is damaged, or made for another program or another robot.
     """
     if name == "learned":
         from saltus.policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
-        return PolicyActor(model or resource("models/policy.onnx"))
+        return PolicyActor(robot, model or resource("models/policy.onnx"))
     if model is not None:
         raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
     from saltus.policy.scripted import ScriptedPlanner
 
-    return ScriptedPlanner()
+    return ScriptedPlanner(robot)
 
 
-def warm_up(planner: Planner) -> None:
+def warm_up(planner: Planner, robot: Robot) -> None:
     """Plans once for a robot that stands on level ground, as a first call takes longer than the others."""
-    planner.step(observe(standing_state()), np.full(len(HEIGHTMAP_X), -go1.STAND_HEIGHT))
+    standing = observe(standing_state(robot), LegKinematics(robot))
+    planner.step(standing, np.full(len(HEIGHTMAP_X), -robot.stand_height))

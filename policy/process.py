@@ -7,6 +7,8 @@ import numpy as np
 from saltus.action import REST, plan_message
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 from saltus.wire.topics import TOPICS
 
@@ -34,11 +36,12 @@ class PlannerProcess:
     the robot has not moved yet, as on a computer that is still busy with starting.
 
     Args:
+        robot: Which one bounds.
         planner: Decides how to bound while the robot goes.
     """
 
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
+    def __init__(self, robot: Robot, planner: Planner) -> None:
+        self._legs, self._planner = LegKinematics(robot), planner
         self._status = PlanStatus.STAND
         self._reason = "the robot has not stood long enough"
         self._first_ns: int | None = None
@@ -102,5 +105,5 @@ class PlannerProcess:
         action = REST
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
-            action = self._planner.step(observe(state), heights)
+            action = self._planner.step(observe(state, self._legs), heights)
         return plan_message(action, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)

@@ -10,19 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.action import Action
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.policy.observation import Observation
 from saltus.policy.profile import height_at, highest_between, slope
+from saltus.robots.robot import Robot
 
 STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
 LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
 FRONT, REAR = 0, 2  # a leg of each pair
-HIP_X = tuple(float(x) for x in go1.HIP_ANCHOR[:, 0])
-# The controller's model of the body: its gain from velocity errors to accelerations, its inertia, its force limit.
-VELOCITY_GAIN, PITCH_INERTIA, MAX_LIFT = 10.0, 0.525, 260.0 / go1.MASS
+VELOCITY_GAIN = 10.0  # the controller's, from velocity errors to accelerations [1/s]
 
 # Bounds of the action: original, but for the residual's lower bound in z, which is 0 there: the nominal swing stays at
 # the height of the feet that stand, and on stairs the rear feet must land below the front feet, by at most 0.38 m
@@ -119,10 +117,19 @@ LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot count
 
 
 class ScriptedPlanner:
-    """Plans for any batch of robots, numpy or torch."""
+    """Plans for any batch of robots, numpy or torch.
 
-    def __init__(self, parameters: ScriptedParameters | None = None) -> None:
+    Args:
+        robot: Which ones.
+        parameters: Numbers of the rules.
+    """
+
+    def __init__(self, robot: Robot, parameters: ScriptedParameters | None = None) -> None:
         self.parameters = parameters or ScriptedParameters()
+        self._mass, self._foot_radius = robot.mass, robot.foot_radius
+        self._hip_x: list[float] = robot.hip_anchor[:, 0].tolist()
+        # The controller's model of the body: its inertia, and the greatest acceleration of a pair of feet.
+        self._pitch_inertia, self._max_lift = float(robot.inertia[1]), 2.0 * float(robot.foot_force[1]) / robot.mass
 
     def step(self, observation: Observation, heights: Array) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
@@ -162,7 +169,7 @@ class ScriptedPlanner:
         # At the start all legs stand: the body only gathers speed.
         bounding = xp.astype(~(front & rear), incline.dtype)
         # The height is measured over the standing feet, which on a slope are above or below the ground under the base.
-        stance_x = xp.where(front, 0.0 * incline + HIP_X[FRONT], 0.0 * incline + HIP_X[REAR])
+        stance_x = xp.where(front, 0.0 * incline + self._hip_x[FRONT], 0.0 * incline + self._hip_x[REAR])
         height = observation.base_height + p.lever * stance_x * incline
         rise = p.height_gain * (p.height_m - height)
         ceiling = p.ceiling_gain * (p.ceiling_m - height)
@@ -178,7 +185,7 @@ class ScriptedPlanner:
         x = xp.mean(xp.reshape(observation.foot[..., 0], (*velocity_z.shape, 2, 2)), axis=-1)
         stance_x = xp.where(observation.contact[..., FRONT], x[..., 0], x[..., 1])
         lift = GRAVITY + VELOCITY_GAIN * (velocity_z - observation.velocity[..., 2])
-        acceleration = -stance_x * go1.MASS * xp.clip(lift, 0.0, MAX_LIFT) / PITCH_INERTIA
+        acceleration = -stance_x * self._mass * xp.clip(lift, 0.0, self._max_lift) / self._pitch_inertia
         return observation.angular_velocity[..., 1] + acceleration / VELOCITY_GAIN
 
     def _offset(self, observation: Observation, heights: Array) -> Array:
@@ -187,7 +194,7 @@ class ScriptedPlanner:
         standing = xp.astype(observation.contact, heights.dtype)
         count = xp.sum(standing, axis=-1)
         seen = xp.sum(height_at(heights, observation.foot[..., 0]) * standing, axis=-1)
-        stood_on = xp.sum((observation.foot[..., 2] - go1.FOOT_RADIUS) * standing, axis=-1)
+        stood_on = xp.sum((observation.foot[..., 2] - self._foot_radius) * standing, axis=-1)
         seen_anywhere = xp.mean(height_at(heights, observation.foot[..., 0]), axis=-1)
         offset = xp.where(
             count > 0.0, (stood_on - seen) / xp.clip(count, 1.0, None), -observation.base_height - seen_anywhere
@@ -202,7 +209,7 @@ class ScriptedPlanner:
         forward = observation.velocity[..., 0]
         step = xp.clip(forward * (0.5 * STANCE_RATIO / p.stepping_frequency_hz), -LANDING_LIMIT, LANDING_LIMIT)
         travel = forward * (1.0 - swing) * (SWING_RATIO / p.stepping_frequency_hz)
-        neutral = HIP_X[leg] * xp.cos(observation.pitch) + step + shift + travel
+        neutral = self._hip_x[leg] * xp.cos(observation.pitch) + step + shift + travel
         foot_x = xp.mean(observation.foot[..., leg : leg + 2, 0], axis=-1)
         # How far the foot already is from its nominal path; that path leaves the hip at half time.
         begun = foot_x - (neutral - travel - step * (1.0 - smooth_step(2.0 * swing - 1.0)))
@@ -211,8 +218,8 @@ class ScriptedPlanner:
         landing = neutral + detour
         start, end = xp.minimum(foot_x, landing) - LIFT_MARGIN, xp.maximum(foot_x, landing) + LIFT_MARGIN
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
-        over = highest_between(ground, start, end) + go1.FOOT_RADIUS + p.clearance_m - nominal_z
-        down = height_at(ground, landing[..., None])[..., 0] + go1.FOOT_RADIUS - p.landing_depth_m - nominal_z
+        over = highest_between(ground, start, end) + self._foot_radius + p.clearance_m - nominal_z
+        down = height_at(ground, landing[..., None])[..., 0] + self._foot_radius - p.landing_depth_m - nominal_z
         up = smooth_step(swing / p.lift_until)
         low = smooth_step((swing - p.lower_from) / (1.0 - p.lower_from))
         lift = up * (over + (down - over) * low)

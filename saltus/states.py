@@ -3,7 +3,7 @@
 Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller, planner and heightmap
 network a `Proprioception`. Frames are in the names: base_in_world turns or moves from base to world, base is in the
 base frame. Arrays are numpy or torch with any leading batch dimensions (...); legs FR, FL, RR, RL, joints in the order
-of `saltus.go1`.
+of `saltus.robots.robot`.
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Array
 from saltus.constants import GRAVITY, POLICY_DT
+from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, Floats, RobotState
 
 
@@ -183,7 +183,7 @@ def state_message(
     )
 
 
-def standing_state(base_height: float = go1.STAND_HEIGHT) -> RobotState:
+def standing_state(robot: Robot) -> RobotState:
     """A robot that stands still on level ground, at step 0."""
     return RobotState(
         time_ns=0,
@@ -191,11 +191,11 @@ def standing_state(base_height: float = go1.STAND_HEIGHT) -> RobotState:
         quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
         angular_velocity_base=np.zeros(3),
         acceleration_base=np.array([0.0, 0.0, GRAVITY]),
-        joint_position=go1.STAND_POSE,
+        joint_position=robot.stand_pose,
         joint_velocity=np.zeros(12),
         joint_torque=np.zeros(12),
         velocity_base_in_world=np.zeros(3),
-        base_height=base_height,
+        base_height=robot.stand_height,
         leg_contact=np.ones(4, dtype=np.bool_),
         leg_progress=np.zeros(4),
         leg_trusted=np.ones(4, dtype=np.bool_),

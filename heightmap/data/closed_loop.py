@@ -80,7 +80,7 @@ def _trajectories(
         robot,
         terrains,
         [Trial.draw(first + i) for i in range(loop.robots)],
-        MixedPlanner(rng, loop.robots, learned=loop.learned, variation=loop.variation),
+        MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
         heights=_heights(model, profile, rng.uniform(0.0, MAX_LOSS)),
         time_limit_s=np.inf,
@@ -96,15 +96,16 @@ class MixedPlanner:
     """Drives some robots by rules, others by the learned policy, each in its own way; a `Planner`.
 
     Args:
+        robot: Which one they drive.
         rng: Draws which planner drives which robot, and how each differs.
         count: Number of robots.
         learned: Share of robots that the learned policy drives.
         variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planner_randomisation`.
     """
 
-    def __init__(self, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:
-        self._scripted = ScriptedPlanner(varied(rng, variation, count))
-        self._learned = make_planner("learned")
+    def __init__(self, robot: Robot, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:
+        self._scripted = ScriptedPlanner(robot, varied(rng, variation, count))
+        self._learned = make_planner("learned", robot)
         self._is_learned = rng.uniform(size=count) < learned
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)

@@ -123,12 +123,13 @@ class DeviceRollouts:
         """The scripted planner, for each robot with numbers of its own."""
         numbers = varied(self._rng, self.loop.variation, self.loop.robots)
         return ScriptedPlanner(
+            self._env.robot,
             ScriptedParameters(
                 **{
                     f.name: torch.as_tensor(getattr(numbers, f.name), dtype=torch.float32, device=self._device)
                     for f in fields(numbers)
                 }
-            )
+            ),
         )
 
     def _heights(self) -> DeviceHeights | None:

@@ -101,11 +101,12 @@ class HeldOutRuns:
         terrains = [make_terrain(some[i % COURSES][1]) for i in range(count)]
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
+        kind = load_robot(DEFAULT_ROBOT)
         rollout = Rollout(
-            load_robot(DEFAULT_ROBOT),
+            kind,
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
-            make_planner(planner),
+            make_planner(planner, kind),
             heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(model), rng))),
             time_limit_s=self.time_limit_s,
         )

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from saltus import go1
 from saltus.arrays import Constant, namespace
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
@@ -21,7 +20,6 @@ from saltus.controller.signals import plan_from_action
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.profile import load_profile
-from saltus.kinematics import foot_kinematics
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
@@ -32,13 +30,12 @@ from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
 from saltus.policy.env.views import Views
+from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.states import RobotStates
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode, JointCommand
-
-_STAND_POSE = Constant(go1.STAND_POSE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,15 +74,18 @@ class JumpEnv:
         device: str = "cpu",
         solver: StanceSolver | None = None,
     ) -> None:
-        self.config, robot = config, engine.robot
+        self.config, self.robot = config, engine.robot
         self.count = engine.count
         self.device = torch.device(device)
         self._engine = engine
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._ctrl = torch.as_tensor(engine.ctrl)
-        self._law = LegController(robot, solver=solver or BatchedSolver(robot))
-        self._estimator = Estimator(robot)
-        self._drives = Drives(robot, config.randomisation.feedforward_delay_s[1], load_profile(config.profile, robot))
+        self._legs = LegKinematics(self.robot)
+        self._stand_pose = Constant(self.robot.stand_pose)
+        self._law = LegController(self.robot, solver=solver or BatchedSolver(self.robot))
+        self._estimator = Estimator(self.robot)
+        profile = load_profile(config.profile, self.robot)
+        self._drives = Drives(self.robot, config.randomisation.feedforward_delay_s[1], profile)
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
         self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
@@ -96,7 +96,7 @@ class JumpEnv:
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
-        self.views = Views(self.memory, config, self.states, self._qpos, self._qvel)
+        self.views = Views(self.robot, self.memory, config, self.states, self._qpos, self._qvel)
         self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
         """Plan, control, sense and finish: what a step does around the physics."""
@@ -203,10 +203,10 @@ class JumpEnv:
 
     def _or_stand(self, command: JointCommand) -> JointCommand:
         """The command; that of the standing pose for robots that stand."""
-        xp, gains, stands = namespace(command.torque), self._engine.robot.gains, self.standing[:, None]
+        xp, gains, stands = namespace(command.torque), self.robot.gains, self.standing[:, None]
         zero = xp.zeros_like(command.torque)
         return JointCommand(
-            position=xp.where(stands, zero + _STAND_POSE.like(zero), command.position),
+            position=xp.where(stands, zero + self._stand_pose.like(zero), command.position),
             velocity=xp.where(stands, zero, command.velocity),
             kp=xp.where(stands, zero + gains.stand_kp, command.kp),
             kd=xp.where(stands, zero + gains.stand_kd, command.kd),
@@ -244,7 +244,7 @@ class JumpEnv:
         memory = self.memory
         qpos, qvel = self._qpos.float(), self._qvel.float()
         position, velocity, angular_velocity = qpos[:, :3], qvel[:, :3], qvel[:, 3:6]
-        foot, jacobian = foot_kinematics(qpos[:, 7:])
+        foot, jacobian = self._legs.position_and_jacobian(qpos[:, 7:])
         foot_world = position[:, None] + foot @ rotation.mT
         relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
         relative = relative + torch.linalg.cross(angular_velocity[:, None].expand_as(foot), foot)
@@ -257,7 +257,7 @@ class JumpEnv:
             foot_touching=touching[:, :4],
             leg_touching=touching[:, 4:8] | touching[:, 8:12],
             foot_speed_squared=foot_velocity[..., 0] ** 2 + foot_velocity[..., 1] ** 2,
-            foot_clearance=foot_world[..., 2] - ground[:, :4] - go1.FOOT_RADIUS,
+            foot_clearance=foot_world[..., 2] - ground[:, :4] - self.robot.foot_radius,
             excess=memory.excess,
             stepping_frequency=memory.plan[:, 0],
             goal_error=(memory.goal_x - position[:, 0]) / memory.goal_length,

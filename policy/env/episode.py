@@ -3,17 +3,16 @@
 import torch
 from torch import Tensor
 
-from saltus import go1
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
 from saltus.grid import HEIGHTMAP_X
-from saltus.kinematics import foot_position
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
+from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
@@ -57,12 +56,14 @@ class Episodes:
         self.term_sums = torch.zeros_like(memory.terms[0])
         """Sum over steps of the mean of each reward term."""
         self._blank = estimator.init((count,), memory.phase)
-        self._stand = torch.tensor(go1.STAND_POSE, dtype=torch.float32, device=device)
+        robot = engine.robot
+        self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
+        self._stand = torch.tensor(robot.stand_pose, dtype=torch.float32, device=device)
         self._is_kind = torch.stack([memory.kind == k for k in range(len(KINDS))]).float()
-        half = 0.5 * go1.TRUNK_SIZE
+        low, high = robot.trunk_center - 0.5 * robot.trunk_size, robot.trunk_center + 0.5 * robot.trunk_size
         edge = torch.zeros(_TRUNK_POINTS, 3, device=device)
-        edge[:, 0] = torch.linspace(-float(half[0]), float(half[0]), _TRUNK_POINTS)
-        edge[:, 2] = -float(half[2])
+        edge[:, 0] = torch.linspace(float(low[0]), float(high[0]), _TRUNK_POINTS)
+        edge[:, 2] = float(low[2])
         self._trunk_edge = edge
 
     def judge(self) -> None:
@@ -166,8 +167,8 @@ class Episodes:
         x, yaw = ranges.start_x_m * spread[:, 12], ranges.start_yaw_rad * spread[:, 13]
         zero = torch.zeros_like(x)
         quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
-        lowest = foot_position(joints)[..., 2].amin(-1)
-        z = CLEARANCE + go1.FOOT_RADIUS - lowest
+        feet = self._legs.position(joints)
+        z = CLEARANCE + self._foot_radius - feet[..., 2].amin(-1)
         position = torch.stack([x, ranges.start_x_m * spread[:, 14], z], -1)
         fresh = torch.cat([position, quaternion, joints], -1).to(self._qpos.dtype)
         rows = mask[:, None]
@@ -175,8 +176,7 @@ class Episodes:
         self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
         self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
         store(memory, mask, start_x=x, heading=yaw * start[:, 15])
-        feet = foot_position(joints) @ rotation_matrix(quaternion).mT
-        store(memory, mask, liftoff=feet)
+        store(memory, mask, liftoff=feet @ rotation_matrix(quaternion).mT)
 
     def _split(self) -> tuple[Tensor, ...]:
         """Draws of courses, bodies, starts and events."""

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from saltus.config import check_between
+from saltus.config import DEFAULT_ROBOT, check_between
 from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -105,6 +105,8 @@ class LearningConfig:
 class TrainConfig:
     """One training: what is learned, from what, and how."""
 
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     robots: int = 4096
     """Of each process."""
     seed: int = 0

@@ -5,12 +5,13 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from saltus import go1
 from saltus.grid import LINE, HeightGrid
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import SIZE, features
 from saltus.policy.observation import observe
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
 from saltus.terrain.batch import Courses
@@ -25,6 +26,7 @@ class Views:
     """Observations as tensors that are rewritten in place.
 
     Args:
+        robot: Whose legs they are.
         memory: Of the environment.
         config: The task.
         states: Says what the robots know now.
@@ -33,8 +35,15 @@ class Views:
     """
 
     def __init__(
-        self, memory: Memory, config: EnvConfig, states: Callable[[], Proprioception], qpos: Tensor, qvel: Tensor
+        self,
+        robot: Robot,
+        memory: Memory,
+        config: EnvConfig,
+        states: Callable[[], Proprioception],
+        qpos: Tensor,
+        qvel: Tensor,
     ) -> None:
+        self._legs, self._stand_height = LegKinematics(robot), robot.stand_height
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self.points = LINE.size
@@ -60,14 +69,14 @@ class Views:
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
         there = self.courses().height_at(goal_x[:, None], aside)[:, 0]
-        goal_z = torch.maximum(there, ground[:, 0]) + go1.STAND_HEIGHT
+        goal_z = torch.maximum(there, ground[:, 0]) + self._stand_height
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
     def observe(self, draws: Tensor) -> None:
         """Writes what policy and critic see now; `draws` has the noise of the heights in its last columns."""
         memory = self._memory
         qpos = self._qpos.float()
-        seen = observe(self._states())
+        seen = observe(self._states(), self._legs)
         rotation = rotation_matrix(qpos[:, 3:7])
         _, _, yaw = roll_pitch_yaw(rotation)
         shift = memory.height_shift

@@ -16,6 +16,7 @@ from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
@@ -36,6 +37,8 @@ HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exa
 class Evaluation:
     """What is evaluated."""
 
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: TerrainConfig
     trials: int = 20
     seed: int = 0
@@ -50,7 +53,7 @@ class Evaluation:
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
-        load_profile(self.profile, load_robot(DEFAULT_ROBOT))
+        load_profile(self.profile, load_robot(self.robot))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +103,7 @@ class EvaluationResult:
 def evaluate(
     evaluation: Evaluation,
     heights: HeightsFactory = shifted_heights,
-    planner: Callable[[], Planner] = ScriptedPlanner,
+    planner: Callable[[Robot], Planner] = ScriptedPlanner,
     processes: int | None = None,
     listener: Listener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
@@ -109,7 +112,7 @@ def evaluate(
     Args:
         evaluation: What to run.
         heights: Makes the planner's source of heights; must be picklable where `processes` is not 1.
-        planner: Makes the planner; must be picklable where `processes` is not 1.
+        planner: Makes the planner of a robot; must be picklable where `processes` is not 1.
         processes: How many run at once; by default one for each core.
         listener: Told of progress, in trials: their shares of the way.
     """
@@ -126,16 +129,16 @@ def collect(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
 
 
 def run_batch(
-    evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[], Planner], seeds: Sequence[int]
+    evaluation: Evaluation, heights: HeightsFactory, planner: Callable[[Robot], Planner], seeds: Sequence[int]
 ) -> dict[int, TrialResult]:
     """Runs the trials of some seeds in one batch."""
-    terrains = courses_of(evaluation.course, seeds)
+    robot, terrains = load_robot(evaluation.robot), courses_of(evaluation.course, seeds)
     rollout = Rollout(
-        load_robot(DEFAULT_ROBOT),
+        robot,
         terrains,
         [Trial.draw(seed) for seed in seeds],
-        planner(),
-        profile=load_profile(evaluation.profile, load_robot(DEFAULT_ROBOT)),
+        planner(robot),
+        profile=load_profile(evaluation.profile, robot),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,
@@ -143,7 +146,7 @@ def run_batch(
     traces = traces_of(list(_telling(rollout, terrains)))
     ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)
     return {
-        seed: TrialResult(outcome=outcome, failure=failure_of(outcome, trace, terrain), trace=trace)
+        seed: TrialResult(outcome=outcome, failure=failure_of(robot, outcome, trace, terrain), trace=trace)
         for seed, outcome, trace, terrain in ended
         if outcome is not None
     }

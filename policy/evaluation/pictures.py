@@ -5,11 +5,10 @@ import base64
 import cv2
 import numpy as np
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.grid import LINE
 from saltus.policy.evaluation.trace import Trace
-from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.video import render_run
 from saltus.terrain.terrain import Terrain
 
@@ -18,7 +17,7 @@ FIRST_S = 1.2  # the robot stands for 1 s
 SIZE = (320, 240)
 
 
-def picture_strip(terrain: Terrain, trace: Trace) -> str:
+def picture_strip(robot: Robot, terrain: Terrain, trace: Trace) -> str:
     """HTML with pictures at even times from the first jump to the end; a sentence where there is no way to draw."""
     last = len(trace.pose) - 1
     chosen = np.linspace(min(FIRST_S, trace.time_s[last]), trace.time_s[last], MOMENTS)
@@ -26,7 +25,7 @@ def picture_strip(terrain: Terrain, trace: Trace) -> str:
     try:
         frames = list(
             render_run(
-                load_robot(DEFAULT_ROBOT),
+                robot,
                 terrain,
                 np.arange(float(MOMENTS)),  # one a second, so that each is a frame of its own
                 trace.pose[rows].astype(np.float64),

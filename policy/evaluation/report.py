@@ -13,6 +13,7 @@ from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, Tria
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, STYLE
+from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -41,7 +42,7 @@ def write_evaluation_report(
         f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
         _figure(_placement(shown, terrains), first=True),
         f"<h2>Seed {result.seeds[0]}, from the first jump to the end</h2>",
-        picture_strip(terrains[0], shown[0].trace),
+        picture_strip(load_robot(evaluation.robot), terrains[0], shown[0].trace),
         f"<h2>Height and pitch of the trunk along the course, {alike}</h2>",
         _figure(_body(shown)),
         f"<h2>Phase diagram: pitch and its rate, {alike}</h2>",

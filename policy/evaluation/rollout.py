@@ -26,6 +26,7 @@ from saltus.effects.torque_gain import TorqueGain
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
+from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.sim.batch import BatchPlant
 from saltus.sim.state import PlantState
@@ -110,7 +111,7 @@ class Rollout:
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)
-        self._law = LegController(robot)
+        self._law, self._legs = LegController(robot), LegKinematics(robot)
         self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
         self._index = 0
@@ -140,7 +141,7 @@ class Rollout:
         heights = self._heights.heights(states, truth, fresh)
 
         # 2. plan
-        action = self.planner.step(observe(states), heights)
+        action = self.planner.step(observe(states, self._legs), heights)
         self._plans.appendleft(plan_from_action(action, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.policy.evaluation.rollout import RolloutStep
+from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome
@@ -21,7 +21,7 @@ STEP_S = PHYSICS_DT * POLICY_STEPS
 LOADED_N = 5.0  # above the noise of a foot that grazes the ground
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
 SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold
-WALL_M = go1.FOOT_RADIUS + 0.02  # sole to wall: 2 cm, what a foot moves in one step
+WALL_M = 0.02  # sole to wall: what a foot moves in one step
 UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
 SUNK_M = 0.05  # below the ground at both sides of a trench
 IN_AIR_S = 0.05
@@ -91,7 +91,7 @@ def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
     ]
 
 
-def failure_of(outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
+def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
     """Why a trial failed; empty after a success. The first that holds of what is known about its last 0.4 s."""
     if outcome.success:
         return ""
@@ -99,9 +99,9 @@ def failure_of(outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
         return "timeout"
     last = slice(-round(BEFORE_END_S / STEP_S), None)
     foot, stance, loaded = trace.foot[last], trace.stance[last], trace.loaded[last]
-    if _sunk(foot, terrain).any():
+    if _sunk(foot, robot.foot_radius, terrain).any():
         return "trench"
-    if (_at_wall(foot, terrain) & ~stance).any():
+    if (_at_wall(foot, robot.foot_radius, terrain) & ~stance).any():
         return "edge_hit"
     if _slipped(foot[..., 0], loaded).any():
         return "slip"
@@ -109,16 +109,16 @@ def failure_of(outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:
     return "fall_in_flight" if in_air else "fall_in_stance"
 
 
-def _sunk(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
+def _sunk(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
     """Feet below the level of the start, over a trench. Shape (t, 4)."""
     over_trench = terrain.height_at(foot[..., 0], foot[..., 1]) < -SUNK_M
-    return np.asarray(over_trench & (foot[..., 2] - go1.FOOT_RADIUS < -SUNK_M))
+    return np.asarray(over_trench & (foot[..., 2] - radius < -SUNK_M))
 
 
-def _at_wall(foot: Floats, terrain: Terrain) -> NDArray[np.bool_]:
+def _at_wall(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
     """Feet in front of a wall that reaches higher than their sole. Shape (t, 4)."""
-    x, y, sole = foot[..., 0], foot[..., 1], foot[..., 2] - go1.FOOT_RADIUS
-    return np.asarray(terrain.height_at(x + WALL_M, y) > np.maximum(sole, terrain.height_at(x, y)) + UNDER_M)
+    x, y, sole = foot[..., 0], foot[..., 1], foot[..., 2] - radius
+    return np.asarray(terrain.height_at(x + (radius + WALL_M), y) > np.maximum(sole, terrain.height_at(x, y)) + UNDER_M)
 
 
 def _slipped(x: Floats, loaded: NDArray[np.bool_]) -> NDArray[np.bool_]:

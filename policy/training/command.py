@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from saltus.config import DEFAULT_ROBOT, check_between, load_changes
+from saltus.config import check_between, load_changes
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.flags import shown
@@ -76,7 +76,7 @@ class Train:
             check_between(self, iterations=(1, 10**9))
         if self.evaluate_minutes is not None:
             check_between(self, evaluate_minutes=(0.0, LARGEST))
-        load_profile(self.training.env.profile, load_robot(DEFAULT_ROBOT))
+        load_profile(self.training.env.profile, load_robot(self.training.robot))
         start, folder = self._start(), self.out or new_folder("policy-train")
         self._check_networks(start)
         if os.environ.get("RANK", "0") != "0":  # one of several that learn together: the first one writes

@@ -8,7 +8,6 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.onnx_export import write_onnx
@@ -18,6 +17,7 @@ from saltus.policy.features import LAYOUT, SIZE
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 
 
 class DeployedPolicy(nn.Module):
@@ -38,6 +38,8 @@ class DeployedPolicy(nn.Module):
             raise SaltusError("the checkpoint's network does not fit this program: train the policy again") from error
         self.network = actor.as_onnx(verbose=False).eval()
         self.bounds: ActionBounds = config.env.bounds
+        self.robot: Robot = load_robot(config.robot)
+        """For which it was trained."""
 
     def forward(self, features: Tensor) -> Tensor:
         """Values in the order of `ACTIONS`, shape (n, 10), for features of shape (n, SIZE)."""
@@ -75,7 +77,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
         "actions": list(ACTIONS),
         "low": list(policy.bounds.low),
         "high": list(policy.bounds.high),
-        "swing_foot_z_range_m": load_robot(DEFAULT_ROBOT).swing_foot_z.tolist(),
+        "swing_foot_z_range_m": policy.robot.swing_foot_z.tolist(),
         "steps": state["steps"],
         "iteration": state["iteration"],
         "seconds": state["seconds"],
@@ -91,4 +93,4 @@ def parity(policy: DeployedPolicy, path: Path, count: int = 1000) -> float:
     with torch.no_grad():
         expected = policy(torch.from_numpy(given)).numpy()
     span = np.array(policy.bounds.high) - np.array(policy.bounds.low)
-    return float(np.max(np.abs(PolicyActor(path).values(given) - expected) / span))
+    return float(np.max(np.abs(PolicyActor(policy.robot, path).values(given) - expected) / span))

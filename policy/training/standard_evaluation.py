@@ -19,9 +19,9 @@ import numpy as np
 
 from saltus.config import TerrainConfig
 from saltus.model_file import ModelFile
-from saltus.policy.actor import PolicyActor
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, collect, run_batch
 from saltus.policy.evaluation.rollout import shifted_heights
+from saltus.policy.planner import make_planner
 from saltus.policy.training.evaluation_table import Row, append_rows, summary
 from saltus.terrain.batch import KINDS
 from saltus.terrain.curriculum import make_terrain
@@ -54,6 +54,7 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit.
     """
+    from saltus.policy.training.checkpoint import config_of, read_checkpoint
     from saltus.policy.training.export import export  # here: the processes that run trials need no torch
 
     with tempfile.TemporaryDirectory() as folder:
@@ -61,16 +62,17 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
         export(checkpoint, model)
         file = ModelFile(model)  # knows what was exported: a training may have replaced the checkpoint since
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
-        run = partial(_results, model, trials)
+        robot = config_of(read_checkpoint(checkpoint)).robot
+        run = partial(_results, robot, model, trials)
         results = list(in_order(run, courses, processes))
     for course, result in zip(courses, results, strict=True):
         yield _row(course, result, iteration, steps)
 
 
-def _results(model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(course=COURSES[course], trials=trials, seed=FIRST_SEED)
+def _results(robot: str, model: Path, trials: int, course: str) -> EvaluationResult:
+    evaluation = Evaluation(robot=robot, course=COURSES[course], trials=trials, seed=FIRST_SEED)
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
-    return collect([run_batch(evaluation, shifted_heights, partial(PolicyActor, model), seeds)])
+    return collect([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
 
 
 def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> Row:

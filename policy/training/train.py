@@ -15,7 +15,6 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.training.learner import Learner
@@ -78,7 +77,7 @@ def train(
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
-    engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, rank.device)
+    engine = make_engine(load_robot(config.robot), config.robots, rank.device)
     env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0

@@ -9,13 +9,16 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import requires
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from saltus.cli.output import print_json
 from saltus.errors import SaltusError
 from saltus.provenance import commit, package_version
+
+if TYPE_CHECKING:
+    from saltus.robots.robot import Robot
 
 EXTRAS = ("train", "gpu", "ray")
 MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
@@ -126,21 +129,20 @@ def _policy() -> str:
     from saltus.policy.actor import PolicyActor
     from saltus.resources import resource
 
-    return f"sha256 {PolicyActor(resource('models/policy.onnx')).model_id}, loads"
+    return f"sha256 {PolicyActor(_robot(), resource('models/policy.onnx')).model_id}, loads"
 
 
 def _render(backend: str, image: Path | None) -> str:
     import numpy as np
 
-    from saltus import go1
     from saltus.config import TerrainConfig
     from saltus.render.backends import make_renderer
     from saltus.terrain.curriculum import make_terrain
 
-    terrain = make_terrain(TerrainConfig(terrain="stairs"))
+    robot, terrain = _robot(), make_terrain(TerrainConfig(terrain="stairs"))
     renderer = make_renderer(backend, terrain)
-    position = np.array([terrain.first_edge_x - 0.9, 0.0, go1.STAND_HEIGHT])
-    depth = renderer.render(position, np.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE)
+    position = np.array([terrain.first_edge_x - 0.9, 0.0, robot.stand_height])
+    depth = renderer.render(position, np.array([1.0, 0.0, 0.0, 0.0]), robot.stand_pose)
     if not np.isfinite(depth).any():
         raise RuntimeError("the test image is empty")
     if image is not None:
@@ -153,11 +155,16 @@ def _render(backend: str, image: Path | None) -> str:
 
 
 def _mujoco_frame() -> str:
-    from saltus.config import DEFAULT_ROBOT
-    from saltus.robots.loading import load_robot
     from saltus.sim.video import test_frame
 
-    return "frame {1}x{0}".format(*test_frame(load_robot(DEFAULT_ROBOT)).shape)
+    return "frame {1}x{0}".format(*test_frame(_robot()).shape)
+
+
+def _robot() -> "Robot":
+    from saltus.config import DEFAULT_ROBOT
+    from saltus.robots.loading import load_robot
+
+    return load_robot(DEFAULT_ROBOT)
 
 
 def _zenoh() -> str:

@@ -12,7 +12,7 @@ from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.serve import ServeProcess
-from saltus.config import PlannerName, TerrainConfig, check_at_least
+from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_at_least
 from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import new_folder
@@ -33,6 +33,8 @@ class Eval:
     Try: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
     """
 
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
@@ -62,10 +64,12 @@ class Eval:
         """Runs them; 0 where all succeeded, else 1."""
         from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
         from saltus.policy.planner import make_planner
+        from saltus.robots.loading import load_robot
 
-        planner = partial(make_planner, self.planner, self.model)
-        planner()  # what is wrong with a model is said at once
+        planner = partial(make_planner, self.planner, model=self.model)
+        planner(load_robot(self.robot))  # what is wrong with a model is said at once
         evaluation = Evaluation(
+            robot=self.robot,
             course=self.course,
             trials=self.trials,
             seed=self.seed,

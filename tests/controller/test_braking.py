@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
-from samples import PROFILE, ROBOT
+from samples import KINEMATICS, PROFILE, ROBOT
 
 from saltus.action import REST, plan_message
 from saltus.config import TerrainConfig
@@ -22,7 +22,7 @@ from saltus.wire.messages import ControllerMode, PlanStatus
 
 BRAKING = Braking(ROBOT)
 LAW = LegController(ROBOT)
-PLANNER = ScriptedPlanner()
+PLANNER = ScriptedPlanner(ROBOT)
 CYCLE_S = 1.0 / float(PLANNER.parameters.stepping_frequency_hz)
 PHASES = np.arange(0.0, 1.0, 0.1)
 
@@ -35,7 +35,7 @@ def run_until(robot, loop, end_s):
         late = tick % POLICY_STEPS
         if late == 0:
             heights = robot.truth(0, 0).height
-            plan = plan_message(PLANNER.step(observe(loop.state(0, 0)), heights), PlanStatus.GO)
+            plan = plan_message(PLANNER.step(observe(loop.state(0, 0), KINEMATICS), heights), PlanStatus.GO)
         robot.write(loop.act(plan, late * PHYSICS_DT))
     return plan
 

@@ -56,7 +56,7 @@ def test_problem_is_the_tracking_cost(problems, draw):
 
 
 def test_a_level_robot_at_rest_carries_its_weight():
-    body = observe(standing_state(), KINEMATICS)
+    body = observe(standing_state(ROBOT), KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
     force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
     np.testing.assert_allclose(force[:, 2].sum(), go1.MASS * 9.81, rtol=2e-3)

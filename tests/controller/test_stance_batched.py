@@ -23,7 +23,7 @@ def demands(count, seed):
     angles = rng.normal(0.0, (0.1, 0.4, 1.0), (count, 3)).T
     body = observe(
         replace(
-            standing_state(),
+            standing_state(ROBOT),
             quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
             angular_velocity_base=rng.normal(0.0, 2.0, (count, 3)),
             joint_position=np.clip(

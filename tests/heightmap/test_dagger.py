@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1
 from saltus.cli.main import main
@@ -160,7 +161,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
     count = 5
     rng = np.random.default_rng(0)
     states = replace(
-        standing_state(),
+        standing_state(ROBOT),
         quaternion_base_in_world=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
         angular_velocity_base=rng.normal(size=(count, 3)),
         joint_position=np.tile(go1.STAND_POSE, (count, 1)),
@@ -169,10 +170,10 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
         leg_contact=np.tile([True, True, False, False], (count, 1)),
         leg_progress=rng.uniform(size=(count, 4)),
     )
-    observation = observe(states)
+    observation = observe(states, KINEMATICS)
     heights = -0.27 + 0.05 * rng.normal(size=(count, len(HEIGHTMAP_X)))
-    mixed = MixedPlanner(rng, count, learned=learned, variation=0.0).step(observation, heights)
-    alone = make_planner(name).step(observation, heights)
+    mixed = MixedPlanner(ROBOT, rng, count, learned=learned, variation=0.0).step(observation, heights)
+    alone = make_planner(name, ROBOT).step(observation, heights)
     np.testing.assert_allclose(mixed.pitch_rate, alone.pitch_rate)
     np.testing.assert_allclose(mixed.velocity_z, alone.velocity_z)
     assert len(np.unique(mixed.velocity_x / alone.velocity_x)) == count  # each at its own speed

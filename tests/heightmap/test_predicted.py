@@ -47,7 +47,7 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
 
 
 def rollout(model: Path) -> Rollout:
-    planner, heights = make_planner("scripted"), PredictedHeightsFactory(model=model)
+    planner, heights = make_planner("scripted", ROBOT), PredictedHeightsFactory(model=model)
     return Rollout(ROBOT, TERRAINS, TRIALS, planner, heights=heights, stand_steps=60)
 
 

@@ -66,7 +66,7 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     kinds = ("stairs", "gap")
     courses = [make_terrain(TerrainConfig(terrain=kind, difficulty=0.2)) for kind in kinds]
     terrains = [courses[0], courses[1], courses[0]]
-    rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted"))
+    rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted", ROBOT))
     stack = TerrainStack(terrains)
     ideal = IdealCameras(stack, ViewChain())
     stereo = StereoCameras(stack, ViewChain(), IDEAL_STEREO, np.random.default_rng(0))

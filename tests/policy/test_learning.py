@@ -5,6 +5,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from samples import ROBOT
 from tensordict import TensorDict
 
 from saltus.errors import ModelError, SaltusError
@@ -58,7 +59,7 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
 def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
     path = tmp_path / "policy.onnx"
     assert export(checkpoint, path) < 1e-5
-    actor, bounds = PolicyActor(path), ActionBounds()
+    actor, bounds = PolicyActor(ROBOT, path), ActionBounds()
     values = actor.values(np.random.default_rng(0).normal(0.0, 5.0, (2, 7, SIZE)))
     assert values.shape == (2, 7, len(ACTIONS))
     assert (values >= np.array(bounds.low) - 1e-5).all()
@@ -96,7 +97,9 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     given = np.random.default_rng(0).normal(0.0, 0.3, (5, SIZE))
     first = tmp_path / "first.onnx"
     export(checkpoint, first)
-    np.testing.assert_allclose(PolicyActor(path).values(given), PolicyActor(first).values(given), atol=1e-4)
+    np.testing.assert_allclose(
+        PolicyActor(ROBOT, path).values(given), PolicyActor(ROBOT, first).values(given), atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("name", ["format", "features", "actions", "grid_m", "swing_foot_z_range_m", "low", "high"])
@@ -109,4 +112,4 @@ def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
     changed = tmp_path / "changed.onnx"  # beside the first lies its checksum
     onnx.save(file, changed)
     with pytest.raises(ModelError, match=name):
-        PolicyActor(changed)
+        PolicyActor(ROBOT, changed)

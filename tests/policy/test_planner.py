@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, ModelError
@@ -17,20 +18,20 @@ from saltus.resources import resource
 
 @pytest.mark.parametrize(("name", "kind"), [("scripted", ScriptedPlanner), ("learned", PolicyActor)])
 def test_planners_come_by_name_and_plan_at_once(name: PlannerName, kind: type) -> None:
-    planner = make_planner(name)
+    planner = make_planner(name, ROBOT)
     assert isinstance(planner, kind)
-    warm_up(planner)
+    warm_up(planner, ROBOT)
 
 
 def test_only_the_learned_planner_takes_a_model(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--planner learned"):
-        make_planner("scripted", resource("models/policy.onnx"))
+        make_planner("scripted", ROBOT, resource("models/policy.onnx"))
     with pytest.raises(ModelError, match=r"missing\.onnx"):
-        make_planner("learned", tmp_path / "missing.onnx")
+        make_planner("learned", ROBOT, tmp_path / "missing.onnx")
 
 
 def test_the_shipped_policy_repeats_and_stays_within_its_bounds_whatever_it_sees() -> None:
-    actor, bounds = PolicyActor(resource("models/policy.onnx")), ActionBounds()
+    actor, bounds = PolicyActor(ROBOT, resource("models/policy.onnx")), ActionBounds()
     given = np.random.default_rng(0).normal(0.0, 3.0, (200, SIZE))
     plan = actor.values(given)
     assert np.array_equal(plan, actor.values(given))

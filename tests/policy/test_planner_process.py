@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
@@ -13,7 +14,7 @@ from saltus.states import standing_state
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, MotionPlan, PlanStatus, RobotState
 
 STEP_NS = 10_000_000
-STATE = standing_state(0.27)
+STATE = replace(standing_state(ROBOT), base_height=0.27)
 
 
 def state(step: int, mode: ControllerMode = ControllerMode.RUN) -> RobotState:
@@ -50,14 +51,14 @@ def run(
 
 def going() -> tuple[PlannerProcess, int]:
     """A planner that has just said GO, and its next step."""
-    process, steps = PlannerProcess(ScriptedPlanner()), STAND_NS // STEP_NS + 1
+    process, steps = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT)), STAND_NS // STEP_NS + 1
     assert run([HeightmapStatus.OK] * steps, process)[-1].status == PlanStatus.GO
     return process, steps
 
 
 def test_stands_until_it_has_stood_and_sees() -> None:
     stand_steps = STAND_NS // STEP_NS
-    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ScriptedPlanner()))
+    plans = run([HeightmapStatus.OK] * (stand_steps + 5), PlannerProcess(ROBOT, ScriptedPlanner(ROBOT)))
     assert [plan.status for plan in plans] == [PlanStatus.STAND] * stand_steps + [PlanStatus.GO] * 5
     assert all(plan.reason for plan in plans[:stand_steps])
     assert not any(plan.reason for plan in plans[stand_steps:])
@@ -65,7 +66,7 @@ def test_stands_until_it_has_stood_and_sees() -> None:
 
 @pytest.mark.parametrize("status", [None, *(s for s in HeightmapStatus if s != HeightmapStatus.OK)])
 def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) -> None:
-    process = PlannerProcess(ScriptedPlanner())
+    process = PlannerProcess(ROBOT, ScriptedPlanner(ROBOT))
     plans = run([status] * 200, process)
     assert {plan.status for plan in plans} == {PlanStatus.STAND}
     assert all(plan.reason for plan in plans)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROBOT
 from stage import Stage
 
 from saltus.config import Pace, PlannerName, RunConfig
@@ -15,7 +16,7 @@ from saltus.states import standing_state
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus, PlanStatus
 
 STEP_NS = 10_000_000
-STATE = standing_state(0.27)
+STATE = replace(standing_state(ROBOT), base_height=0.27)
 HEIGHTMAP = Heightmap(
     time_ns=0,
     step=0,

@@ -22,7 +22,7 @@ def body(pitch: float) -> Body:
     """A robot with its legs in the standing pose."""
     flat, legs = np.zeros(1), go1.STAND_POSE[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
-    return observe(replace(standing_state(), quaternion_base_in_world=level, joint_position=legs), KINEMATICS)
+    return observe(replace(standing_state(ROBOT), quaternion_base_in_world=level, joint_position=legs), KINEMATICS)
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:

@@ -22,7 +22,9 @@ FLAT = make_terrain(TerrainConfig(terrain="flat"))
 
 
 def test_four_robots_bound_two_metres_of_flat_ground() -> None:
-    rollout = Rollout(ROBOT, [FLAT] * 4, [Trial.draw(seed) for seed in range(4)], ScriptedPlanner(), stand_steps=30)
+    rollout = Rollout(
+        ROBOT, [FLAT] * 4, [Trial.draw(seed) for seed in range(4)], ScriptedPlanner(ROBOT), stand_steps=30
+    )
     start = None
     flying = np.zeros(4)
     for step in (rollout.step() for _ in range(330)):
@@ -40,8 +42,8 @@ def test_four_robots_bound_two_metres_of_flat_ground() -> None:
 def test_a_batch_is_made_of_single_robots() -> None:
     trials = [Trial.draw(seed) for seed in (5, 6)]
     terrains = [FLAT, make_terrain(TerrainConfig(terrain="stairs"))]
-    together = Rollout(ROBOT, terrains, trials, ScriptedPlanner(), stand_steps=5)
-    alone = [Rollout(ROBOT, [terrains[i]], [trials[i]], ScriptedPlanner(), stand_steps=5) for i in range(2)]
+    together = Rollout(ROBOT, terrains, trials, ScriptedPlanner(ROBOT), stand_steps=5)
+    alone = [Rollout(ROBOT, [terrains[i]], [trials[i]], ScriptedPlanner(ROBOT), stand_steps=5) for i in range(2)]
     for _ in range(25):
         batch = together.step()
         for i, rollout in enumerate(alone):
@@ -56,7 +58,7 @@ def test_a_batch_is_made_of_single_robots() -> None:
 
 def test_whoever_is_done_starts_again_and_no_longer_counts() -> None:
     rollout = Rollout(
-        ROBOT, [FLAT] * 2, [Trial.draw(0), Trial.draw(1)], ScriptedPlanner(), stand_steps=0, time_limit_s=0.1
+        ROBOT, [FLAT] * 2, [Trial.draw(0), Trial.draw(1)], ScriptedPlanner(ROBOT), stand_steps=0, time_limit_s=0.1
     )
     steps = [rollout.step() for _ in range(14)]
     assert all(outcome is not None and outcome.cause == "time_limit" for outcome in rollout.outcomes)
@@ -71,7 +73,7 @@ class LatePlanner:
     """Answers with what another planner said some steps ago."""
 
     def __init__(self, steps: int) -> None:
-        self._planner = ScriptedPlanner()
+        self._planner = ScriptedPlanner(ROBOT)
         self._said: deque[Action] = deque(maxlen=steps + 1)
 
     def step(self, observation: Observation, heights: Floats) -> Action:
@@ -83,7 +85,7 @@ class LatePlanner:
 def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: int) -> None:
     trials = [Trial.draw(seed) for seed in (5, 6)]
     late = Rollout(ROBOT, [FLAT] * 2, trials, LatePlanner(steps), stand_steps=5)
-    delayed = Rollout(ROBOT, [FLAT] * 2, trials, ScriptedPlanner(), stand_steps=5, plan_delay_s=0.010 * steps)
+    delayed = Rollout(ROBOT, [FLAT] * 2, trials, ScriptedPlanner(ROBOT), stand_steps=5, plan_delay_s=0.010 * steps)
     for _ in range(30):
         expected, got = late.step(), delayed.step()
         np.testing.assert_array_equal(got.states.joint_position, expected.states.joint_position)
@@ -94,7 +96,7 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
     drifting = replace(PROFILE, imu=(ImuBias(gyro_z=0.3),))
     rates = []
     for profile in (PROFILE, drifting):
-        rollout = Rollout(ROBOT, [FLAT], [Trial()], ScriptedPlanner(), profile=profile, stand_steps=5)
+        rollout = Rollout(ROBOT, [FLAT], [Trial()], ScriptedPlanner(ROBOT), profile=profile, stand_steps=5)
         rates.append(np.mean([rollout.step().truth.angular_velocity_base[0, 2] for _ in range(60)]))
     assert rates[1] < rates[0] - 0.05
 
@@ -102,7 +104,7 @@ def test_the_law_holds_the_heading_that_the_imu_says() -> None:
 def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None:
     ends = []
     for delay_s in (0.0, 0.002, 0.004, 0.006, 0.008, 0.010):
-        rollout = Rollout(ROBOT, [FLAT], [Trial()], ScriptedPlanner(), stand_steps=0, plan_delay_s=delay_s)
+        rollout = Rollout(ROBOT, [FLAT], [Trial()], ScriptedPlanner(ROBOT), stand_steps=0, plan_delay_s=delay_s)
         for _ in range(3):
             rollout.step()
         ends.append(rollout.step().states.joint_velocity)
@@ -113,11 +115,11 @@ def test_plans_that_are_late_by_part_of_a_step_hold_for_the_rest_of_it() -> None
 def test_true_heights_are_the_terrain_where_they_say(shift_x: float, shift_z: float) -> None:
     stairs = make_terrain(TerrainConfig(terrain="stairs"))
     trial = Trial(height_shift_x=shift_x, height_shift_z=shift_z, yaw=0.1, position_x=1.2)
-    step = Rollout(ROBOT, [stairs], [trial], ScriptedPlanner(), stand_steps=1).step()
+    step = Rollout(ROBOT, [stairs], [trial], ScriptedPlanner(ROBOT), stand_steps=1).step()
     position = step.truth.position_base_in_world[0]
     x = position[0] + (HEIGHTMAP_X + shift_x) * np.cos(0.1)
     np.testing.assert_allclose(step.heights[0], stairs.height_at(x, 0.0) - position[2] + shift_z, atol=1e-9)
-    exact = Rollout(ROBOT, [stairs], [trial], ScriptedPlanner(), stand_steps=1, heights=exact_heights).step()
+    exact = Rollout(ROBOT, [stairs], [trial], ScriptedPlanner(ROBOT), stand_steps=1, heights=exact_heights).step()
     np.testing.assert_allclose(
         exact.heights[0], stairs.height_at(position[0] + HEIGHTMAP_X * np.cos(0.1), 0.0) - position[2], atol=1e-9
     )

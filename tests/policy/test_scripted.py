@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from samples import KINEMATICS, ROBOT
 
 from benchmarks.planner import bounding
 from saltus import go1
@@ -31,7 +32,7 @@ COUNT = 64
 
 def observed(**changes: Any) -> Observation:
     """Of robots that stand level but for what is given."""
-    return observe(replace(standing_state(), **changes))
+    return observe(replace(standing_state(ROBOT), **changes), KINEMATICS)
 
 
 def observations(rng: np.random.Generator, count: int = COUNT) -> Observation:
@@ -65,7 +66,7 @@ def pick(observation: Observation, i: int) -> Observation:
 def test_a_batch_gets_what_each_robot_gets_alone() -> None:
     rng = np.random.default_rng(0)
     observation, heights = observations(rng), terrains(rng)
-    planner = ScriptedPlanner()
+    planner = ScriptedPlanner(ROBOT)
     together = arrays(planner.step(observation, heights))
     for i in range(COUNT):
         alone = arrays(planner.step(pick(observation, i), heights[i]))
@@ -78,10 +79,10 @@ def test_parameters_of_its_own_for_each_robot() -> None:
     observation, heights = observations(rng, 3), terrains(rng, 3)
     speeds, margins = np.array([0.5, 1.0, 1.5]), np.array([0.05, 0.1, 0.15])
     each = ScriptedParameters(velocity_x=speeds, edge_margin_m=margins)
-    together = arrays(ScriptedPlanner(each).step(observation, heights))
+    together = arrays(ScriptedPlanner(ROBOT, each).step(observation, heights))
     for i in range(3):
         own = ScriptedParameters(velocity_x=float(speeds[i]), edge_margin_m=float(margins[i]))
-        alone = arrays(ScriptedPlanner(own).step(pick(observation, i), heights[i]))
+        alone = arrays(ScriptedPlanner(ROBOT, own).step(pick(observation, i), heights[i]))
         for batch, single in zip(together, alone, strict=True):
             np.testing.assert_allclose(batch[i], single, atol=1e-12)
 
@@ -90,7 +91,7 @@ def test_the_same_again_and_nothing_is_changed() -> None:
     rng = np.random.default_rng(2)
     observation, heights = observations(rng), terrains(rng)
     before = heights.copy()
-    planner = ScriptedPlanner()
+    planner = ScriptedPlanner(ROBOT)
     first, second = planner.step(observation, heights), planner.step(observation, heights)
     for a, b in zip(arrays(first), arrays(second), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -100,7 +101,7 @@ def test_the_same_again_and_nothing_is_changed() -> None:
 def test_plans_are_finite_and_within_their_bounds() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
-        action = ScriptedPlanner().step(observations(rng), terrains(rng))
+        action = ScriptedPlanner(ROBOT).step(observations(rng), terrains(rng))
         assert all(np.isfinite(values).all() for values in arrays(action))
         assert np.all((action.stepping_frequency_hz >= 0.5) & (action.stepping_frequency_hz <= 4.0))
         assert np.all(np.abs(action.velocity_x) <= VELOCITY_X_LIMIT)
@@ -115,19 +116,19 @@ def test_plans_are_finite_and_within_their_bounds() -> None:
 def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: float) -> None:
     """Seen from a level robot at 1 m/s with a step ahead of its front feet."""
     base_height = 0.28
-    observation = bounding(base_height, (False, True), (progress, 0.7))
+    observation = bounding(ROBOT, base_height, (False, True), (progress, 0.7))
     heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
     # where the rear feet stand they feel the ground exactly where the heightmap has it
     heights = heights + base_height + observation.foot[2, 2] - go1.FOOT_RADIUS
-    action = ScriptedPlanner().step(observation, heights)
+    action = ScriptedPlanner(ROBOT).step(observation, heights)
     sole = -base_height + action.foot_residual_front[2] - go1.FOOT_RADIUS  # the nominal swing is at -base_height
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
 
 def test_a_foot_does_not_aim_into_a_trench() -> None:
-    observation = bounding(0.28, (False, True), (0.2, 0.5))
+    observation = bounding(ROBOT, 0.28, (False, True), (0.2, 0.5))
     flat = np.full(len(HEIGHTMAP_X), -0.28)
-    planner = ScriptedPlanner()
+    planner = ScriptedPlanner(ROBOT)
     level = planner.step(observation, flat).foot_residual_front[0]
     neutral = _landing_x(planner, observation)
     for ahead in (-0.08, 0.0, 0.08):
@@ -166,7 +167,7 @@ def test_numpy_and_torch_plan_alike() -> None:
     rng = np.random.default_rng(5)
     observation, heights = observations(rng), terrains(rng)
     tensors = {f.name: torch.as_tensor(np.asarray(getattr(observation, f.name))) for f in fields(observation)}
-    planner = ScriptedPlanner()
+    planner = ScriptedPlanner(ROBOT)
     expected = arrays(planner.step(observation, heights))
     got = arrays(planner.step(Observation(**tensors), torch.as_tensor(heights)))
     for a, b in zip(expected, got, strict=True):

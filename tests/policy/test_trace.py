@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -53,7 +54,7 @@ CASES = {
 @pytest.mark.parametrize("failure", CASES)
 def test_every_cause_is_told_apart(failure: Failure) -> None:
     trace, terrain = CASES[failure]
-    assert failure_of(FELL, trace, terrain) == failure
+    assert failure_of(ROBOT, FELL, trace, terrain) == failure
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -61,8 +62,8 @@ def test_a_success_has_no_cause_and_a_timeout_needs_no_trace(case: str) -> None:
     trace, terrain = CASES[case]
     late = Outcome(success=False, cause="time_limit", time_s=20.0, distance_m=1.0, mean_speed_mps=0.1)
     arrived = Outcome(success=True, cause="", time_s=3.0, distance_m=5.0, mean_speed_mps=1.5)
-    assert failure_of(late, trace, terrain) == "timeout"
-    assert failure_of(arrived, trace, terrain) == ""
+    assert failure_of(ROBOT, late, trace, terrain) == "timeout"
+    assert failure_of(ROBOT, arrived, trace, terrain) == ""
 
 
 def test_landings_are_where_feet_begin_to_bear() -> None:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
 from saltus.controller.estimator import Estimator
 from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
@@ -73,7 +73,7 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         transition = env.step(bound(env))
     memory, qpos, qvel = env.memory, np.array(env._engine.qpos), np.array(env._engine.qvel)
     states = replace(
-        standing_state(),
+        standing_state(ROBOT),
         quaternion_base_in_world=qpos[:, 3:7],
         angular_velocity_base=qvel[:, 3:6],
         joint_position=qpos[:, 7:],
@@ -83,7 +83,7 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         leg_progress=memory.progress.numpy(),
     )
     heights = transition.actor[:, -LAYOUT["heights"] :].numpy()
-    np.testing.assert_allclose(transition.actor, features(observe(states), heights), atol=2e-4)
+    np.testing.assert_allclose(transition.actor, features(observe(states, KINEMATICS), heights), atol=2e-4)
     assert (np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5).all()  # level ground until 0.6 m ahead of the start
 
 
