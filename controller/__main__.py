@@ -17,7 +17,6 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.effects.profile import load_profile
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
-from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
 
@@ -40,7 +39,7 @@ def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
     trial = Trial.draw(context.config.seed)
     profile = trial.applied_to(load_profile(context.config.profile, context.robot))
-    robot = MujocoRobot(context.robot, make_terrain(context.config.terrain), trial, profile)
+    robot = MujocoRobot(context.robot, context.terrain, trial, profile)
     robot.reset()
     try:
         run = Run(context, robot)

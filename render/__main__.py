@@ -12,7 +12,6 @@ from saltus.render.exposure import Exposure, PerfectExposure
 from saltus.render.process import RANDOM_STREAM, CameraProcess
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
-from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import Done
 
@@ -23,7 +22,7 @@ NOTHING_DUE = -1
 def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
     config = context.config
-    terrain = make_terrain(config.terrain)
+    terrain = context.terrain
     profile = Trial.draw(config.seed).applied_to(load_profile(config.profile, context.robot))
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
     exposure: Exposure

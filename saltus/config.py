@@ -7,6 +7,7 @@ import tomllib
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
@@ -31,8 +32,8 @@ DEFAULT_ROBOT = "go1"
 class TerrainConfig:
     """The terrain. A size that is given wins over the difficulty."""
 
-    terrain: TerrainKind = "stairs"
-    """Kind of terrain."""
+    terrain: str = "stairs"
+    """flat, stairs, stepping_stones, step, gap, or a TOML file with boxes."""
     difficulty: float | None = None
     """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None
@@ -171,8 +172,9 @@ def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Co
 
 
 def load(kind: type[Config], path: Path) -> Config:
-    """Reads a config dataclass from a TOML file; errors name the file."""
-    return _read(path, lambda text: from_toml(kind, text))
+    """Reads a config dataclass, or a value in the form of its own, from a TOML file; errors name the file."""
+    read: Callable[[str], Config] = getattr(kind, "from_toml", partial(from_toml, kind))
+    return _read(path, read)
 
 
 def load_changes(config: Config, path: Path) -> Config:

@@ -119,7 +119,7 @@ def read_run(recording: Recording) -> Run:
     path = recording.path
     return Run(
         name=path.parent.name if path.stem == "recording" else path.stem,
-        terrain=recording.config.terrain.terrain if recording.config else "unknown",
+        terrain=recording.terrain.kind if recording.config else "unknown",
         states=dict(sorted(states.items())),
         truths=truths,
         frames=frames,

@@ -103,7 +103,7 @@ def run_stack(config: RunConfig, directory: Path, finish_x: float) -> None:
     shown = 0.0
     with (
         Stack(config, directory) as stack,
-        tqdm(total=finish_x, desc=config.terrain.terrain, bar_format=BAR, disable=None, leave=False) as bar,
+        tqdm(total=finish_x, desc=stack.terrain.kind, bar_format=BAR, disable=None, leave=False) as bar,
     ):
         truths = stack.latest("plant/truth")
         for _ in follow(stack):

@@ -18,7 +18,7 @@ class Record:
     endpoint: str
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Path
-    """Folder with the run's run.toml and robot.toml: robot, clock and terrain are read from them."""
+    """Folder with the run's run.toml, robot.toml and terrain.toml."""
     out: Path | None = None
     """Folder for the recording; a new one under runs/ where it is not given."""
 
@@ -26,14 +26,16 @@ class Record:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.recordings.recorder import Recorder
         from saltus.robots.robot import Robot
-        from saltus.runtime.process import ROBOT_FILE, RUN_FILE
+        from saltus.runtime.process import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
+        from saltus.terrain.terrain import Terrain
         from saltus.wire.zenoh_bus import ZenohBus
 
         run_config = config.load(RunConfig, self.run_dir / RUN_FILE)
         robot = config.load(Robot, self.run_dir / ROBOT_FILE)
+        terrain = config.load(Terrain, self.run_dir / TERRAIN_FILE)
         with ZenohBus(self.endpoint, run_config.prefix) as bus:
             path = run_directory("record", self.out) / "recording.mcap"
-            with Recorder(path, run_config, robot) as recorder:
+            with Recorder(path, run_config, robot, terrain) as recorder:
                 stream = bus.stream()
                 print(f"recording to {path}; Ctrl-C ends it")
                 while bus.connected():

@@ -22,6 +22,7 @@ from saltus.errors import MessageError, RecordingError
 from saltus.provenance import commit, package_version
 from saltus.recordings import viewer
 from saltus.robots.robot import Robot
+from saltus.terrain.terrain import Terrain
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, topic_of, unpack
 from saltus.wire.codec import Envelope
@@ -44,7 +45,7 @@ class Recorder:
         RecordingError: the file cannot be created, or, from `write` and `close`, no longer be written.
     """
 
-    def __init__(self, path: Path, run_config: RunConfig, robot: Robot) -> None:
+    def __init__(self, path: Path, run_config: RunConfig, robot: Robot, terrain: Terrain) -> None:
         self.path = path
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
@@ -61,7 +62,7 @@ class Recorder:
             raise RecordingError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="saltus")
-        self._writer.add_metadata(METADATA, describe(run_config, robot))
+        self._writer.add_metadata(METADATA, describe(run_config, robot, terrain))
 
     def write(self, raw: RawSample) -> None:
         """Records one sample of a recorded topic; counts what is malformed."""
@@ -142,12 +143,13 @@ class Recorder:
         return self._schemas[type_name]
 
 
-def describe(run_config: RunConfig, robot: Robot) -> dict[str, str]:
+def describe(run_config: RunConfig, robot: Robot, terrain: Terrain) -> dict[str, str]:
     """The metadata of a recording: what is needed to make the run again."""
     return {
         "schema": SCHEMA,
         "config": config.to_toml(run_config),
         "robot": robot.to_toml(),
+        "terrain": terrain.to_toml(),
         "seed": str(run_config.seed),
         "commit": commit(),
         "versions": json.dumps({name: package_version(name) for name in PACKAGES}),

@@ -23,6 +23,8 @@ from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.recordings.recorder import METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
 from saltus.wire import codec, schemas
 from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
@@ -62,6 +64,17 @@ class Recording:
             return Robot.from_toml(self.metadata["robot"])
         name = self.config.robot if self.config is not None else DEFAULT_ROBOT
         return load_robot(name.split("/")[0])  # recordings without a robot have the prefix of their keys there
+
+    @cached_property
+    def terrain(self) -> Terrain:
+        """The terrain of the run; where the head of the file is lost, the default one.
+
+        Raises:
+            ConfigError: it was written by another version, or is not in the recording and cannot be made.
+        """
+        if "terrain" in self.metadata:
+            return Terrain.from_toml(self.metadata["terrain"])
+        return make_terrain((self.config or RunConfig()).terrain)
 
     def topics(self) -> list[str]:
         """Names of the topics that have messages; those of one topic table row count as one."""

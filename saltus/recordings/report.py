@@ -12,7 +12,6 @@ from saltus.provenance import commit
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import RunSummary, shown
 from saltus.robots.robot import LEGS
-from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import (
     ControllerMode,
@@ -79,7 +78,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     """Writes the report of a run; it opens without a network."""
     config = recording.config or RunConfig()
     data = collect(recording)
-    terrain = make_terrain(config.terrain)
+    terrain = recording.terrain
     parts = [
         f"<h1>{html.escape(_headline(summary, terrain, config))}</h1>",
         _numbers(summary),

@@ -15,7 +15,6 @@ from saltus.recordings.recording import Recording
 from saltus.recordings.run_claims import SCHEMA
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS
-from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
 NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "invalid", 0
@@ -65,8 +64,8 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
         "notes": f"exported from {recording.path.name}",
     }
     if recording.config is not None:
-        if recording.config.terrain.terrain != "flat":
-            meta["terrain"] = make_terrain(recording.config.terrain).arrays.to_tables()
+        if recording.terrain.edges_x.size:
+            meta["terrain"] = recording.terrain.arrays.to_tables()
         meta["config"] = asdict(recording.config)
     if frames:
         meta["camera"] = _camera(frames[0])

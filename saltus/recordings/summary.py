@@ -62,7 +62,7 @@ def summarise(recording: Recording) -> RunSummary:
     success, cause = bool(outcome.get("success", False)), str(outcome.get("cause", "the run was cut off"))
     timing = rates_and_ages(recording)
     return RunSummary(
-        terrain=recording.config.terrain.terrain if recording.config else "unknown",
+        terrain=recording.terrain.kind if recording.config else "unknown",
         success=success,
         cause=cause,
         explanation="" if success else "; ".join([cause.replace("_", " "), *_reasons(recording)]),

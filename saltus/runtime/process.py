@@ -53,6 +53,7 @@ from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
+from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus
@@ -66,6 +67,8 @@ EXIT_ERROR = 2
 RUN_FILE = "run.toml"
 ROBOT_FILE = "robot.toml"
 """The whole robot, as `Robot.to_toml` writes it: no process needs to derive it."""
+TERRAIN_FILE = "terrain.toml"
+"""The terrain, box by box."""
 PEER_FLAG = "--peer"
 
 
@@ -101,6 +104,11 @@ class ProcessContext:
     def robot(self) -> Robot:
         """The robot of the run."""
         return config.load(Robot, self.run_dir / ROBOT_FILE)
+
+    @cached_property
+    def terrain(self) -> Terrain:
+        """The terrain of the run."""
+        return config.load(Terrain, self.run_dir / TERRAIN_FILE)
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
@@ -157,7 +165,9 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
         arguments: Instead of those of the command line.
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
-    parser.add_argument("--run-dir", type=Path, required=True, help="directory with run.toml and robot.toml")
+    parser.add_argument(
+        "--run-dir", type=Path, required=True, help="directory with run.toml, robot.toml and terrain.toml"
+    )
     parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"

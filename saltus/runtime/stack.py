@@ -27,8 +27,9 @@ from saltus.recordings.recorder import Recorder
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
-from saltus.runtime.process import PEER_FLAG, ROBOT_FILE, RUN_FILE
+from saltus.runtime.process import PEER_FLAG, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
 from saltus.wire.zenoh_bus import ZenohBus
@@ -65,17 +66,18 @@ class Stack:
     Args:
         run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in. All
             limits below are in the clock of this run.
-        run_dir: Gets `run.toml`, `robot.toml`, `recording.mcap` and `logs/<process>.log`.
+        run_dir: Gets `run.toml`, `robot.toml`, `terrain.toml`, `recording.mcap` and `logs/<process>.log`.
         programs: The process table; tests bring their own.
 
     Raises:
-        ConfigError, ModelError: there is no such robot.
+        ConfigError, ModelError: there is no such robot or terrain.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
     """
 
     def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.robot = load_robot(run_config.robot)
+        self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
         self.endpoint = ""
         """Where the router listens."""
@@ -139,6 +141,7 @@ class Stack:
             old.unlink()
         (self.run_dir / RUN_FILE).write_text(config.to_toml(self.config))
         (self.run_dir / ROBOT_FILE).write_text(self.robot.to_toml())
+        (self.run_dir / TERRAIN_FILE).write_text(self.terrain.to_toml())
         try:
             self._open()
             self._start_all()
@@ -179,7 +182,7 @@ class Stack:
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
-        self._recorder = Recorder(self.recording, self.config, self.robot)
+        self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain)
         self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
         self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand

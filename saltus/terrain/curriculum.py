@@ -1,16 +1,20 @@
-"""From a configuration to a terrain: explicit sizes, else sizes from the difficulty, else defaults."""
+"""From a configuration to a terrain: explicit sizes, else sizes from the difficulty, else defaults; or from a file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, cast, get_args
 
 import numpy as np
 
-from saltus.config import TerrainConfig, TerrainKind
-from saltus.errors import ConfigError
+from saltus.config import TerrainConfig, TerrainKind, load
+from saltus.errors import ConfigError, nearest_hint
 from saltus.terrain import flat, gap, stairs, step, stepping_stones
 from saltus.terrain.terrain import Terrain
 
+FILE_SUFFIX = ".toml"
+LEVEL_M = 1e-3
+"""What the ground at the start of a course from a file may be off zero: a robot starts upon it."""
 SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m")
 
 
@@ -63,13 +67,21 @@ def make_terrain(config: TerrainConfig) -> Terrain:
     """Builds the terrain that `config` describes.
 
     Raises:
-        ConfigError: a size or the difficulty is out of range, or a size is given that this terrain does not have.
+        ConfigError: there is no such terrain, a size or the difficulty is out of range, or a size is given that this
+            terrain does not have.
     """
+    if config.terrain.endswith(FILE_SUFFIX):
+        return _from_file(config)
+    if config.terrain not in get_args(TerrainKind):
+        raise ConfigError(
+            f"no terrain '{config.terrain}': {nearest_hint(config.terrain, get_args(TerrainKind))}; or give a TOML file"
+        )
+    kind = cast(TerrainKind, config.terrain)
     if config.layout_seed < 0:
         raise ConfigError(f"layout_seed = {config.layout_seed}: seeds are not negative")
     if config.difficulty is not None and not 0.0 <= config.difficulty <= 1.0:
         raise ConfigError(f"difficulty = {config.difficulty} is out of range: it must be from 0 to 1")
-    table = TABLE[config.terrain]
+    table = TABLE[kind]
     given = {name: getattr(config, name) for name in SIZES}
     for name, value in given.items():
         if value is not None and name not in table:
@@ -80,7 +92,23 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         sizes["steps"] = int(sizes["steps"])
     if config.gap_max_m is not None:
         sizes |= _drawn_gaps(config, config.gap_max_m)
-    return MAKERS[config.terrain](**sizes)
+    return MAKERS[kind](**sizes)
+
+
+def _from_file(config: TerrainConfig) -> Terrain:
+    """The terrain of a file, whose sizes are in the file alone."""
+    for name in (*SIZES, "gap_max_m", "difficulty"):
+        if (value := getattr(config, name)) is not None:
+            raise ConfigError(f"{name} = {value} has no meaning for {config.terrain}: its sizes are in the file")
+    terrain = load(Terrain, Path(config.terrain))
+    start_z = float(terrain.height_at(terrain.start_x, 0.0))
+    if abs(start_z) > LEVEL_M:
+        raise ConfigError(f"{config.terrain}: the ground at the start is {start_z:g} m high, it must be at 0")
+    if terrain.finish_x <= terrain.start_x:
+        raise ConfigError(
+            f"{config.terrain}: finish_x = {terrain.finish_x:g} m, it must be beyond the start at {terrain.start_x:g} m"
+        )
+    return terrain
 
 
 def _drawn_gaps(config: TerrainConfig, gap_max_m: float) -> dict[str, Any]:

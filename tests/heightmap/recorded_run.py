@@ -79,7 +79,7 @@ def record(
     path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
 ) -> Recording:
     """Writes and reads a recording."""
-    with Recorder(path, config or RunConfig(terrain=run.terrain), ROBOT) as file:
+    with Recorder(path, config or RunConfig(terrain=run.terrain), ROBOT, make_terrain(run.terrain)) as file:
         for state, true, heightmap in zip(run.states, run.truths, heightmaps, strict=True):
             if truth:
                 file.write(_raw("plant/truth", true, state.step + 1, state.time_ns))

@@ -1,13 +1,18 @@
 """The stack with the learned policy: it plans, it bounds, and it repeats to the bit."""
 
 import json
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from saltus.cli.main import main
 from saltus.config import RunConfig, load
+from saltus.recordings.recording import read_recording
+from saltus.terrain.terrain import Terrain
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "course.toml"
 FLAGS = ["demo", "--terrain", "flat", "--planner", "learned", "--seed", "3", "--time-limit-s", "2.5"]
 
 
@@ -22,3 +27,18 @@ def test_two_lockstep_runs_with_the_learned_policy_are_equal(
     assert load(RunConfig, tmp_path / "first" / "run.toml").planner == "learned"
     assert first["digest"] == second["digest"] != ""
     assert first["distance_m"] == second["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
+
+
+def test_a_course_of_ones_own_is_crossed_from_its_file_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    course = tmp_path / "course.toml"
+    shutil.copy(EXAMPLE, course)
+    assert main(["demo", "--terrain", str(course), "--no-video", "--json", "--out", str(tmp_path / "run")]) == 0
+    course.unlink()  # the recording has it
+    recording = read_recording(tmp_path / "run" / "recording.mcap")
+    assert recording.terrain == load(Terrain, EXAMPLE)
+    table = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert table["terrain"] == recording.terrain.kind
+    heights = recording.terrain.height_at(np.array([1.0, 2.0, 3.0, 4.2, 6.2465, 8.0]), 0.0)
+    np.testing.assert_allclose(heights, [0.0, 0.2, 0.4, 0.1, 0.6, 0.8], atol=1e-3)

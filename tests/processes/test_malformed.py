@@ -18,8 +18,9 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig, to_toml
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
-from saltus.runtime.process import ROBOT_FILE, RUN_FILE
+from saltus.runtime.process import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.runtime.stack import PROGRAMS, open_router
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
@@ -113,6 +114,7 @@ class Victim:
         self.clock = RunClock.of(config)
         (directory / RUN_FILE).write_text(to_toml(config))
         (directory / ROBOT_FILE).write_text(load_robot(config.robot).to_toml())
+        (directory / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}

@@ -19,6 +19,7 @@ from saltus.errors import RecordingError
 from saltus.recordings import recorder
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, messages
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
@@ -30,6 +31,7 @@ MS = 1_000_000
 SENDER = b"0123456789abcdef"
 STEPS = 40
 LATENCY_NS = 3 * MS
+TERRAIN = make_terrain(TerrainConfig())
 
 
 def depth(step: int) -> messages.DepthFrame:
@@ -116,7 +118,7 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
 
 def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
     config = RunConfig(pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
-    with Recorder(path, config, ROBOT) as file:
+    with Recorder(path, config, ROBOT, make_terrain(config.terrain)) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)
@@ -252,7 +254,7 @@ def test_a_recording_holds_its_robot(whole: Recording) -> None:
 def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
-    file = Recorder(path, RunConfig(), ROBOT)
+    file = Recorder(path, RunConfig(), ROBOT, TERRAIN)
     for sample in run_samples(5):
         file.write(sample)
     time.sleep(0.001)
@@ -267,7 +269,7 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
 def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
     good = raw("policy/plan", next(m for k, m in run_messages(0) if k == "policy/plan"), 1)
     path = tmp_path / "recording.mcap"
-    with Recorder(path, RunConfig(), ROBOT) as file:
+    with Recorder(path, RunConfig(), ROBOT, TERRAIN) as file:
         for bad in (
             replace(good, payload=b""),
             replace(good, attachment=b""),

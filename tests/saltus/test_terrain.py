@@ -1,5 +1,6 @@
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -263,3 +264,41 @@ def test_drawn_gaps_keep_their_range_and_their_seed() -> None:
     assert not np.array_equal(gaps(1), gaps(2))
     with pytest.raises(ConfigError, match="generator"):
         stepping_stones.make(steps=8, stone_m=0.5, gap_m=0.1, gap_max_m=0.4)
+
+
+@pytest.mark.parametrize("config", FAMILY, ids=name_of)
+def test_a_terrain_that_is_written_to_a_file_is_the_same_terrain(config: TerrainConfig, tmp_path: Path) -> None:
+    path = tmp_path / "course.toml"
+    path.write_text(make_terrain(config).to_toml())
+    assert make_terrain(TerrainConfig(terrain=str(path))) == make_terrain(config)
+
+
+COURSE = "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [-2, -2, -1]\nhigh = [9, 2, 0]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "flags", "named"),
+    [
+        (None, {}, "cannot read"),
+        ("", {}, "course.toml"),
+        (COURSE.replace("1.0", "-1.0"), {}, "finish_x = -1 m"),
+        (COURSE.replace("2, 0]", "2, 0.5]"), {}, "the ground at the start is 0.5 m high"),
+        (COURSE, {"difficulty": 0.5}, "difficulty = 0.5 has no meaning"),
+        (COURSE, {"rise_m": 0.1}, "rise_m = 0.1 has no meaning"),
+    ],
+)
+def test_a_file_without_a_course_is_refused(
+    text: str | None, flags: dict[str, float], named: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "course.toml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigError, match=named) as error:
+        make_terrain(TerrainConfig(terrain=str(path), **flags))  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+    assert "course.toml" in str(error.value)
+
+
+def test_a_terrain_that_nobody_knows_is_refused() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'stairs'"):
+        make_terrain(TerrainConfig(terrain="stiars"))
