@@ -259,7 +259,7 @@ def test_the_page_has_every_part_and_numbers_are_json(
     assert Report(recordings=(recording.path, recording.path), model=names, out=out, json=True).run() == 0
     numbers = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert list(numbers["predictors"]) == [RECORDED, *names]
-    assert [row["name"] for row in numbers["runs"]] == ["run0 (1)", "run0 (2)"]
+    assert [row["name"] for row in numbers["runs"]] == [f"{recording.path.parent.name} ({n})" for n in (1, 2)]
     # The recorded heights are the geometric ones: the two must agree in every number.
     assert numbers["predictors"][RECORDED] == numbers["predictors"]["geometric"]
     text = (out / "report.html").read_text()
