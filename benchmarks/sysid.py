@@ -21,10 +21,8 @@ from scipy import stats
 from benchmarks._command import Command, tell
 from saltus import go1
 from saltus.config import DEFAULT_ROBOT
-from saltus.effects.armature import Armature
-from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.real2sim.experiments.instruments import SensorNoise
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run

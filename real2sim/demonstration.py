@@ -11,18 +11,14 @@ from typing import Any
 import numpy as np
 
 from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.armature import Armature
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.command_delay import CommandDelay
-from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.effect import Effect
-from saltus.effects.encoder_bias import EncoderBias
+from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, TorqueGain, ViscousFriction
 from saltus.effects.profile import IDEAL, Profile, profile_to_toml
 from saltus.effects.stiction import Stiction
-from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.velocity_filter import VelocityFilter
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import SaltusError
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.run import run

@@ -10,8 +10,8 @@ from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import Profile
-from saltus.effects.torque_gain import TorqueGain
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats

@@ -15,10 +15,10 @@ from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import JOINT_ORDER, TORQUE_ORDER, proportional_derivative
 from saltus.effects.effect import Effect
+from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.order import ordered
 from saltus.effects.profile import Profile
 from saltus.effects.signals import Drive, Resistance
-from saltus.effects.torque_gain import TorqueGain
 from saltus.robots.robot import Robot
 from saltus.wire.messages import JointCommand
 

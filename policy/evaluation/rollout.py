@@ -21,8 +21,8 @@ from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
-from saltus.effects.torque_gain import TorqueGain
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner

@@ -2,25 +2,22 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Constant
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Site, Values, parameter, period
+from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import Drive
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorLag(Effect[Drive]):
+class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
     """First-order lag: torque follows its target with `time_constant`.
 
     Targets are held over a period; what is delivered is the mean over it, so that the impulse is exact.
     """
-
-    name: ClassVar[str] = "actuator_lag"
-    site: ClassVar[Site] = "torque"
 
     # 2 to 8 ms on drives of this class
     time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
@@ -32,15 +29,10 @@ class ActuatorLag(Effect[Drive]):
         """Of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
         return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
-        """Empty: the first torque is taken to have been there for long."""
-        del batch, rng
-        return ()
-
-    def apply(self, signal: Drive, time_s: float, state: tuple[Any, ...]) -> tuple[Drive, tuple[Any, ...]]:
-        """Returns the lagged torque; the state is that at the end of the period."""
+    def apply(self, signal: Drive, time_s: float, state: tuple[Any] | None) -> tuple[Drive, tuple[Any]]:
+        """Returns the lagged torque; the state is that at the end of the period. The first is as if there for long."""
         del time_s
-        if not state:
+        if state is None:
             return signal, (signal.torque,)
         in_mean, at_end = (weight.like(signal.torque) for weight in self._weights)
         # (1 - r) x + r y, not x + r (y - x), is x to the bit where r is 0

@@ -2,31 +2,26 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
-
-import numpy as np
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Site, Values, from_robot, like, parameter, period
+from saltus.effects.effect import Effect, Values, from_robot, like, parameter, period
 from saltus.effects.signals import Drive
 
-Play = tuple[Array, Array, Array, Array, Array] | tuple[()]
+Play = tuple[Array, Array, Array, Array, Array] | None
 """How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming
-step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen; empty before the first torque."""
+step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen; None before the first torque,
+which is taken to have been there for long."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Backlash(Effect[Drive]):
+class Backlash(Effect[Drive], name="backlash", site="torque"):
     """The motor turns freely against the joint within a gap of `width`, and pushes it at either end.
 
     Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the joint's. In contact both
     move as one, until the rotor would have to pull. Inside the gap the joint feels neither torque nor rotor; where the
     gap ends, the rotor's momentum goes to the joint, without rebound.
     """
-
-    name: ClassVar[str] = "backlash"
-    site: ClassVar[Site] = "torque"
 
     # 0.3 to 1 degree at the knee linkage of robots of this class
     width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, per_joint=True)
@@ -39,11 +34,6 @@ class Backlash(Effect[Drive]):
     def _rotor(self) -> Constant:
         return Constant(self.of_robot("rotor"))
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Play:
-        """Empty: the first torque is taken to have been there for long."""
-        del batch, rng
-        return ()
-
     def apply(self, signal: Drive, time_s: float, state: Play) -> tuple[Drive, Play]:
         """Transmits the torque where motor and joint touch; the state is the play over the coming period."""
         del time_s
@@ -52,7 +42,7 @@ class Backlash(Effect[Drive]):
         half = 0.5 * like(self.width, torque, xp)
         velocity, rotor = signal.velocity, self._rotor.like(torque)
         zero = xp.zeros_like(torque)
-        if not state:
+        if state is None:
             return signal, (xp.where(torque < 0.0, -half + zero, half + zero), zero, zero == zero, velocity, zero)
         offset, rate, touched, before, expected = state
         # 1. what the joint did over the last step, in place of what was expected of it
@@ -73,7 +63,7 @@ class Backlash(Effect[Drive]):
 
     def missing(self, state: Play) -> Array | float:
         """Inertia that the joint lacks over the coming step, as the rotor turns without it [kg m^2]."""
-        if not state:
+        if state is None:
             return 0.0
         _, rate, touches, _, _ = state
         xp = namespace(rate)

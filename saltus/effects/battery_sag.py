@@ -1,19 +1,15 @@
 """A battery that empties and a motor that warms lose torque as a run goes on."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Values, like, parameter
 from saltus.effects.signals import Drive
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatterySag(Effect[Drive]):
+class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`, and stays there."""
-
-    name: ClassVar[str] = "battery_sag"
-    site: ClassVar[Site] = "torque"
 
     # 5 to 20 % over a run
     loss_at_end: Values = parameter(unit="", null=0.0, low=-1.0, high=1.0, per_joint=True)

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys, uniform
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter, period
+from saltus.effects.effect import Effect, PerRobot, like, parameter, period
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
@@ -17,15 +17,12 @@ Memory = tuple[Any, tuple[tuple[DepthImage, Any], ...]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraLatency(Effect[DepthImage]):
+class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     """An image can be seen from `latency` after its capture on, give or take `jitter` (uniform, per image).
 
     The output is the image with the newest capture among those that have arrived; before the first there is none.
     50 ms on the Go1 with a D435i (paper: a sine of body height against the image).
     """
-
-    name: ClassVar[str] = "camera_latency"
-    site: ClassVar[Site] = "depth"
 
     latency: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.5)
     jitter: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.1)

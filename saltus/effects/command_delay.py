@@ -1,21 +1,18 @@
 """The command packet reaches the drive late."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from saltus.effects.delay_line import History, LateCommand, delayed
 from saltus.wire.messages import JointCommand
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandDelay(LateCommand):
+class CommandDelay(LateCommand, name="command_delay"):
     """The whole packet is `delay` old when the drive uses it: targets, gains and feed-forward torque.
 
     Fields are averaged one by one over a step in which a packet arrives; where gains change in that very step the mean
     of the products differs from the product of the means, by one step at most.
     """
-
-    name: ClassVar[str] = "command_delay"
 
     def apply(self, signal: JointCommand, time_s: float, state: History) -> tuple[JointCommand, History]:
         """Delays every field by the same time."""

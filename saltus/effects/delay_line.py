@@ -2,34 +2,27 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Site, Values, like, parameter, period
+from saltus.effects.effect import Effect, Values, like, parameter, period
 from saltus.wire.messages import JointCommand
 
-History = tuple[tuple[Any, ...], ...]
-"""Newest first: what came in at each of the last samples, as tuples of arrays. Empty before the first."""
+History = tuple[tuple[Any, ...], ...] | None
+"""Newest first: what came in at each of the last samples, as tuples of arrays. None before the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LateCommand(Effect[JointCommand]):
+class LateCommand(Effect[JointCommand], site="command"):
     """Part of a command, or all of it, is `delay` old when the drive uses it."""
-
-    site: ClassVar[Site] = "command"
 
     # searched up to 25 ms by published identification methods; hobby servos reach 130 ms
     delay: Values = parameter(unit="s", null=0.0, low=0.0, high=0.15, per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the commands."""
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> History:
-        """An empty line."""
-        del batch, rng
-        return ()
 
 
 def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: float) -> tuple[tuple[Any, ...], History]:
@@ -42,7 +35,7 @@ def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: fl
 
     Args:
         signal: arrays of shape (..., 12) that travel together.
-        history: what the last call returned; () at first.
+        history: what the last call returned; None at first.
         delay_s: one delay, or one per robot, shape (robots, 1).
         dt_s: period of the samples.
     """

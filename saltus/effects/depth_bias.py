@@ -1,19 +1,15 @@
 """Depth is off by a constant."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.signals import DepthImage
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthBias(Effect[DepthImage]):
+class DepthBias(Effect[DepthImage], name="depth_bias", site="depth"):
     """Every valid depth is `bias` larger than the true one; images in metres."""
-
-    name: ClassVar[str] = "depth_bias"
-    site: ClassVar[Site] = "depth"
 
     # 5 to 20 mm on a D435 (a published study of its distances)
     bias: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3)

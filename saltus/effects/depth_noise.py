@@ -1,24 +1,21 @@
 """A stereo matcher finds each disparity only up to a fraction of a pixel."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.depth import BASELINE_M, D435I
 from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.fields import gaussian
 from saltus.effects.signals import DepthImage
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthNoise(Effect[DepthImage]):
+class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
     """White noise of standard deviation z^2 `subpixel_sigma` / (f B) at each pixel; images in metres."""
-
-    name: ClassVar[str] = "depth_noise"
-    site: ClassVar[Site] = "depth"
 
     # 0.08 px in practice, 0.03 px at best (Intel on the D4xx)
     subpixel_sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=5.0)

@@ -1,25 +1,21 @@
 """What only one of two imagers sees cannot be matched: holes to the left of near objects."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image, whole_pixels
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image, whole_pixels
 from saltus.effects.signals import DepthImage
 
 JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from the other imager
 
 
 @dataclass(frozen=True, kw_only=True)
-class EdgeHoles(Effect[DepthImage]):
+class EdgeHoles(Effect[DepthImage], name="edge_holes", site="depth"):
     """The `width` pixels to the left of every near edge are invalid, to the nearest pixel of the image.
 
     One number for all edges, as a run log can tell it; `saltus.render.stereo` has the physics, in which it grows with
     the step of disparity.
     """
-
-    name: ClassVar[str] = "edge_holes"
-    site: ClassVar[Site] = "depth"
 
     width: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=100.0)
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
@@ -27,10 +26,30 @@ PerRobot: TypeAlias = float | Floats
 """A parameter of a camera: one value, or, for a batch of robots that differ, an array of shape (robots,)."""
 
 
-def parameter(*, unit: str, null: Any, low: float, high: float, default: Any = None, per_joint: bool = False) -> Any:
-    """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect."""
-    metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint}
-    return field(default=null if default is None else default, metadata=metadata)
+def parameter(
+    *,
+    unit: str,
+    null: Any,
+    low: float,
+    high: float,
+    per_joint: bool = False,
+    adds_to: str | None = None,
+    scales: str | None = None,
+) -> Any:
+    """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect.
+
+    Args:
+        unit: As in `[unit]`.
+        null: Where it changes nothing; the default.
+        low: Least value.
+        high: Greatest value.
+        per_joint: Whether joints may have different ones.
+        adds_to: Field of the signal that it is added to.
+        scales: Field of the signal that is multiplied by the parameter over `null`.
+    """
+    changes = {"changes": adds_to or scales, "scales": scales is not None}
+    metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint, **changes}
+    return field(default=null, metadata=metadata)
 
 
 def from_robot(source: str, *, unit: str, high: float) -> Any:
@@ -44,7 +63,7 @@ def period(default: float) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect(ABC, Generic[Signal]):
+class Effect(Generic[Signal]):
     """One way in which hardware differs from the ideal.
 
     A subclass is a frozen dataclass whose fields are made with `parameter`. At its null values it returns its
@@ -59,6 +78,13 @@ class Effect(ABC, Generic[Signal]):
     """Name in the schema of run logs, snake_case."""
     site: ClassVar[Site]
 
+    def __init_subclass__(cls, name: str | None = None, site: Site | None = None, **rest: Any) -> None:
+        super().__init_subclass__(**rest)
+        if name is not None:
+            cls.name = name
+        if site is not None:
+            cls.site = site
+
     def __post_init__(self) -> None:
         for f in fields(self):
             if "low" in f.metadata and not ("robot" in f.metadata and getattr(self, f.name) is None):
@@ -69,9 +95,24 @@ class Effect(ABC, Generic[Signal]):
         del batch, rng
         return None
 
-    @abstractmethod
     def apply(self, signal: Signal, time_s: float, state: Any) -> tuple[Signal, Any]:
-        """Returns the changed signal and the next state; changes neither argument."""
+        """Returns the changed signal and the next state; changes neither argument.
+
+        Where a subclass does nothing else, parameters add to, or scale, the fields of the signal that they name.
+        """
+        del time_s
+        for f in fields(self):
+            value, name = getattr(self, f.name), f.metadata.get("changes")
+            if name is None:
+                continue
+            array, null = getattr(signal, name), f.metadata["null"]
+            if f.metadata["scales"]:
+                share = value / null if isinstance(value, float | int) else np.asarray(value) / null
+                changed = array * like(share, array, namespace(array))
+            else:
+                changed = array + like(value, array, namespace(array))
+            signal = dataclasses.replace(signal, **{name: changed})  # type: ignore[type-var]
+        return signal, state
 
     def fitted(self, robot: Robot) -> Self:
         """The effect in the drives of a robot, with what `from_robot` declares taken from there unless it is given."""
@@ -115,16 +156,10 @@ def whole_pixels(value: PerRobot, width: int) -> int:
     return min(math.floor(float(np.max(value)) + 0.5), width - 1)
 
 
-def added(signal: Signal, name: str, values: Values) -> Signal:
-    """The signal with a parameter added to its field of that name."""
-    array = getattr(signal, name)
-    return dataclasses.replace(signal, **{name: array + like(values, array, namespace(array))})  # type: ignore[type-var]
-
-
-def scaled(signal: Signal, name: str, values: Values) -> Signal:
-    """The signal with its field of that name multiplied by a parameter."""
-    array = getattr(signal, name)
-    return dataclasses.replace(signal, **{name: array * like(values, array, namespace(array))})  # type: ignore[type-var]
+def moved(vector: Any, *by: PerRobot) -> Any:
+    """A vector with a parameter added to each entry, shape (..., entries)."""
+    xp = namespace(vector)
+    return xp.stack([vector[..., i] + like(value, vector, xp) for i, value in enumerate(by)], axis=-1)
 
 
 def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:

@@ -1,21 +1,17 @@
 """An encoder knows a finite number of angles."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Values, like, parameter
 from saltus.effects.signals import JointState
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderQuantisation(Effect[JointState]):
+class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site="joint_state"):
     """The drive's angle is the nearest multiple of `step`; its velocity is not derived from it."""
-
-    name: ClassVar[str] = "encoder_quantisation"
-    site: ClassVar[Site] = "joint_state"
 
     # 0.2 to 1.5 mrad on drives of this class
     step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, per_joint=True)

@@ -1,17 +1,14 @@
 """The feed-forward torque takes force later than the rest of its packet."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.effects.delay_line import History, LateCommand, delayed
 from saltus.wire.messages import JointCommand
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeedforwardDelay(LateCommand):
+class FeedforwardDelay(LateCommand, name="feedforward_delay"):
     """Feed-forward torque is `delay` late; the PD law is not. 10 ms on the Go1 (original)."""
-
-    name: ClassVar[str] = "feedforward_delay"
 
     def apply(self, signal: JointCommand, time_s: float, state: History) -> tuple[JointCommand, History]:
         """Delays the torque alone."""

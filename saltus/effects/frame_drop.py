@@ -1,22 +1,19 @@
 """Some images never arrive."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys, uniform
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.effect import Effect, PerRobot, like, parameter
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameDrop(Effect[DepthImage]):
+class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
     """A share `fraction` of the images is lost, each by itself; the image before stays the newest."""
-
-    name: ClassVar[str] = "frame_drop"
-    site: ClassVar[Site] = "depth"
 
     # 0.5 to 20 % on USB cameras under load
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)

@@ -1,26 +1,23 @@
 """A heightmap is read at a place that is not quite the right one."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, parameter
+from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import HeightQuery
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeightmapShift(Effect[HeightQuery]):
+class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightmap"):
     """Heights are read `x` too far ahead along the robot's yaw and come out `z` too high, for a whole episode.
 
     To both, every robot adds its own draw, uniform within +-`x_range` and +-`z_range`, made in `init`. Training uses
     +-8 cm and +-5 cm (paper).
     """
-
-    name: ClassVar[str] = "heightmap_shift"
-    site: ClassVar[Site] = "heightmap"
 
     x: float = parameter(unit="m", null=0.0, low=-0.5, high=0.5)
     z: float = parameter(unit="m", null=0.0, low=-0.5, high=0.5)

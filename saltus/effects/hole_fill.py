@@ -1,22 +1,18 @@
 """A filter of the camera's driver fills holes with what is to the left of them."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image, whole_pixels
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image, whole_pixels
 from saltus.effects.signals import DepthImage
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoleFill(Effect[DepthImage]):
+class HoleFill(Effect[DepthImage], name="hole_fill", site="depth"):
     """An invalid pixel takes the nearest valid value to its left within `reach` pixels, to the nearest pixel.
 
     One number, as a run log can tell it; `saltus.render.postfilter` has librealsense's filters themselves.
     """
-
-    name: ClassVar[str] = "hole_fill"
-    site: ClassVar[Site] = "depth"
 
     # librealsense's spatial filter offers 2 to 16 px, or no limit
     reach: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=1000.0)

@@ -1,22 +1,19 @@
 """The IMU is mounted askew and its gyroscope drifts."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.effect import Effect, PerRobot, like, moved, parameter
 from saltus.effects.imu import ImuReading
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuBias(Effect[ImuReading]):
+class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
     """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
-
-    name: ClassVar[str] = "imu_bias"
-    site: ClassVar[Site] = "imu"
 
     # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
     gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
@@ -28,15 +25,14 @@ class ImuBias(Effect[ImuReading]):
     def apply(self, signal: ImuReading, time_s: float, state: None) -> tuple[ImuReading, None]:
         """Adds the drift, and turns the reported orientation about the base's own axes."""
         del time_s, state
-        xp, rate = namespace(signal.angular_velocity_base), signal.angular_velocity_base
-        drift = (self.gyro_x, self.gyro_y, self.gyro_z)
-        axes = tuple(rate[..., i] + like(v, rate, xp) for i, v in enumerate(drift))
+        rate = moved(signal.angular_velocity_base, self.gyro_x, self.gyro_y, self.gyro_z)
         turned = signal.quaternion_base_in_world
         if np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)):
-            turned = _product(turned, self._mount(turned, xp))
-        return replace(signal, quaternion_base_in_world=turned, angular_velocity_base=xp.stack(axes, -1)), None
+            turned = _product(turned, self._mount(turned))
+        return replace(signal, quaternion_base_in_world=turned, angular_velocity_base=rate), None
 
-    def _mount(self, quaternion: Any, xp: Any) -> Any:
+    def _mount(self, quaternion: Any) -> Any:
+        xp = namespace(quaternion)
         zero = xp.zeros_like(quaternion[..., 0])
         roll, pitch = (zero + like(v, quaternion, xp) for v in (self.roll, self.pitch))
         return quaternion_from_roll_pitch_yaw(roll, pitch, zero)

@@ -1,33 +1,25 @@
 """The IMU reports late."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.delay_line import History, delayed
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, period
+from saltus.effects.effect import Effect, PerRobot, parameter, period
 from saltus.effects.imu import ImuReading
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuLatency(Effect[ImuReading]):
+class ImuLatency(Effect[ImuReading], name="imu_latency", site="imu"):
     """Orientation, rates and acceleration are all `delay` old."""
-
-    name: ClassVar[str] = "imu_latency"
-    site: ClassVar[Site] = "imu"
 
     # filters and buses of this class: 2 to 15 ms
     delay: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.1)
     dt_s: float = period(PHYSICS_DT)
     """Period of the samples."""
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> History:
-        """An empty line."""
-        del batch, rng
-        return ()
 
     def apply(self, signal: ImuReading, time_s: float, state: History) -> tuple[ImuReading, History]:
         """Reports the sample of `delay` ago, in between two samples their mean."""

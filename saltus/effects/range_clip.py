@@ -2,19 +2,15 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.signals import DepthImage
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeClip(Effect[DepthImage]):
+class RangeClip(Effect[DepthImage], name="range_clip", site="depth"):
     """Depths beyond `max` read as `max`, "nothing within range" included; images in metres."""
-
-    name: ClassVar[str] = "range_clip"
-    site: ClassVar[Site] = "depth"
 
     # original: 3 m
     max: PerRobot = parameter(unit="m", null=math.inf, low=0.05, high=100.0)

@@ -1,11 +1,8 @@
 """A camera takes an image now and then; between exposures the last one stays."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from saltus.effects.effect import Effect, Site, parameter
+from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import DepthImage
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
@@ -14,21 +11,13 @@ Memory = tuple[float, DepthImage] | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class SampleAndHold(Effect[DepthImage]):
+class SampleAndHold(Effect[DepthImage], name="sample_and_hold", site="depth"):
     """A new image every `period`, at the first sample at or after its time; all cameras of a batch expose together.
 
     20 ms in the original's training.
     """
 
-    name: ClassVar[str] = "sample_and_hold"
-    site: ClassVar[Site] = "depth"
-
     period: float = parameter(unit="s", null=0.0, low=0.0, high=1.0)
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Memory:
-        """No image: the first sample is taken."""
-        del batch, rng
-        return None
 
     def apply(self, signal: DepthImage, time_s: float, state: Memory) -> tuple[DepthImage, Memory]:
         """Returns the new image, or the one that is held."""

@@ -1,10 +1,9 @@
 """Dry friction is larger at standstill than in motion."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Site, Values, like, parameter
+from saltus.effects.effect import Effect, Values, like, parameter
 from saltus.effects.signals import Resistance
 
 FADED = 30.0
@@ -12,11 +11,8 @@ FADED = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stiction(Effect[Resistance]):
+class Stiction(Effect[Resistance], name="stiction", site="joint"):
     """Friction above the Coulomb level: `breakaway` at standstill, times exp(-(v / stribeck_velocity)^2) in motion."""
-
-    name: ClassVar[str] = "stiction"
-    site: ClassVar[Site] = "joint"
 
     # breakaway torque is 1.1 to 2 times the Coulomb level on drives of this class
     breakaway: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True)

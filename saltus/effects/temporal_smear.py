@@ -1,10 +1,10 @@
 """A temporal filter of the camera's driver mixes an image with those before."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image
 from saltus.effects.signals import DepthImage
 
 Memory = tuple[Any, Any] | None
@@ -12,16 +12,13 @@ Memory = tuple[Any, Any] | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class TemporalSmear(Effect[DepthImage]):
+class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
     """Exponential smoothing: each pixel is `alpha` times the new depth and the rest the last one given out.
 
     Pixels that are invalid, or see nothing, in either image take the new value. An image that comes again changes
     nothing. librealsense's default is 0.4; `saltus.render.postfilter.TemporalFilter` is its filter with all its
     conditions.
     """
-
-    name: ClassVar[str] = "temporal_smear"
-    site: ClassVar[Site] = "depth"
 
     # weight of the new frame
     alpha: PerRobot = parameter(unit="", null=1.0, low=0.01, high=1.0)

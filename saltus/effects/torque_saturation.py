@@ -3,12 +3,11 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
 from saltus.arrays import Constant, namespace
-from saltus.effects.effect import Effect, Site, Values, from_robot, parameter
+from saltus.effects.effect import Effect, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
@@ -18,16 +17,13 @@ _CALF = 2  # in whose torque a curve is given
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueSaturation(Effect[Drive]):
+class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
     """Delivered torque as an odd, piecewise linear function of commanded torque.
 
     Given either as `curve`, measured at a calf and scaled to each joint by its reduction, or as `knee` and `plateau`
     at the joint: slope 1 up to a corner, then one slope. Beyond its last point a curve goes on with its last slope. Its
     rows hold a commanded torque and the one delivered, or the 12 delivered, one per joint, all in calf torque.
     """
-
-    name: ClassVar[str] = "torque_saturation"
-    site: ClassVar[Site] = "torque"
 
     # rows that rise, in calf torque; () is no loss
     curve: tuple[tuple[float, ...], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)

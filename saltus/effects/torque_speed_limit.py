@@ -3,12 +3,11 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
 from saltus.arrays import Constant, namespace
-from saltus.effects.effect import Effect, Site, Values, from_robot, parameter
+from saltus.effects.effect import Effect, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
@@ -19,15 +18,12 @@ UNLIMITED = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueSpeedLimit(Effect[Drive]):
+class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
     """Along the motion, torque is at most the torque limit, less beyond `corner`, none from `no_load` on.
 
     Against the motion the full torque limit holds. The original's limit is the line with corner 0 and no-load speeds
     30, 30, 20 rad/s.
     """
-
-    name: ClassVar[str] = "torque_speed_limit"
-    site: ClassVar[Site] = "torque"
 
     corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, per_joint=True)
     no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0, per_joint=True)

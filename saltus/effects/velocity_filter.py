@@ -2,25 +2,24 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Constant
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Site, Values, parameter, period
+from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import JointState
 
 SHORTEST = 1e-3
 """Of a period: a shorter filter is none, and the weights stay finite."""
+Memory = tuple[Any, Any] | None
+"""The last velocity and the last filtered one; None before the first, which is taken to have been there for long."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityFilter(Effect[JointState]):
+class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_state"):
     """First-order low-pass of the velocity with `time_constant`, exact where the velocity is linear between samples."""
-
-    name: ClassVar[str] = "velocity_filter"
-    site: ClassVar[Site] = "joint_state"
 
     # drives of this class average over a few milliseconds
     time_constant: Values = parameter(unit="s", null=0.0, low=0.0, high=0.1, per_joint=True)
@@ -32,16 +31,11 @@ class VelocityFilter(Effect[JointState]):
         """Weights of the newest velocity, of the one before, and of the last filtered one."""
         return tuple(Constant(w) for w in low_pass_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
-        """Empty: the first velocity is taken to have been there for long."""
-        del batch, rng
-        return ()
-
-    def apply(self, signal: JointState, time_s: float, state: tuple[Any, ...]) -> tuple[JointState, tuple[Any, ...]]:
-        """Filters the velocity; the state is the last velocity and the last filtered one."""
+    def apply(self, signal: JointState, time_s: float, state: Memory) -> tuple[JointState, Memory]:
+        """Filters the velocity."""
         del time_s
         newest = signal.velocity
-        if not state:
+        if state is None:
             return signal, (newest, newest)
         before, filtered = state
         new, old, kept = (weight.like(newest) for weight in self._weights)

@@ -10,7 +10,7 @@ from samples import PROFILE
 
 from saltus.cli.main import main
 from saltus.config import Camera
-from saltus.effects.camera_pitch import CameraPitch
+from saltus.effects.offsets_and_factors import CameraPitch
 from saltus.effects.profile import profile_to_toml
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.inventory import validate

@@ -7,11 +7,9 @@ from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
-from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile
-from saltus.effects.torque_gain import TorqueGain
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.policy.env.drives import Drives
 from saltus.wire.messages import JointCommand
 

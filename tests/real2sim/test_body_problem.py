@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from standing_robot import Motion, run_log
 
-from saltus.effects.com_offset import ComOffset
 from saltus.effects.effect import Effect
-from saltus.effects.foot_friction import FootFriction
-from saltus.effects.payload_mass import PayloadMass
+from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import carried_by

@@ -9,7 +9,7 @@ import pytest
 from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.coulomb_friction import CoulombFriction
+from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError

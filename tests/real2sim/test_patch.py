@@ -10,9 +10,9 @@ from samples import CURVE, PROFILE, ROBOT
 from saltus import go1
 from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay
-from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError

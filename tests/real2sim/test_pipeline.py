@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.offsets_and_factors import ViscousFriction
 from saltus.effects.profile import IDEAL, Profile
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import RecordingError
 from saltus.real2sim import pipeline
 from saltus.real2sim.experiments import motions

@@ -8,16 +8,12 @@ from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import GRAVITY, PHYSICS_DT
-from saltus.effects.base_inertia import BaseInertia
 from saltus.effects.body import BodyChain
-from saltus.effects.com_offset import ComOffset
-from saltus.effects.contact_compliance import ContactCompliance
 from saltus.effects.effect import Effect
-from saltus.effects.foot_friction import FootFriction
 from saltus.effects.imu import ImuChain
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
-from saltus.effects.payload_mass import PayloadMass
+from saltus.effects.offsets_and_factors import BaseInertia, ComOffset, ContactCompliance, FootFriction, PayloadMass
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant

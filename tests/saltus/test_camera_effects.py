@@ -10,16 +10,14 @@ from samples import ROBOT, put_robot
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
 from saltus.effects.camera import CAMERA_ORDER, VIEW_ORDER, ViewChain
-from saltus.effects.camera_fov import CameraFov
-from saltus.effects.camera_height import CameraHeight
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.camera_pitch import CameraPitch
 from saltus.effects.depth_bias import DepthBias
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.depth_scale import DepthScale
 from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.effect import Effect
 from saltus.effects.hole_fill import HoleFill
+from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.profile import Profile, load_profile, profile_to_toml
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS

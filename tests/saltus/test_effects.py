@@ -18,10 +18,10 @@ from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL, TRAINING_SHIFT, Profile, load_profile, profile_from_toml, profile_to_toml
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, Drive, HeightQuery
-from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
@@ -118,7 +118,7 @@ def test_one_joint_may_have_no_limit() -> None:
 
 
 def test_lag_answers_a_step_exponentially() -> None:
-    lag, state, torque = ActuatorLag(time_constant=0.005), (), []
+    lag, state, torque = ActuatorLag(time_constant=0.005), None, []
     for k in range(10):
         out, state = lag.apply(drive(0.0 if k == 0 else 1.0), 0.0, state)
         torque.append(out.torque[0])

@@ -9,35 +9,39 @@ import torch
 from samples import CURVE, ROBOT
 
 from saltus.effects.actuator_lag import ActuatorLag
-from saltus.effects.armature import Armature
 from saltus.effects.backlash import Backlash
-from saltus.effects.base_inertia import BaseInertia
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.body import BodyModel
-from saltus.effects.camera_fov import CameraFov
-from saltus.effects.camera_height import CameraHeight
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.camera_pitch import CameraPitch
-from saltus.effects.com_offset import ComOffset
 from saltus.effects.command_delay import CommandDelay
-from saltus.effects.contact_compliance import ContactCompliance
-from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.depth_bias import DepthBias
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.depth_scale import DepthScale
 from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.effect import Effect, map_arrays
-from saltus.effects.encoder_bias import EncoderBias
 from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.foot_friction import FootFriction
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.hole_fill import HoleFill
 from saltus.effects.imu import ImuReading
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
-from saltus.effects.payload_mass import PayloadMass
+from saltus.effects.offsets_and_factors import (
+    Armature,
+    BaseInertia,
+    CameraFov,
+    CameraHeight,
+    CameraPitch,
+    ComOffset,
+    ContactCompliance,
+    CoulombFriction,
+    EncoderBias,
+    FootFriction,
+    PayloadMass,
+    TorqueGain,
+    ViscousFriction,
+)
 from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
@@ -45,11 +49,9 @@ from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import CameraView, DepthImage, Drive, HeightQuery, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.temporal_smear import TemporalSmear
-from saltus.effects.torque_gain import TorqueGain
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.effects.velocity_filter import VelocityFilter
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.errors import ConfigError
 from saltus.wire.messages import JointCommand
 

@@ -8,18 +8,15 @@ from samples import ROBOT
 
 from saltus import go1
 from saltus.constants import PHYSICS_DT
-from saltus.effects.armature import Armature
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.coulomb_friction import CoulombFriction
 from saltus.effects.effect import Effect
-from saltus.effects.encoder_bias import EncoderBias
 from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, ViscousFriction
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
-from saltus.effects.viscous_friction import ViscousFriction
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant
@@ -134,7 +131,7 @@ def test_sag_is_linear_and_ends() -> None:
 
 
 def test_a_filtered_ramp_is_late_by_the_time_constant() -> None:
-    low_pass, state = VelocityFilter(time_constant=0.01), ()
+    low_pass, state = VelocityFilter(time_constant=0.01), None
     for k in range(100):
         out, state = low_pass.apply(JointState(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state)
     np.testing.assert_allclose(out.velocity, 99 * PHYSICS_DT - 0.01, atol=1e-6)
@@ -145,7 +142,7 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
 
     On its way it transmits nothing and the joint lacks its inertia; when it arrives, what the torque has given it.
     """
-    play, state = Backlash(width=0.02).fitted(ROBOT), ()
+    play, state = Backlash(width=0.02).fitted(ROBOT), None
     offsets, torques, missing = [], [], []
     for k in range(80):
         torque = 0.5 if (k // 20) % 2 == 0 else -0.5

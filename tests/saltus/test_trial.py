@@ -6,8 +6,8 @@ from samples import PROFILE
 
 from saltus.config import TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL
-from saltus.effects.torque_gain import TorqueGain
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import TABLE, make_terrain
 from saltus.trial import Outcome, Trial, TrialMonitor, judge

@@ -1,0 +1,131 @@
+"""Effects that add to one field of their signal, or scale it, and do nothing else."""
+
+from dataclasses import dataclass, replace
+
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
+from saltus.effects.effect import Effect, PerRobot, Values, moved, parameter
+from saltus.effects.signals import CameraView, Drive, JointState, Resistance
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
+    """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
+
+    # +-10 % is the usual range of domain randomisation
+    gain: Values = parameter(unit="", null=1.0, low=0.0, high=2.0, per_joint=True, scales="torque")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousFriction(Effect[Resistance], name="viscous_friction", site="joint"):
+    """Oil and bearings: a torque of `coefficient` times the joint's velocity against the motion."""
+
+    # 0.1 to 0.4 Nm s/rad on drives of this class
+    coefficient: Values = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, per_joint=True, adds_to="damping")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint"):
+    """Dry friction: at most `torque` against the motion; at standstill, whatever holds the joint still."""
+
+    # 0.05 to 0.8 Nm at the joints of robots of this class
+    torque: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True, adds_to="friction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Armature(Effect[Resistance], name="armature", site="joint"):
+    """The rotor, seen through its gear, has `added` more inertia than claimed; it turns with the joint alone."""
+
+    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (unitree_ros)
+    added: Values = parameter(unit="kg m2", null=0.0, low=-0.0015, high=0.5, per_joint=True, adds_to="armature")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
+    """The drive reads `bias` more than the joint's true angle; log and PD law both see the reading."""
+
+    # +-0.1 rad is what published identification methods allow
+    bias: Values = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, per_joint=True, adds_to="position")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadMass(Effect[BodyModel], name="payload_mass", site="model"):
+    """A box of `mass` on top of the trunk, beyond what is claimed; negative where the trunk is lighter."""
+
+    # camera and computer weigh 1 kg; robots of this class carry up to 5 kg
+    mass: PerRobot = parameter(unit="kg", null=0.0, low=-3.0, high=10.0, adds_to="payload_kg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComOffset(Effect[BodyModel], name="com_offset", site="model"):
+    """The centre of mass of the trunk alone is off by (`x`, `y`, `z`) in the base frame."""
+
+    # +-2 to 5 cm of domain randomisation; the trunk's half length is 0.19 m
+    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19)
+    y: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1)
+    z: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1)
+
+    def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
+        """Moves the centre of mass."""
+        del time_s, state
+        return replace(signal, com_shift=moved(signal.com_shift, self.x, self.y, self.z)), None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseInertia(Effect[BodyModel], name="base_inertia", site="model"):
+    """The trunk's moments of inertia about its centre of mass are `scale` times what is claimed."""
+
+    # +-20 % of domain randomisation, with room for cables and a battery that is left out
+    scale: PerRobot = parameter(unit="", null=1.0, low=0.3, high=3.0, scales="inertia_scale")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FootFriction(Effect[BodyModel], name="foot_friction", site="model"):
+    """The coefficient of friction is `coefficient` where the model claims its nominal 0.8.
+
+    It scales what is there: a trial that draws another ground keeps the ratio.
+    """
+
+    # 0.4 to 1.0 on indoor floors; ice to rubber on dry asphalt
+    coefficient: PerRobot = parameter(unit="", null=NOMINAL_FRICTION, low=0.05, high=2.0, scales="friction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="model"):
+    """Feet and ground are softer than claimed: contacts give way like a critically damped spring of `time_constant`.
+
+    A foot that lands at 2 m/s sinks by 2 to 10 mm; that is 4 to 20 ms.
+    """
+
+    # the engine takes no less than two time steps of 2 ms
+    time_constant: PerRobot = parameter(
+        unit="s", null=NOMINAL_CONTACT_TIME_CONSTANT_S, low=0.004, high=0.1, scales="contact_time_constant"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPitch(Effect[CameraView], name="camera_pitch", site="view"):
+    """The camera is turned by `offset` about the trunk's left axis, nose down positive."""
+
+    # 0.5 to 3 degrees on real robots
+    offset: PerRobot = parameter(unit="rad", null=0.0, low=-0.5, high=0.5, adds_to="pitch")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
+    """The optical centre is `offset` higher in the trunk's frame."""
+
+    # 5 to 20 mm on real robots
+    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3)
+
+    def apply(self, signal: CameraView, time_s: float, state: None) -> tuple[CameraView, None]:
+        """Lifts the camera."""
+        del time_s, state
+        return replace(signal, position=moved(signal.position, 0.0, 0.0, self.offset)), None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFov(Effect[CameraView], name="camera_fov", site="view"):
+    """The tangent of each pixel's true angle to the optical axis is `scale` times the claimed one."""
+
+    # 1 to 3 % on real robots; mistakes in cropping and resizing are the usual cause
+    scale: PerRobot = parameter(unit="", null=1.0, low=0.5, high=2.0, scales="tangent_scale")
