@@ -87,7 +87,7 @@ class PlannerLoop:
 
 def body(context: ProcessContext) -> None:
     """Runs the process; see `saltus.runtime.process`."""
-    planner = make_planner(context.config.planner, context.robot)
+    planner = make_planner(context.config.planner, context.robot, context.config.policy_model)
     warm_up(planner, context.robot)
     loop = PlannerLoop(context, planner)
     context.ready()

@@ -9,8 +9,8 @@ from saltus.action import Action
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.models import model_path
 from saltus.policy.observation import Observation, observe
-from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import standing_state
@@ -30,7 +30,7 @@ class Planner(Protocol):
         ...
 
 
-def make_planner(name: PlannerName, robot: Robot, model: Path | None = None) -> Planner:
+def make_planner(name: PlannerName, robot: Robot, model: str | Path | None = None) -> Planner:
     """A planner by its name.
 
     Args:
@@ -44,7 +44,7 @@ def make_planner(name: PlannerName, robot: Robot, model: Path | None = None) -> 
     if name == "learned":
         from saltus.policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
-        return PolicyActor(robot, model or resource("models/policy.onnx"))
+        return PolicyActor(robot, model_path("policy", model))
     if model is not None:
         raise ConfigError(f"model = {model}: only the learned planner has one; add --planner learned")
     from saltus.policy.scripted import ScriptedPlanner

@@ -71,9 +71,11 @@ class RunConfig:
     profile: str = "shipped"
     """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a TOML profile."""
     planner: PlannerName = "learned"
-    """scripted: rules that read the heightmap. learned: the shipped policy."""
+    """scripted: rules that read the heightmap. learned: a network."""
+    policy_model: str | None = None
+    """Path of the learned planner's ONNX file; the shipped policy where it is not given."""
     heightmap_model: str | None = None
-    """Path of an ONNX file; the shipped model where it is not given."""
+    """Path of the heightmap service's ONNX file; the shipped one where it is not given."""
     time_limit_s: float = 20.0
     speed: float = 1.0
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""

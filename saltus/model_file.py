@@ -8,6 +8,7 @@ from typing import Any
 import onnxruntime
 
 from saltus.errors import ModelError
+from saltus.models import MODEL_ID_DIGITS
 
 CHECKSUM_SUFFIX = ".sha256"
 """Of the file beside a model that says what it must be, as `sha256sum` writes it."""
@@ -42,7 +43,7 @@ class ModelFile:
             raise ModelError(f"model {path} has {len(data)} bytes: expected 1 to {MAX_BYTES}")
         sha256 = hashlib.sha256(data).hexdigest()
         _compare_checksum(path, sha256)
-        self.model_id = sha256[:16]
+        self.model_id = sha256[:MODEL_ID_DIGITS]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1

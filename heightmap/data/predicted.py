@@ -19,9 +19,9 @@ from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.service import MAX_HEIGHT_M
+from saltus.models import model_path
 from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
-from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -46,7 +46,7 @@ class PredictedHeightsFactory:
         Raises:
             ModelError: the model is unreadable or does not fit.
         """
-        network = HeightmapNetwork(self.model or resource("models/heightmap.onnx"))
+        network = HeightmapNetwork(model_path("heightmap", self.model))
         profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
         cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
         if self.camera == "d435i":

@@ -69,6 +69,8 @@ class HeldOutRuns:
     seed: int = 0
     camera: Camera = "d435i"
     """ideal: true depth. d435i: a stereo camera whose errors have another strength in each run."""
+    policy: Path | None = None
+    """ONNX file of the learned policy; the shipped one where it is not given."""
     baselines: tuple[str, ...] = tuple(BASELINES)
     """Predictors that are shown the same images."""
     time_limit_s: float = 10.0
@@ -106,7 +108,7 @@ class HeldOutRuns:
             kind,
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
-            make_planner(planner, kind),
+            make_planner(planner, kind, self.policy if planner == "learned" else None),
             heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(model), rng))),
             time_limit_s=self.time_limit_s,
         )

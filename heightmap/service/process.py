@@ -2,14 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from saltus.errors import ModelError
 from saltus.heightmap.service.fleet import FleetService
 from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.resources import resource
+from saltus.models import model_path
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 
 WAIT_S = 0.1
@@ -32,8 +31,7 @@ class HeightmapProcess:
 
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:
         first = contexts[0]
-        chosen = first.config.heightmap_model
-        network = HeightmapNetwork(Path(chosen) if chosen else resource("models/heightmap.onnx"))
+        network = HeightmapNetwork(model_path("heightmap", first.config.heightmap_model))
         self._bell = first.bus.bell
         self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
         self._fleet = FleetService(network, self._links)

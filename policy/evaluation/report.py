@@ -52,14 +52,20 @@ def write_evaluation_report(
         "<h2>Failures by cause</h2>",
         _failures(result),
         "<h2>Provenance</h2>",
-        f"<pre>commit = {html.escape(commit())}\nplanner = {table['planner']}\nheightmap = {table['heightmap']}\n"
-        f"{html.escape(to_toml(evaluation))}</pre>",
+        f"<pre>{html.escape(_provenance(evaluation, table))}</pre>",
     ]
     body = "\n".join(parts)
     path.write_text(
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus evaluation</title>'
         f"<style>{STYLE}</style></head><body>{body}</body></html>"
     )
+
+
+def _provenance(evaluation: Evaluation, table: dict[str, Any]) -> str:
+    named = ("planner", "heightmap", "camera")
+    lines = [f"{name} = {table[name]}" for name in named if table[name] is not None]
+    lines += [f"{kind} model = {name}" for kind, name in table["models"].items()]
+    return "\n".join([f"commit = {commit()}", *lines, to_toml(evaluation)])
 
 
 def _course(terrain: Terrain) -> str:

@@ -13,6 +13,7 @@ from saltus.cli.flags import Flag, shown
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json
 from saltus.config import Camera
+from saltus.models import model_id, model_path
 
 COLUMNS = (
     ("mean", "mae_m", 1e3),
@@ -34,11 +35,13 @@ class Eval:
 
     Examples:
       saltus heightmap eval --runs 20 --baselines
-      saltus heightmap eval --model runs/heightmap/heightmap.onnx --seed 5 --json
+      saltus heightmap eval --heightmap-model runs/heightmap/heightmap.onnx --seed 5 --json
     """
 
-    model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
-    """ONNX file."""
+    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    """ONNX file of the predictor."""
+    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
+    """ONNX file of the learned policy, which drives every other batch."""
     runs: int = 200
     """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
     learned policy and the scripted planner drive a batch in turns."""
@@ -60,13 +63,15 @@ class Eval:
         """Runs them all and prints a table, in millimetres."""
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
-        from saltus.resources import resource
         from saltus.workers import in_order
 
         config = HeldOutRuns(
-            runs=self.runs, seed=self.seed, camera=self.camera, baselines=self.baselines, time_limit_s=self.time_limit_s
+            runs=self.runs, seed=self.seed, camera=self.camera, policy=self.policy_model, baselines=self.baselines,
+            time_limit_s=self.time_limit_s,
         )  # fmt: skip
-        work = partial(config.measure, self.model or resource("models/heightmap.onnx"))
+        models = {"heightmap": model_path("heightmap", self.heightmap_model)}
+        models["policy"] = model_path("policy", self.policy_model)
+        work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work
         with tqdm(total=total, desc="eval", bar_format=BAR, delay=QUIET_S, file=sys.stderr) as bar:
@@ -77,7 +82,7 @@ class Eval:
         table = scores(measured)
         _print_table(table)
         if self.json:
-            print_json(table)
+            print_json(table | {"models": {kind: model_id(path.read_bytes()) for kind, path in models.items()}})
         return 0
 
 

@@ -12,10 +12,11 @@ from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_at_least
-from saltus.errors import SaltusError
+from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, check_at_least
+from saltus.errors import ConfigError, SaltusError
 from saltus.flags import shown
 from saltus.folders import new_folder
+from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING, Train
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -38,7 +39,7 @@ class Eval:
     course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
-    model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
+    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
     """ONNX file of the learned policy."""
     trials: int = 20
     """Number of trials."""
@@ -47,6 +48,10 @@ class Eval:
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
     """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
     predicted: what the heightmap service makes of late depth images."""
+    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    """ONNX file of the heightmap service, with --heightmap predicted."""
+    camera: Camera = "ideal"
+    """With --heightmap predicted. ideal: true depth. d435i: with the errors of a stereo camera."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0
@@ -66,7 +71,7 @@ class Eval:
         from saltus.policy.planner import make_planner
         from saltus.robots.loading import load_robot
 
-        planner = partial(make_planner, self.planner, model=self.model)
+        planner = partial(make_planner, self.planner, model=self.policy_model)
         planner(load_robot(self.robot))  # what is wrong with a model is said at once
         evaluation = Evaluation(
             robot=self.robot,
@@ -98,7 +103,12 @@ class Eval:
         if self.heightmap == "predicted":
             from saltus.heightmap.data.predicted import PredictedHeightsFactory
 
-            return PredictedHeightsFactory(profile=self.profile)
+            return PredictedHeightsFactory(profile=self.profile, model=self.heightmap_model, camera=self.camera)
+        if self.heightmap_model is not None:
+            raise ConfigError(
+                f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no use for it; "
+                "add --heightmap predicted"
+            )
         from saltus.policy.evaluation.evaluate import HEIGHTS
 
         return HEIGHTS[self.heightmap]
@@ -171,6 +181,14 @@ def _print_table(result: "EvaluationResult") -> None:
     )
 
 
+def _models(command: Eval) -> dict[str, str]:
+    """Names of the networks that take part, by their kind."""
+    paths = {"policy": model_path("policy", command.policy_model)} if command.planner == "learned" else {}
+    if command.heightmap == "predicted":
+        paths["heightmap"] = model_path("heightmap", command.heightmap_model)
+    return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
+
+
 def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
     from saltus.terrain.curriculum import make_terrain
 
@@ -180,6 +198,8 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "params": dict(terrain.params),
         "planner": command.planner,
         "heightmap": command.heightmap,
+        "camera": command.camera if command.heightmap == "predicted" else None,
+        "models": _models(command),
         "profile": command.profile,
         "plan_delay_s": command.plan_delay_s,
         "trials": len(result.trials),

@@ -12,14 +12,13 @@ from saltus.recordings.recording import Recording
 from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
-from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import HeightmapStatus
 
 PICTURE_AT = (0.42, 0.56, 0.70)
 """Shares of the run: after the start, before the end."""
 
 
-def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
+def write_video(recording: Recording, path: Path) -> None:
     """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal.
 
     Beside it goes a picture, with the suffix .png: three moments of the run side by side.
@@ -27,7 +26,9 @@ def write_video(recording: Recording, terrain: Terrain, path: Path) -> None:
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
-    frames = render_run(recording.robot, terrain, data.time_s, base_pose, joint_position, LINE, _heights(data))
+    frames = render_run(
+        recording.robot, recording.terrain, data.time_s, base_pose, joint_position, LINE, _heights(data)
+    )
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
     moments: list[np.ndarray] = []
     kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)

@@ -19,6 +19,7 @@ from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
+from saltus.models import models_of
 from saltus.provenance import commit, package_version
 from saltus.recordings import viewer
 from saltus.robots.robot import Robot
@@ -151,6 +152,7 @@ def describe(run_config: RunConfig, robot: Robot, terrain: Terrain) -> dict[str,
         "robot": robot.to_toml(),
         "terrain": terrain.to_toml(),
         "seed": str(run_config.seed),
+        "models": json.dumps(models_of(run_config)),
         "commit": commit(),
         "versions": json.dumps({name: package_version(name) for name in PACKAGES}),
         "python": platform.python_version(),

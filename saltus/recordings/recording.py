@@ -6,6 +6,7 @@ A file that was cut off or has flipped bits reads up to what is lost: `Recording
 """
 
 import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -75,6 +76,11 @@ class Recording:
         if "terrain" in self.metadata:
             return Terrain.from_toml(self.metadata["terrain"])
         return make_terrain((self.config or RunConfig()).terrain)
+
+    @cached_property
+    def models(self) -> dict[str, str]:
+        """Name of each network that the run began with, by its kind; none where the recording does not say."""
+        return dict(json.loads(self.metadata.get("models", "{}")))
 
     def topics(self) -> list[str]:
         """Names of the topics that have messages; those of one topic table row count as one."""

@@ -98,7 +98,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         "<h2>Events</h2>",
         _event_table(recording, data.start_ns),
         "<h2>Provenance</h2>",
-        f"<pre>commit = {html.escape(commit())}\ndigest = {summary.digest}\n{html.escape(to_toml(config))}</pre>",
+        f"<pre>{html.escape(_provenance(summary, config))}</pre>",
     ]
     lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
     body = "\n".join(parts)
@@ -106,6 +106,11 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus run</title><style>{STYLE}</style>'
         f"</head><body>{lost}{body}</body></html>"
     )
+
+
+def _provenance(summary: RunSummary, config: RunConfig) -> str:
+    models = "".join(f"{kind} model = {name}\n" for kind, name in summary.models.items())
+    return f"commit = {commit()}\ndigest = {summary.digest}\n{models}{to_toml(config)}"
 
 
 def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:

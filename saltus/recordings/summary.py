@@ -41,6 +41,8 @@ class RunSummary:
     """Mean absolute error over all points and all steps in which the robot ran on a heightmap of status OK."""
     digest: str
     """Empty where the recording lacks a message: in real time a busy machine may drop one."""
+    models: dict[str, str]
+    """Names of the networks: the first half of their files' sha256."""
     rates_hz: dict[str, float]
     age_ms: dict[str, dict[str, float]]
     rejected: dict[str, int]
@@ -71,6 +73,7 @@ def summarise(recording: Recording) -> RunSummary:
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
         digest=_digest(recording),
+        models=recording.models,
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},
         age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
         rejected=_rejected(recording),

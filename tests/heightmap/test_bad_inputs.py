@@ -127,7 +127,7 @@ def test_checkpoints_models_and_recordings_that_are_none(
         (checkpoint, ["collect", "gpu", "--device", "cpu", "--predictor", checkpoint, "--out", out]),
         (model, ["give", model, "--run-dir", data]),
         (model, ["collect", "cpu", "--model", model, "--out", out]),
-        (model, ["eval", "--runs", "1", "--model", model]),
+        (model, ["eval", "--runs", "1", "--heightmap-model", model]),
         (model, ["report", recording, "--model", model, "--out", out]),
         (run, ["report", run, "--out", out]),
         (bag, ["serve", "--recording", bag, "--assume-level"]),

@@ -102,7 +102,7 @@ def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_pa
 
 def test_the_command_prints_what_is_asked_for(model_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--runs", "1", "--baselines", "geometric-feet", "--processes", "1", "--time-limit-s", "1.5", "--json"]
-    assert main(["heightmap", "eval", "--model", str(model_path), *flags]) == 0
+    assert main(["heightmap", "eval", "--heightmap-model", str(model_path), *flags]) == 0
     told = capsys.readouterr()
     assert "nan" not in told.out  # flat ground has no edges
     assert re.search(r" [1-9][0-9]?%.* 0 of 1 runs", told.err)  # it moves before the first batch is over

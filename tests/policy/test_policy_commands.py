@@ -41,8 +41,8 @@ def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
     ("flags", "hint"),
     [
         (["eval", "--planner", "learnt"], "learned"),
-        (["eval", "--planner", "scripted", "--model", "policy.onnx"], "--planner learned"),
-        (["eval", "--planner", "learned", "--model", "missing.onnx"], "missing.onnx"),
+        (["eval", "--planner", "scripted", "--policy-model", "policy.onnx"], "--planner learned"),
+        (["eval", "--planner", "learned", "--policy-model", "missing.onnx"], "missing.onnx"),
         (["eval", "--terrain", "stairs", "--gap-max-m", "0.3"], "gap_max_m"),
         (["eval", *STONES[:-1], "2.0"], "gap_max_m"),
         (["export", "--checkpoint", "missing.pt"], "missing.pt"),

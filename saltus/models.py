@@ -1,0 +1,37 @@
+"""Which networks a run uses, and their names: the first half of their files' sha256."""
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+from saltus.config import RunConfig
+from saltus.errors import ModelError
+from saltus.resources import resource
+
+ModelKind = Literal["heightmap", "policy"]
+MODEL_ID_DIGITS = 16
+
+
+def model_path(kind: ModelKind, given: str | Path | None = None) -> Path:
+    """A model's ONNX file: the one that is given, else the shipped one."""
+    return resource(f"models/{kind}.onnx") if given is None else Path(given)
+
+
+def model_id(data: bytes) -> str:
+    """The name of a model with these bytes."""
+    return hashlib.sha256(data).hexdigest()[:MODEL_ID_DIGITS]
+
+
+def models_of(run: RunConfig) -> dict[str, str]:
+    """Name of each network that a run begins with, by its kind.
+
+    Raises:
+        ModelError: a file cannot be read.
+    """
+    paths = {"heightmap": model_path("heightmap", run.heightmap_model)}
+    if run.planner == "learned":
+        paths["policy"] = model_path("policy", run.policy_model)
+    try:
+        return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
+    except OSError as error:
+        raise ModelError(f"cannot read model {error.filename}: {error.strerror}") from error
