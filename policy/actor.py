@@ -58,6 +58,12 @@ def _check(robot: Robot, file: ModelFile) -> None:
             raise ModelError(
                 f"{file.path}: '{name}' is {found!r}, this program needs {value!r}: export the policy again"
             )
+    made_for = file.field("robot")
+    if made_for != robot.name:
+        raise ModelError(
+            f"{file.path}: it plans for the robot {made_for!r}, not for '{robot.name}': train a policy for this robot, "
+            "or let rules plan (--planner scripted)"
+        )
     grid = _numbers(file, "grid_m", len(HEIGHTMAP_X))
     if np.abs(grid - HEIGHTMAP_X).max() > _TOLERANCE:
         raise ModelError(f"{file.path}: 'grid_m' is not the heightmap's grid of this program")

@@ -72,6 +72,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
     """What the file says about itself; `saltus.policy.actor` refuses what does not fit."""
     return {
         "format": FORMAT,
+        "robot": policy.robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
         "features": LAYOUT,
         "actions": list(ACTIONS),

@@ -102,7 +102,9 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["format", "features", "actions", "grid_m", "swing_foot_z_range_m", "low", "high"])
+@pytest.mark.parametrize(
+    "name", ["format", "features", "actions", "robot", "grid_m", "swing_foot_z_range_m", "low", "high"]
+)
 def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
     path = tmp_path / "policy.onnx"
     export(checkpoint, path)

@@ -1,5 +1,6 @@
 """Planners by name, and what the shipped policy promises."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,3 +47,10 @@ def test_what_the_policy_is_shown_can_be_read_back() -> None:
     shown = rng.normal(size=(5, 4, SIZE))
     shown[..., :4] = rng.uniform(size=(5, 4, 4)) < 0.5  # contact
     np.testing.assert_array_equal(features(*read(shown)), shown)
+
+
+def test_a_policy_is_refused_for_a_robot_that_it_was_not_made_for():
+    other = replace(ROBOT, name="longlegs")
+    with pytest.raises(ModelError, match="plans for the robot 'go1', not for 'longlegs'"):
+        PolicyActor(other, resource("models/policy.onnx"))
+    PolicyActor(replace(ROBOT, foot_radius=0.021), resource("models/policy.onnx"))  # the same robot, measured again
