@@ -76,7 +76,7 @@ class StanceLegs:
         constant[:, :3] = np.eye(3) / robot.mass
         self._lever = Constant(lever.reshape(3, 18))
         self._constant = Constant(constant)
-        self._weight = Constant(config.acceleration_weight)
+        self._weight = Constant(scaled_acceleration_weight(robot, config))
         self._regular = Constant(scaled_force_weight(robot, config) * np.eye(12))
         self._gain = Constant(rate * np.array([config.linear_kd, config.angular_kd]))
         self._roll_gain = Constant([[0.0, 0.0, 0.0], [rate**2 * config.roll_kp, 0.0, 0.0]])
@@ -132,6 +132,12 @@ class StanceLegs:
         torque = -(force_base[..., None, :] @ body.jacobian).reshape((*batch, 12))
         limit = self._torque_limit.like(force)
         return xp.clip(torque, -limit, limit)
+
+
+def scaled_acceleration_weight(robot: Robot, config: StanceConfig) -> Floats:
+    """U for a robot, shape (6,): where legs are longer, angular accelerations are smaller, and count as much."""
+    linear, angular = np.array(config.acceleration_weight).reshape(2, 3)
+    return np.concatenate([linear, angular * Similarity.of_robot(robot).length ** 2])
 
 
 def scaled_force_weight(robot: Robot, config: StanceConfig) -> float:

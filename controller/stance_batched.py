@@ -10,7 +10,7 @@ Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning vi
 """
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.controller.stance import StanceConfig, StanceQP, scaled_force_weight
+from saltus.controller.stance import StanceConfig, StanceQP, scaled_acceleration_weight, scaled_force_weight
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 
@@ -37,7 +37,7 @@ class BatchedSolver:
         self._low, self._high = robot.foot_force
         self._spring = SPRING / Similarity.of_robot(robot).mass ** 2
         self._diagonal = scaled_force_weight(robot, config) + self._spring
-        self._root_weight = Constant([w**0.5 for w in config.acceleration_weight])
+        self._root_weight = Constant([w**0.5 for w in scaled_acceleration_weight(robot, config)])
         self._identity6 = Constant([[float(i == j) for j in range(6)] for i in range(6)])
         self._identity12 = Constant([[float(i == j) for j in range(12)] for i in range(12)])
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,8 +7,10 @@ from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
 from saltus import go1
-from saltus.controller.signals import observe
+from saltus.controller.signals import Body, Plan, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 from saltus.states import standing_state
 
 CONFIG = StanceConfig()
@@ -82,3 +86,29 @@ def test_torch_problems_give_the_same_forces(problems):
     _, qp = problems
     tensors = StanceQP(**{name: torch.as_tensor(getattr(qp, name)) for name in StanceQP.__dataclass_fields__})
     np.testing.assert_array_equal(SOLVER.solve(tensors).numpy(), SOLVER.solve(qp))
+
+
+def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
+    plan, sensed = draw(np.random.default_rng(5), (100,))
+    contact = np.random.default_rng(6).random((100, 4)) < 0.6
+    reference, (length, mass) = _forces(ROBOT, plan, observe(sensed, KINEMATICS), contact), (1.7, 4.2)
+    robot = replace(
+        ROBOT, thigh_length=ROBOT.thigh_length * length, calf_length=ROBOT.calf_length * length,
+        trunk_mass=ROBOT.trunk_mass * mass, link_mass=ROBOT.link_mass * mass, foot_force=ROBOT.foot_force * mass,
+        inertia=ROBOT.inertia * mass * length**2,
+    )  # fmt: skip
+    time = Similarity.of_robot(robot).time
+    speed = length / time
+    plan = replace(plan, velocity=plan.velocity * speed, angular_velocity=plan.angular_velocity / time)
+    body = observe(sensed, KINEMATICS)
+    larger = replace(
+        body, velocity=body.velocity * speed, angular_velocity=body.angular_velocity / time,
+        foot_base=body.foot_base * length, foot_yaw=body.foot_yaw * length,
+    )  # fmt: skip
+    np.testing.assert_allclose(_forces(robot, plan, larger, contact), mass * reference, atol=1e-3 * mass)
+
+
+def _forces(robot: Robot, plan: Plan, body: Body, contact: np.ndarray) -> np.ndarray:
+    legs = StanceLegs(robot, CONFIG)
+    acceleration = legs.acceleration_reference(body, plan.velocity, plan.angular_velocity)
+    return ExactSolver(robot, CONFIG).solve(legs.build_qp(body, acceleration, contact))
