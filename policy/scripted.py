@@ -6,7 +6,7 @@ the point nearest its neutral point that is away from edges and trenches, and cl
 has no memory: a plan follows from one observation and one heightmap.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,11 +16,11 @@ from saltus.constants import GRAVITY
 from saltus.policy.observation import Observation
 from saltus.policy.profile import height_at, highest_between, slope
 from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 
 STANCE_RATIO, SWING_RATIO = 0.4, 0.6  # of a cycle; the controller's gait
-LANDING_LIMIT = 0.15  # the controller's clip of its landing point [m]
 FRONT, REAR = 0, 2  # a leg of each pair
-VELOCITY_GAIN = 10.0  # the controller's, from velocity errors to accelerations [1/s]
+VELOCITY_GAIN = 10.0  # the controller's, from velocity errors to accelerations, of the reference's size [1/s]
 
 # Bounds of the action: original, but for the residual's lower bound in z, which is 0 there: the nominal swing stays at
 # the height of the feet that stand, and on stairs the rear feet must land below the front feet, by at most 0.38 m
@@ -40,9 +40,9 @@ Value = float | Array
 
 @dataclass(frozen=True, kw_only=True)
 class ScriptedParameters:
-    """All numbers of the planner.
+    """All numbers of the planner, for a robot of the reference's size (`saltus.robots.similarity`).
 
-    Found by CMA-ES in the batched plant, with the effects of the "go1" profile and everything that a trial draws: 62
+    Found by CMA-ES in the batched plant, with the effects of that robot's profile and everything that a trial draws: 62
     generations of 60 candidates, each on flat ground and on stairs of 6, 6, 6, 7 and 8 cm, from numbers that were tuned
     by hand. The search is gone (docs/history.md, "Policy"). `saltus bench planner` measures what they are worth.
     """
@@ -100,9 +100,31 @@ class ScriptedParameters:
     height_trust: Value = 0.196
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
 
+    def of_robot(self, robot: Robot) -> "ScriptedParameters":
+        """The numbers of a robot of another size, whose hips may be above or below its base."""
+        size, hips_m = Similarity.of_robot(robot), float(robot.hip_anchor[:, 2].mean())
+        scaled = {name: getattr(self, name) * size.length for name in LENGTHS}
+        scaled |= {name: getattr(self, name) * (size.length / size.time) for name in SPEEDS}
+        scaled |= {name: getattr(self, name) / size.time for name in RATES}
+        scaled |= {name: scaled[name] - hips_m for name in ("height_m", "ceiling_m")}
+        return replace(self, **scaled)
+
+
+LENGTHS = (
+    "height_m", "ceiling_m", "front_landing_x", "rear_landing_x", "clearance_m", "landing_depth_m", "edge_margin_m",
+    "edge_cost",
+)  # fmt: skip
+SPEEDS = (
+    "velocity_x", "front_velocity_z", "front_velocity_z_slope", "rear_velocity_z", "rear_velocity_z_slope"
+)  # fmt: skip
+RATES = (
+    "stepping_frequency_hz", "front_pitch_rate", "front_pitch_rate_slope", "rear_pitch_rate", "rear_pitch_rate_slope",
+    "height_gain", "ceiling_gain", "pitch_gain",
+)  # fmt: skip
+"""What grows with the length of the legs, with its square root, and with its inverse square root."""
 
 # How landing points are weighed, in metres of detour.
-CANDIDATES = Constant(np.linspace(-0.2, 0.2, 33))
+CANDIDATES = np.linspace(-0.2, 0.2, 33)
 EDGE_DISTANCES = (0.03, 0.06, 0.09, 0.12, 0.15)  # where edges around a landing point are looked for [m]
 EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest stair of the courses
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
@@ -121,15 +143,20 @@ class ScriptedPlanner:
 
     Args:
         robot: Which ones.
-        parameters: Numbers of the rules.
+        parameters: Numbers of the rules for a robot of the reference's size.
     """
 
     def __init__(self, robot: Robot, parameters: ScriptedParameters | None = None) -> None:
-        self.parameters = parameters or ScriptedParameters()
+        self.parameters = (parameters or ScriptedParameters()).of_robot(robot)
+        size = Similarity.of_robot(robot)
+        self._landing_limit = float(robot.landing_reach[0])
+        self._candidates = Constant(CANDIDATES * size.length)
+        self._lift_margin = LIFT_MARGIN * size.length
         self._mass, self._foot_radius = robot.mass, robot.foot_radius
         self._hip_x: list[float] = robot.hip_anchor[:, 0].tolist()
         # The controller's model of the body: its inertia, and the greatest acceleration of a pair of feet.
         self._pitch_inertia, self._max_lift = float(robot.inertia[1]), 2.0 * float(robot.foot_force[1]) / robot.mass
+        self._velocity_gain = VELOCITY_GAIN / size.time
 
     def step(self, observation: Observation, heights: Array) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
@@ -184,9 +211,9 @@ class ScriptedPlanner:
         xp = namespace(velocity_z)
         x = xp.mean(xp.reshape(observation.foot[..., 0], (*velocity_z.shape, 2, 2)), axis=-1)
         stance_x = xp.where(observation.contact[..., FRONT], x[..., 0], x[..., 1])
-        lift = GRAVITY + VELOCITY_GAIN * (velocity_z - observation.velocity[..., 2])
+        lift = GRAVITY + self._velocity_gain * (velocity_z - observation.velocity[..., 2])
         acceleration = -stance_x * self._mass * xp.clip(lift, 0.0, self._max_lift) / self._pitch_inertia
-        return observation.angular_velocity[..., 1] + acceleration / VELOCITY_GAIN
+        return observation.angular_velocity[..., 1] + acceleration / self._velocity_gain
 
     def _offset(self, observation: Observation, heights: Array) -> Array:
         """What to add to the heights so that the ground under the standing feet is where those feet are."""
@@ -207,7 +234,8 @@ class ScriptedPlanner:
         xp = namespace(heights)
         swing = observation.progress[..., leg]
         forward = observation.velocity[..., 0]
-        step = xp.clip(forward * (0.5 * STANCE_RATIO / p.stepping_frequency_hz), -LANDING_LIMIT, LANDING_LIMIT)
+        limit = self._landing_limit
+        step = xp.clip(forward * (0.5 * STANCE_RATIO / p.stepping_frequency_hz), -limit, limit)
         travel = forward * (1.0 - swing) * (SWING_RATIO / p.stepping_frequency_hz)
         neutral = self._hip_x[leg] * xp.cos(observation.pitch) + step + shift + travel
         foot_x = xp.mean(observation.foot[..., leg : leg + 2, 0], axis=-1)
@@ -216,7 +244,7 @@ class ScriptedPlanner:
         resolve = COMMITMENT * xp.clip((swing - COMMIT_FROM) / (COMMIT_UNTIL - COMMIT_FROM), 0.0, 1.0)
         detour = self._detour(observation, heights, neutral, begun, resolve)
         landing = neutral + detour
-        start, end = xp.minimum(foot_x, landing) - LIFT_MARGIN, xp.maximum(foot_x, landing) + LIFT_MARGIN
+        start, end = xp.minimum(foot_x, landing) - self._lift_margin, xp.maximum(foot_x, landing) + self._lift_margin
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
         over = highest_between(ground, start, end) + self._foot_radius + p.clearance_m - nominal_z
         down = height_at(ground, landing[..., None])[..., 0] + self._foot_radius - p.landing_depth_m - nominal_z
@@ -230,7 +258,7 @@ class ScriptedPlanner:
         """How far to land from the neutral point [m]; `resolve` is the cost of leaving the detour that has begun."""
         p = self.parameters
         xp = namespace(heights)
-        candidates = CANDIDATES.like(heights)
+        candidates = self._candidates.like(heights)
         x = neutral[..., None] + candidates
         there = height_at(heights, x)
         relief = 0.0 * there

@@ -172,3 +172,31 @@ def test_numpy_and_torch_plan_alike() -> None:
     got = arrays(planner.step(Observation(**tensors), torch.as_tensor(heights)))
     for a, b in zip(expected, got, strict=True):
         np.testing.assert_allclose(b, a, atol=1e-9)
+
+
+def test_a_larger_robot_bounds_alike_in_proportion() -> None:
+    rng = np.random.default_rng(6)
+    length, mass = 1.2, 2.0
+    larger = replace(
+        ROBOT, thigh_length=ROBOT.thigh_length * length, calf_length=ROBOT.calf_length * length,
+        hip_anchor=ROBOT.hip_anchor * length, foot_radius=ROBOT.foot_radius * length,
+        trunk_mass=ROBOT.trunk_mass * mass, link_mass=ROBOT.link_mass * mass,
+        inertia=ROBOT.inertia * mass * length**2, foot_force=ROBOT.foot_force * mass,
+        landing_reach=ROBOT.landing_reach * length,
+    )  # fmt: skip
+    time = length**0.5
+    speed = length / time
+    seen = replace(observations(rng), velocity=rng.uniform(0.0, 1.0, (COUNT, 3)))
+    seen_larger = replace(
+        seen, velocity=seen.velocity * speed, angular_velocity=seen.angular_velocity / time,
+        base_height=seen.base_height * length, foot=seen.foot * length,
+    )  # fmt: skip
+    level = np.repeat(-seen.base_height[:, None], len(HEIGHTMAP_X), axis=1)
+    small, large = ScriptedPlanner(ROBOT), ScriptedPlanner(larger)
+    expected, got = small.step(seen, level), large.step(seen_larger, length * level)
+    free = np.abs(expected.pitch_rate) < 5.99  # bounds of actions do not grow
+    np.testing.assert_allclose(got.stepping_frequency_hz, expected.stepping_frequency_hz / time)
+    np.testing.assert_allclose(got.velocity_x, expected.velocity_x * speed)
+    np.testing.assert_allclose(got.velocity_z, expected.velocity_z * speed, atol=1e-12)
+    np.testing.assert_allclose(got.pitch_rate[free], expected.pitch_rate[free] / time, atol=1e-12)
+    np.testing.assert_allclose(got.foot_residual_rear[:, 0], expected.foot_residual_rear[:, 0] * length, atol=1e-12)
