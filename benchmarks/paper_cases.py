@@ -27,6 +27,7 @@ from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 from saltus.robots.loading import load_robot
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 LATENCY_S = 0.050  # paper
 FARTHEST_NM = 35.0
 """Commanded; the end of the table."""
@@ -53,7 +54,7 @@ class Benchmark(Command):
 
 def _table() -> TorqueSaturation:
     """The dynamometer's."""
-    shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    shipped = load_profile(SHIPPED, ROBOT)
     return next(effect for effect in shipped.actuator if isinstance(effect, TorqueSaturation))
 
 
@@ -64,7 +65,7 @@ def saturation(folder: Path, seed: int) -> dict[str, Any]:
     names = [effect.name for effect in first.verdict.effects]
     curves = [effect.curve for effect in first.verdict.effects if "FR_calf" in effect.where and effect.curve]
     worst = _apart(curves[0]) if len(curves) == 1 else float("nan")
-    again = find([folder / "log"], folder, profile=first.patch.applied_to(IDEAL), seed=seed, report=False)
+    again = find([folder / "log"], folder, profile=first.patch.applied_to(IDEAL, ROBOT), seed=seed, report=False)
     result = {
         "verdict": first.verdict.verdict,
         "effects": sorted(set(names)),
@@ -103,7 +104,7 @@ def latency_in_a_sine(folder: Path, seed: int) -> dict[str, Any]:
 
 
 def _search(experiment: str, hidden: Profile, seed: int, folder: Path) -> Judgement:
-    write_run_log(run(experiment_named(experiment), hidden, seed=seed), folder / "log")
+    write_run_log(run(experiment_named(experiment), ROBOT, hidden, seed=seed), folder / "log")
     return find([folder / "log"], folder, seed=seed, report=False)
 
 

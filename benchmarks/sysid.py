@@ -19,7 +19,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks._command import Command, tell
-from saltus import go1
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
@@ -45,6 +44,7 @@ PARAMETER = {"armature": "added", "viscous_friction": "coefficient", "coulomb_fr
 LARGEST = {"armature": 0.02, "viscous_friction": 1.0, "coulomb_friction": 1.0}
 RESTART_ROWS, FORGOTTEN_ROWS = 500, 100
 """Each second a rollout starts at the measured state; its noise is forgotten after 0.2 s of feedback."""
+ROBOT = load_robot(DEFAULT_ROBOT)
 NOISE = SensorNoise()
 QUANTILE = float(stats.norm.ppf(0.95))
 
@@ -56,7 +56,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """Value and interval of each effect."""
-        log = run(experiment_named("joint_chirp"), _robot(), seed=self.seed)
+        log = run(experiment_named("joint_chirp"), ROBOT, _effects(), seed=self.seed)
         figures: dict[str, Any] = {"hidden": HIDDEN}
         for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):
             start = time.process_time()
@@ -69,7 +69,7 @@ class Benchmark(Command):
         return figures
 
 
-def _robot() -> Profile:
+def _effects() -> Profile:
     def spread(name: str) -> tuple[float, ...]:
         return tuple(np.where(CALVES, HIDDEN[name], 0.0).tolist())
 
@@ -121,7 +121,7 @@ def _modifier(name: str) -> Callable[[mujoco.MjSpec, "Parameter"], None]:
             hinge = spec.joint(f"{LEGS[leg]}_calf")
             added = float(parameter.value[0])
             if name == "armature":
-                hinge.armature = float(go1.ARMATURE[joint]) + added
+                hinge.armature = float(ROBOT.armature[joint]) + added
             elif name == "viscous_friction":
                 hinge.damping = np.array([added, 0.0, 0.0])  # linear, quadratic and cubic in speed
             else:
@@ -131,7 +131,7 @@ def _modifier(name: str) -> Callable[[mujoco.MjSpec, "Parameter"], None]:
 
 
 def _model(params: "ParameterDict") -> mujoco.MjModel:
-    spec = scene.build_spec(load_robot(DEFAULT_ROBOT), flat.make())
+    spec = scene.build_spec(ROBOT, flat.make())
     for name in LARGEST:
         params[name].apply_modifier(spec)
     model = spec.compile()

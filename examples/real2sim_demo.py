@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import tyro
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -18,6 +19,7 @@ from saltus.real2sim.experiments.motions import Floats
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.reporting.words import sentence
 from saltus.recordings.run_log import RunLog, read_run_log
+from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 
 
@@ -28,7 +30,7 @@ def main(*, seed: int = 2, out: Path = Path("runs/real2sim")) -> None:
         seed: Which effect, where and how large.
         out: Folder for logs, verdicts, patch, profile and the picture.
     """
-    shown = demonstrate(out, seed=seed)
+    shown = demonstrate(load_robot(DEFAULT_ROBOT), out, seed=seed)
     print(f"found: {sentence(shown.found.verdict)}")
     print(f"with the patch: {sentence(shown.again.verdict)}")
     draw(shown, read_run_log(out / "logs" / shown.experiments[0].name), out / "picture.png")
@@ -68,7 +70,7 @@ def _title(shown: Demonstration) -> str:
 def _simulated(shown: Demonstration, profile: Profile) -> Floats:
     """Angles of a simulated robot without sensor noise that does the same."""
     silent = SensorNoise(q_rad=0.0, dq_rad_s=0.0, tau_nm=0.0)
-    return run(shown.experiments[0], profile, noise=silent).joints.q
+    return run(shown.experiments[0], load_robot(DEFAULT_ROBOT), profile, noise=silent).joints.q
 
 
 if __name__ == "__main__":

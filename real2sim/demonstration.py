@@ -26,6 +26,7 @@ from saltus.real2sim.pipeline import find
 from saltus.real2sim.progress import Progress
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
+from saltus.robots.robot import Robot
 
 FIRST = "joint_tour"
 ROUNDS = 2
@@ -40,7 +41,7 @@ def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, 
     return tuple(np.where(where, value, null).tolist())
 
 
-# Every effect of drives and encoders, with sizes within the published ranges for robots of the Go1's class, but for
+# Every effect of drives and encoders, with sizes within the published ranges for robots of this size, but for
 # - backlash, the torque-speed limit and encoder quantisation: the plant crosses a gap, holds a limit or hunts between
 #   two encoder steps within a few of its time steps, which no other simulation repeats to within the noise of a sensor,
 #   so that a small gap remains after the patch;
@@ -86,10 +87,11 @@ class Demonstration:
     """After it, on the same logs."""
 
 
-def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -> Demonstration:
+def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | None = None) -> Demonstration:
     """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
 
     Args:
+        robot: The robot without effects.
         out: Existing folder for logs and results.
         seed: Decides which effect is hidden, where and how large it is, and the noise of the sensors.
         progress: Called with the stage and the share of the stage that is done.
@@ -101,7 +103,7 @@ def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -
     hidden = hidden_robot(seed)
     experiments = [experiment_named(FIRST)]
     for _ in range(ROUNDS):
-        _record(experiments[-1], hidden, seed, out, tell)
+        _record(experiments[-1], robot, hidden, seed, out, tell)
         logs = [out / "logs" / experiment.name for experiment in experiments]
         found = find(logs, _folder(out / "found"), seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
         proposed = found.verdict.next_experiment
@@ -109,7 +111,7 @@ def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -
             break
         if len(experiments) < ROUNDS:
             experiments.append(experiment_named(proposed.name))
-    profile = found.patch.applied_to(IDEAL)
+    profile = found.patch.applied_to(IDEAL, robot)
     if profile == IDEAL:
         raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
     (out / "profile.toml").write_text(profile_to_toml(profile))
@@ -119,9 +121,9 @@ def demonstrate(out: Path, *, seed: int = 0, progress: Progress | None = None) -
     return Demonstration(hidden=hidden, experiments=tuple(experiments), found=found, profile=profile, again=again)
 
 
-def _record(experiment: Experiment, hidden: Profile, seed: int, out: Path, tell: Progress) -> None:
-    log = run(experiment, hidden, seed=seed, progress=lambda share: tell(f"run {experiment.name}", share))
-    write_run_log(log, out / "logs" / experiment.name)
+def _record(experiment: Experiment, robot: Robot, hidden: Profile, seed: int, out: Path, tell: Progress) -> None:
+    log = run(experiment, robot, hidden, seed=seed, progress=lambda share: tell(f"run {experiment.name}", share))
+    write_run_log(log, out / "logs" / experiment.name, robot)
 
 
 def _folder(path: Path) -> Path:

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
@@ -40,8 +39,7 @@ from saltus.real2sim.problem.joints.torque_curve import as_knee, with_curve
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.verdict import effect_from_dict, effect_to_dict
 from saltus.recordings.run_log import RunLog
-from saltus.robots.loading import load_robot
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 
 SCHEMA = "saltus-patch/1"
 AS_CLAIMED = ("camera_latency", "range_clip", "foot_friction", "contact_compliance")
@@ -90,14 +88,14 @@ class Patch:
         }
         return tomli_w.dumps(table)
 
-    def applied_to(self, profile: Profile) -> Profile:
-        """A profile with these effects, which replace its values of the same effect at the same joints.
+    def applied_to(self, profile: Profile, robot: Robot) -> Profile:
+        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints.
 
         Raises:
             ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
         """
         for found in self.effects:
-            profile = _with(profile, found, self.range)
+            profile = _with(profile, robot, found, self.range)
         return profile
 
 
@@ -179,7 +177,7 @@ def _largest(values: Any) -> float:
     return round(float(np.nanmax(np.abs(values))), 3)
 
 
-def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile:
+def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicability) -> Profile:
     """The profile with one more effect, or with new values of an effect that it has."""
     if found.name not in EFFECTS:
         raise ConfigError(f"unknown effect '{found.name}': {nearest_hint(found.name, EFFECTS)}")
@@ -190,9 +188,9 @@ def _with(profile: Profile, found: FoundEffect, reach: Applicability) -> Profile
     after: Effect[Any]
     if isinstance(before, TorqueSaturation) and found.curve:
         joints = range(len(JOINTS)) if found.where == "all" else _joints(found)
-        after = with_curve(load_robot(DEFAULT_ROBOT), before, joints, found.curve)
+        after = with_curve(robot, before, joints, found.curve)
     else:
-        before = as_knee(load_robot(DEFAULT_ROBOT), before) if isinstance(before, TorqueSaturation) else before
+        before = as_knee(robot, before) if isinstance(before, TorqueSaturation) else before
         after = replace(before, **_values(before, found))
     if isinstance(after, BatterySag) and reach.duration_s is not None:
         after = replace(after, duration_s=reach.duration_s)

@@ -7,15 +7,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Unknown, WrappedProblem
-from saltus.robots.loading import load_robot
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 
 FITS = 0.02
 """Largest relative error with which a candidate may represent a value of the profile: well below what a log shows."""
@@ -65,13 +63,14 @@ def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProb
     """The problem of a simulator with this saturation.
 
     Raises:
-        ConfigError: the robot lacks the joints of a Go1, which a curve in a profile refers to.
+        ConfigError: the log names an MJCF, which does not say to which motors a curve in a profile refers.
     """
+    if not isinstance(problem.model, Robot):
+        raise ConfigError(
+            f"a saturation that is given as a curve is one of a named robot; the log is of {problem.model}"
+        )
     names = [[block[place] for place in problem.places[0]] for block in problem.places]
-    unknown = sorted({name for block in names for name in block} - set(JOINTS))
-    if unknown:
-        raise ConfigError(f"a saturation that is given as a curve is one of a Go1; this robot has joints {unknown}")
-    starts, falls = saturation.fitted(load_robot(DEFAULT_ROBOT)).corners
+    starts, falls = saturation.fitted(problem.model).corners
     columns = np.array([[JOINTS.index(name) for name in block] for block in names])
     corners: Floats = np.asarray(starts[:, columns[0]].T, dtype=np.float64)
     slopes: Floats = np.asarray(falls[:, columns].transpose(1, 2, 0), dtype=np.float64)

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
+from saltus.errors import SaltusError
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
+from saltus.real2sim.problem.log import robot_of
 from saltus.real2sim.problem.problem import Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
@@ -54,8 +56,14 @@ def _no_free_base(log: RunLog) -> str:
         return "the base is held"
     if log.base is None:
         return "no measured pose of the base (base.csv)"
-    if len(log.meta["joints"]) != len(JOINTS):
-        return f"{len(log.meta['joints'])} joints: what moves the body is not known"
+    if tuple(name.removesuffix("_joint") for name in log.meta["joints"]) != JOINTS:
+        return f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: what moves the body is not known"
+    try:
+        robot = robot_of(log.meta)
+    except SaltusError as error:
+        return f"what stands there is no quadruped that can be replayed: {error}"
+    if (robot.joint_sign < 0.0).any():
+        return "the robot's model counts angles the other way: positive is about x (hip) and y (thigh, calf)"
     share = carried_by(log)
     if share >= LEAST_SHARE:
         return ""

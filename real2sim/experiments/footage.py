@@ -15,6 +15,7 @@ from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import Mount, moved_camera
 from saltus.render.embree import EmbreeRenderer
+from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 
 POOLING = 5  # as many pixels of the D435i as make one of the model's image
@@ -49,7 +50,12 @@ class Camera:
     latency_s: float = 0.0
     intrinsics: Intrinsics = field(default_factory=_pooled_d435i)
     """Of its images."""
-    mount: Mount = field(default_factory=Mount)
+    mount: Mount
+
+    @classmethod
+    def on(cls, robot: Robot, latency_s: float = 0.0) -> "Camera":
+        """A camera where the robot has its own."""
+        return cls(latency_s=latency_s, mount=Mount(position=robot.camera_position, pitch=robot.camera_pitch))
 
     @classmethod
     def of(cls, claim: dict[str, Any]) -> "Camera":

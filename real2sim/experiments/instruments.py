@@ -1,4 +1,4 @@
-"""What the sensors of a simulated robot read: the truth, and noise of the class of a Go1's."""
+"""What the sensors of a simulated robot read: the truth, and noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from saltus.sim.state import PlantState
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """Standard deviations of white noise, of the class of a Go1 whose base is tracked by motion capture."""
+    """Standard deviations of white noise, as of small quadrupeds whose base is tracked by motion capture."""
 
     q_rad: float = 1e-3
     dq_rad_s: float = 0.05

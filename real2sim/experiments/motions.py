@@ -1,21 +1,20 @@
 """Motions that make effects visible: commands for the joints of a held robot, and for the body of one that stands.
 
 A motion is a value: everything about it is known before the robot moves, so that it can be checked against limits.
+The joints of a held robot move about the pose in which it stands, near the middle of the range of the calf.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY, PHYSICS_DT
-from saltus.kinematics import foot_kinematics, foot_position, inverse_kinematics
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
-CENTRE = go1.STAND_POSE
-"""About what joints of a held robot move [rad]: a stand, near the middle of the range of the calf."""
 RAMP_S = 0.5
 """Motions begin and end at rest, over this time."""
 JOINT_PHASE = np.tile([0.0, 2.0, 4.0], 4) + np.repeat([0.0, 0.5, 1.0, 1.5], 3)
@@ -45,42 +44,42 @@ class Section:
     """The height from which it is let fall then."""
 
 
-def sweep(duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float) -> Commands:
-    """Chirp about `CENTRE`, logarithmic in frequency; the amplitude of the velocity does not rise beyond 1 Hz."""
+def sweep(robot: Robot, duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float) -> Commands:
+    """Chirp about the stand, logarithmic in frequency; the amplitude of the velocity does not rise beyond 1 Hz."""
     t = _times(duration_s)
     rate = np.log(end_hz / start_hz) / duration_s
     phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
     amplitude = amplitude_rad * _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
-    return _about_centre(amplitude[:, None] * np.sin(phase[:, None] + JOINT_PHASE))
+    return _about_stand(robot, amplitude[:, None] * np.sin(phase[:, None] + JOINT_PHASE))
 
 
-def sine(duration_s: float, frequency_hz: float, amplitude_rad: float) -> Commands:
+def sine(robot: Robot, duration_s: float, frequency_hz: float, amplitude_rad: float) -> Commands:
     """One frequency, all joints."""
     t = _times(duration_s)
     wave = np.sin(2.0 * np.pi * frequency_hz * t[:, None] + JOINT_PHASE)
-    return _about_centre(amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
+    return _about_stand(robot, amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
 
 
-def triangle(duration_s: float, speed_rad_s: float, amplitude_rad: float) -> Commands:
+def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad: float) -> Commands:
     """Back and forth at one speed: each direction of motion, reversals, no acceleration in between."""
     t = _times(duration_s)
     quarter = amplitude_rad / speed_rad_s
     u = (t[:, None] + quarter * JOINT_PHASE * 2.0 / np.pi) / quarter
     wave = 1.0 - np.abs((u + 1.0) % 4.0 - 2.0)
-    return _about_centre(amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
+    return _about_stand(robot, amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
 
 
-def steps(duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]) -> Commands:
-    """Jumps of the desired angle from one side of `CENTRE` to the other, a joint of each leg at a time."""
+def steps(robot: Robot, duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]) -> Commands:
+    """Jumps of the desired angle from one side of the stand to the other, a joint of each leg at a time."""
     t = _times(duration_s)
     turn = np.tile([0.0, 1.0 / 3.0, 2.0 / 3.0], 4) * period_s
     sign = np.where(((t[:, None] + turn) // period_s) % 2 < 1, 1.0, -1.0)
     inside = ((t > RAMP_S) & (t < duration_s - RAMP_S))[:, None]
     offset = np.where(inside, np.tile(np.broadcast_to(amplitude_rad, 3), 4) * sign, 0.0)
-    return Commands(q_des=CENTRE + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset))
+    return Commands(q_des=robot.stand_pose + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset))
 
 
-def hold_ladder(duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
+def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
     """Rest at evenly spaced angles, up and down again: gravity, bias and breakaway without motion."""
     t = _times(duration_s)
     up = np.linspace(-1.0, 1.0, rungs)
@@ -91,16 +90,16 @@ def hold_ladder(duration_s: float, amplitude_rad: float, rungs: int) -> Commands
     knots_y = np.repeat(levels, 2)
     wave = np.interp(t, knots_t, knots_y)
     direction = np.tile([1.0, -1.0, 1.0], 4)
-    return _about_centre(amplitude_rad * wave[:, None] * direction)
+    return _about_stand(robot, amplitude_rad * wave[:, None] * direction)
 
 
-def torque_ladder(duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float) -> Commands:
+def torque_ladder(robot: Robot, duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float) -> Commands:
     """Short feed-forward pulses of rising size, pushing and pulling in turn, one joint of each leg at a time.
 
-    The desired angle stays at `CENTRE`: the PD law brings the joint back.
+    The desired angle stays that of the stand: the PD law brings the joint back.
     """
     t = _times(duration_s)
-    torque = np.zeros((len(t), go1.TORQUE_LIMIT.size))
+    torque = np.zeros((len(t), len(robot.stand_pose)))
     pulses = rungs * 2 * 3
     period = (duration_s - 2.0 * RAMP_S) / pulses
     for pulse in range(pulses):
@@ -108,38 +107,41 @@ def torque_ladder(duration_s: float, highest_nm: Sequence[float], rungs: int, pu
         begin = RAMP_S + pulse * period
         on = (t >= begin) & (t < begin + pulse_s)
         torque[np.ix_(on, np.arange(joint, 12, 3))] = side * highest_nm[joint] * (rung + 1) / rungs
-    return Commands(q_des=np.tile(CENTRE, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque)
+    return Commands(q_des=np.tile(robot.stand_pose, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque)
 
 
 def body_chirp(
-    duration_s: float, start_hz: float, end_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
+    robot: Robot, duration_s: float, start_hz: float, end_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
 ) -> Commands:
     """Heave and pitch of a robot that stands, a quarter of a period apart; speeds do not rise beyond 1 Hz."""
     t = _times(duration_s)
     rate = np.log(end_hz / start_hz) / duration_s
     phase = 2.0 * np.pi * start_hz * np.expm1(rate * t) / rate
     amplitude = _envelope(t, duration_s) / np.maximum(1.0, start_hz * np.exp(rate * t))
-    return stance(height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.cos(phase))
+    return stance(robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.cos(phase))
 
 
-def body_sine(duration_s: float, frequency_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0) -> Commands:
+def body_sine(
+    robot: Robot, duration_s: float, frequency_hz: float, height_m: float = 0.0, pitch_rad: float = 0.0
+) -> Commands:
     """Heave and pitch of a robot that stands, at one frequency."""
     t = _times(duration_s)
     phase, amplitude = 2.0 * np.pi * frequency_hz * t, _envelope(t, duration_s)
-    return stance(height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.sin(phase))
+    return stance(robot, height_m * amplitude * np.sin(phase), pitch_rad * amplitude * np.sin(phase))
 
 
-def rest(duration_s: float) -> Commands:
+def rest(robot: Robot, duration_s: float) -> Commands:
     """A robot that stands still."""
     nothing = np.zeros(len(_times(duration_s)))
-    return stance(nothing, nothing)
+    return stance(robot, nothing, nothing)
 
 
-def stance(height_m: Floats, pitch_rad: Floats) -> Commands:
+def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
     """Joint commands that move the body over feet which stay where they stand.
 
     Args:
-        height_m: Of the base, above that in `STAND_POSE`, shape (n,).
+        robot: Which one.
+        height_m: Of the base, above that in its stand pose, shape (n,).
         pitch_rad: Of the base, nose down positive, shape (n,).
 
     Returns:
@@ -147,17 +149,17 @@ def stance(height_m: Floats, pitch_rad: Floats) -> Commands:
     """
     zero = np.zeros_like(height_m)
     rotation = np.asarray(rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero)))  # (n, 3, 3)
-    raised = foot_position(go1.STAND_POSE) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]  # (n, 4, 3), world
-    q_des = inverse_kinematics(raised @ rotation)
-    _, jacobian = foot_kinematics(q_des)
-    down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * go1.MASS * GRAVITY])  # what a foot exerts, (n, 3)
+    legs = LegKinematics(robot)
+    raised = legs.position(robot.stand_pose) - np.stack([zero, zero, height_m], axis=-1)[:, None, :]  # (n, 4, 3), world
+    q_des = legs.inverse(raised @ rotation)
+    jacobian = legs.jacobian(q_des)
+    down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * robot.mass * GRAVITY])  # what a foot exerts, (n, 3)
     tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
     return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff)
 
 
-def repeated(name: str, count: int, make: Callable[[], Commands]) -> tuple[Section, ...]:
+def repeated(name: str, count: int, commands: Commands) -> tuple[Section, ...]:
     """The same motion several times: repeats tell noise from what the simulator lacks."""
-    commands = make()
     return tuple(Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count))
 
 
@@ -171,6 +173,6 @@ def _envelope(t: Floats, duration_s: float) -> Floats:
     return edge**2 * (3.0 - 2.0 * edge)
 
 
-def _about_centre(offset: Floats) -> Commands:
-    q_des = CENTRE + offset
+def _about_stand(robot: Robot, offset: Floats) -> Commands:
+    q_des = robot.stand_pose + offset
     return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des))

@@ -20,6 +20,7 @@ from saltus.real2sim.resolve import largest
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import NextExperiment
+from saltus.robots.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +62,12 @@ class Separations:
 
 
 def next_experiment(
-    sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffect], rigs: Sequence[dict[str, Any]] = ()
+    robot: Robot, sets: Sequence[tuple[str, ...]], rivals: Sequence[FoundEffect], rigs: Sequence[dict[str, Any]] = ()
 ) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
     Args:
+        robot: Which one would do it.
         sets: Effects that could not be told apart.
         rivals: Their fitted values, where they are known.
         rigs: What the logs claim (`meta.json`): the camera, and whether the robot was held. One that was held is held
@@ -75,7 +77,7 @@ def next_experiment(
         return None
     sizes = {name: size for name in sets[0] if math.isfinite(size := largest(name, rivals))}
     pairs = list(combinations(sorted(sets[0]), 2))
-    table = _table(sets[0], rigs)
+    table = _table(robot, sets[0], rigs)
 
     def worth(name: str) -> float:
         # what the simulator does not know grows with the signal: of two equal leads the one on less signal is safer
@@ -89,12 +91,12 @@ def next_experiment(
     alike = max(table[best].alike(*pair) for pair in pairs)
     why = (
         f"{experiment.how}: there {' and '.join(sets[0])} look alike by {alike:.2f} only and are expected "
-        f"{nats:.0f} nats apart; takes {experiment.duration_s:.0f} s; {experiment.limits.in_words()}"
+        f"{nats:.0f} nats apart; takes {experiment.duration_s(robot):.0f} s; {experiment.limits.in_words()}"
     )
     return NextExperiment(name=best, why=why, expected_separation=nats)
 
 
-def _table(members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, Separations]:
+def _table(robot: Robot, members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, Separations]:
     """What each experiment shows that these rigs can do."""
     table = separations()
     if rigs and all(rig.get("base") == "fixed" for rig in rigs):
@@ -107,7 +109,7 @@ def _table(members: Sequence[str], rigs: Sequence[dict[str, Any]]) -> dict[str, 
     from saltus.real2sim.experiments.separations import measure
 
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
-    return {name: _separations(measure(EXPERIMENTS[name], Camera.of(camera))) for name in seeing}
+    return {name: _separations(measure(EXPERIMENTS[name], robot, Camera.of(camera))) for name in seeing}
 
 
 @cache

@@ -1,6 +1,6 @@
 """Runs an experiment on a robot through joint commands, and writes down what a robot would log.
 
-The robot is the simulated one with the effects of a profile; its sensors have the noise that those of a Go1 have.
+The robot is the simulated one with the effects of a profile; its sensors have noise of the usual size.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
@@ -18,10 +17,9 @@ from saltus.real2sim.experiments.footage import Camera, film
 from saltus.real2sim.experiments.instruments import Instruments, SensorNoise
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
-from saltus.recordings.run_claims import SCHEMA
+from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, RunLog
-from saltus.robots.loading import load_robot
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -32,7 +30,8 @@ CARRIED_S = 1.0  # time on the log's clock that passes while somebody puts the r
 TIME_DIGITS = 6  # of a clock that counts microseconds
 BASE_EVERY = 2  # motion capture at 250 Hz, every second tick
 AHEAD_M = 0.6
-"""Where the first edge lies at the start: the Go1's camera sees the ground from 0.5 to 2 m before the base."""
+"""Where the first edge lies at the start: a camera on a trunk, 30 degrees nose down, sees the ground from 0.5 to 2 m
+before the base."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +56,7 @@ class _Tape:
 
 def run(
     experiment: Experiment,
+    robot: Robot,
     profile: Profile,
     *,
     seed: int = 0,
@@ -68,10 +68,11 @@ def run(
 
     Args:
         experiment: What is done.
+        robot: Which one does it.
         profile: The effects of the robot's hardware; the log claims none of them but the camera's latency.
         seed: Of the noise and of what effects draw.
         noise: Of the sensors.
-        camera: What is claimed of the camera, where the experiment needs one.
+        camera: What is claimed of the camera, where the experiment needs one; without it, that of the robot.
         progress: Told the share of the motion that is done.
 
     Returns:
@@ -80,16 +81,16 @@ def run(
     Raises:
         UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.
     """
-    sections, terrain = experiment.sections(), experiment.terrain()
+    sections, terrain = experiment.sections(robot), experiment.terrain()
     for section in sections:
-        experiment.limits.check_commands(section.commands, experiment.kp)
-    plant = _plant(experiment, profile, terrain, seed)
-    tape = _move(plant, experiment, sections, terrain, progress)
+        experiment.limits.check_commands(robot, section.commands, experiment.gains(robot)[0])
+    plant = _plant(experiment, robot, profile, terrain, seed)
+    tape = _move(plant, experiment, robot, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])
-    log = _log(tape, experiment, sections, terrain, Instruments(noise or SensorNoise(), rng))
+    log = _log(tape, experiment, robot, sections, terrain, Instruments(noise or SensorNoise(), rng))
     if not experiment.camera:
         return log
-    camera = camera or Camera()
+    camera = camera or Camera.on(robot)
     log.meta["camera"] = camera.claim()
     return RunLog(
         meta=log.meta, joints=log.joints, imu=log.imu, base=log.base, feet=log.feet,
@@ -97,9 +98,9 @@ def run(
     )  # fmt: skip
 
 
-def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int) -> Plant:
+def _plant(experiment: Experiment, robot: Robot, profile: Profile, terrain: Terrain, seed: int) -> Plant:
     return Plant(
-        load_robot(DEFAULT_ROBOT),
+        robot,
         terrain,
         payload_kg=experiment.payload_kg,
         chain=profile.actuator_chain,
@@ -113,6 +114,7 @@ def _plant(experiment: Experiment, profile: Profile, terrain: Terrain, seed: int
 def _move(
     plant: Plant,
     experiment: Experiment,
+    robot: Robot,
     sections: tuple[Section, ...],
     terrain: Terrain,
     progress: Callable[[float], None] | None,
@@ -130,7 +132,7 @@ def _move(
             if section.drop_m == 0.0:
                 ticks = np.concatenate([np.zeros(rest, dtype=np.int64), ticks])
         begin = now + (len(ticks) - length) * PHYSICS_DT
-        now = _play(plant, experiment, section, index, ticks, now, tape)
+        now = _play(plant, experiment, robot, section, index, ticks, now, tape)
         tape.segments.append({"name": section.name, "t0": begin, "t1": now, "condition": section.condition})
         if progress is not None:
             progress((index + 1) / len(sections))
@@ -146,6 +148,7 @@ def _put(plant: Plant, section: Section, terrain: Terrain) -> None:
 def _play(
     plant: Plant,
     experiment: Experiment,
+    robot: Robot,
     section: Section,
     index: int,
     ticks: Indices,
@@ -153,11 +156,13 @@ def _play(
     tape: _Tape,
 ) -> float:
     """Sends the commands of `ticks`, one every 2 ms; returns the time afterwards."""
-    kp, kd = np.full(12, experiment.kp), np.full(12, experiment.kd)
+    kp, kd = (np.full(len(JOINTS), gain) for gain in experiment.gains(robot))
     commands = section.commands
     for tick in ticks:
         state, imu = plant.state, plant.imu
-        experiment.limits.check_state(now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity)
+        experiment.limits.check_state(
+            robot, now, state.quaternion_base_in_world, state.joint_position, state.joint_velocity
+        )
         command = JointCommand(
             position=commands.q_des[tick], velocity=commands.dq_des[tick], kp=kp, kd=kd, torque=commands.tau_ff[tick]
         )
@@ -170,6 +175,7 @@ def _play(
 def _log(
     tape: _Tape,
     experiment: Experiment,
+    robot: Robot,
     sections: tuple[Section, ...],
     terrain: Terrain,
     instruments: Instruments,
@@ -178,7 +184,7 @@ def _log(
     time_s = np.array([row.time_s for row in rows])
     states = [row.state for row in rows]
     told = [(sections[row.section].commands, row.tick) for row in rows]
-    meta = _meta(tape, experiment, terrain)
+    meta = _meta(tape, experiment, robot, terrain)
     joints = instruments.joints(time_s, states, told, [row.believed for row in rows])
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
@@ -191,14 +197,15 @@ def _log(
     )
 
 
-def _meta(tape: _Tape, experiment: Experiment, terrain: Terrain) -> dict[str, Any]:
+def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -> dict[str, Any]:
+    kp, kd = experiment.gains(robot)
     meta: dict[str, Any] = {
         "schema": SCHEMA,
-        "robot": "go1",
+        "robot": claim_of(robot),
         "base": experiment.base,
         "joints": list(JOINTS),
-        "kp": experiment.kp,
-        "kd": experiment.kd,
+        "kp": kp,
+        "kd": kd,
         "control_dt": PHYSICS_DT,
         "excitation": {"text": f"{experiment.name}: {experiment.how}", "segments": tape.segments},
         "terrain": "flat",

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.real2sim.experiments.motions import Commands
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
 RUNAWAY = 1.5
@@ -40,32 +39,34 @@ class Limits:
             f"speed and {self.torque_share:.0%} of their torque, stops beyond {self.tilt_rad:g} rad of tilt"
         )
 
-    def check_commands(self, commands: Commands, kp: float) -> None:
+    def check_commands(self, robot: Robot, commands: Commands, kp: float) -> None:
         """Refuses commands that ask for angles, speeds or torques beyond the limits.
 
         Args:
+            robot: Whose limits these are.
             commands: What the drives are to be told.
             kp: Their stiffness [Nm/rad]: a jump of the desired angle asks for a torque, too.
 
         Raises:
             UnsafeMotionError: names the joint, the value and what is allowed.
         """
-        low, high = go1.JOINT_LOWER + self.margin_rad, go1.JOINT_UPPER - self.margin_rad
+        low, high = robot.joint_lower + self.margin_rad, robot.joint_upper - self.margin_rad
         excess = np.maximum(low - commands.q_des, commands.q_des - high).max(axis=0)
         self._refuse(excess, commands.q_des, "is asked for an angle [rad]", f"{self.margin_rad} rad inside its range")
-        speed = np.abs(commands.dq_des) - self.speed_share * go1.SPEED_LIMIT
+        speed = np.abs(commands.dq_des) - self.speed_share * robot.speed_limit
         self._refuse(
             speed.max(axis=0), commands.dq_des, "is asked for a speed [rad/s]", f"{self.speed_share:.0%} of its limit"
         )
         jump = np.abs(np.diff(commands.q_des, axis=0, prepend=commands.q_des[:1]))
         asked = np.abs(commands.tau_ff) + kp * jump
-        torque = (asked - self.torque_share * go1.TORQUE_LIMIT).max(axis=0)
+        torque = (asked - self.torque_share * robot.torque_limit).max(axis=0)
         self._refuse(torque, asked, "is asked for a torque [Nm]", f"{self.torque_share:.0%} of its limit")
 
-    def check_state(self, time_s: float, quaternion: Floats, position: Floats, velocity: Floats) -> None:
+    def check_state(self, robot: Robot, time_s: float, quaternion: Floats, position: Floats, velocity: Floats) -> None:
         """Stops a robot that leaves the limits.
 
         Args:
+            robot: Whose limits these are.
             time_s: Of the experiment, for the message.
             quaternion: (w, x, y, z), base to world, shape (4,).
             position: Of the joints, measured [rad], shape (12,).
@@ -74,14 +75,14 @@ class Limits:
         Raises:
             UnsafeMotionError: names what was left, by how much, and when.
         """
-        outside = np.maximum(go1.JOINT_LOWER - position, position - go1.JOINT_UPPER)
+        outside = np.maximum(robot.joint_lower - position, position - robot.joint_upper)
         joint = int(outside.argmax())
         if outside[joint] > 0.0:
             raise UnsafeMotionError(
                 f"stopped at {time_s:.2f} s: {JOINTS[joint]} is at {position[joint]:.2f} rad, its range is "
-                f"{go1.JOINT_LOWER[joint]:.2f} to {go1.JOINT_UPPER[joint]:.2f}"
+                f"{robot.joint_lower[joint]:.2f} to {robot.joint_upper[joint]:.2f}"
             )
-        fast = np.abs(velocity) / go1.SPEED_LIMIT
+        fast = np.abs(velocity) / robot.speed_limit
         if fast.max() > RUNAWAY:
             joint = int(fast.argmax())
             raise UnsafeMotionError(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.instruments import SensorNoise
@@ -21,6 +22,8 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experimen
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.sensors import SENSORS
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 
 SEED = 20
 STEADY = SensorNoise(base_position_m=1e-6, base_orientation_rad=1e-6)
@@ -32,14 +35,15 @@ NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
 
 
-def measure(experiment: Experiment, camera: Camera | None = None) -> dict[str, Any]:
+def measure(experiment: Experiment, robot: Robot, camera: Camera | None = None) -> dict[str, Any]:
     """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
 
     Args:
         experiment: Of the menu.
+        robot: Which one does it.
         camera: Where it is given, only what this camera shows is measured.
     """
-    log = run(experiment, IDEAL, seed=SEED, noise=STEADY, camera=camera)
+    log = run(experiment, robot, IDEAL, seed=SEED, noise=STEADY, camera=camera)
     signatures: dict[str, tuple[float, Floats]] = {}
     cosine: dict[tuple[str, str], float] = {}
     for sensor in SENSORS:
@@ -125,9 +129,10 @@ def _short(value: float) -> float:
 
 def main(names: list[str]) -> None:
     """Measures experiments, all where none is named, and writes the table."""
+    robot = load_robot(DEFAULT_ROBOT)
     measured: dict[str, Any] = json.loads(SEPARATIONS.read_text())["experiments"] if SEPARATIONS.exists() else {}
     for name in names or list(EXPERIMENTS):
-        measured[name] = measure(EXPERIMENTS[name])
+        measured[name] = measure(EXPERIMENTS[name], robot)
         order = [known for known in EXPERIMENTS if known in measured]
         table = {
             "source": "python -m saltus.real2sim.experiments.separations",

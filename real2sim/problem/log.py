@@ -3,6 +3,7 @@
 import itertools
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,10 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
-from saltus.errors import RecordingError
+from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_run_log
+from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_claims, read_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
@@ -58,7 +59,7 @@ def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
         seen.add(path.resolve())
         log = read_run_log(path)
         claims = json.dumps([log.meta.get(key) for key in SHARED_CLAIMS], sort_keys=True)
-        rigs.setdefault(claims, []).append((path, _with_model(log, path)))
+        rigs.setdefault(claims, []).append((path, replace(log, meta=_located(log.meta, path))))
     return [
         in_sequence([log for _, log in runs], [path.name for path, _ in runs]) if len(runs) > 1 else runs[0][1]
         for runs in rigs.values()
@@ -96,10 +97,40 @@ def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
     return kp, kd
 
 
-def robot_of(meta: dict[str, Any]) -> Robot | Path:
-    """The robot that a log names: one that Saltus ships, or the path of an MJCF."""
-    name = str(meta.get("robot", DEFAULT_ROBOT))
+def model_of(meta: dict[str, Any]) -> Robot | Path:
+    """The model that a log names: a robot that Saltus ships, or the path of an MJCF of any kind."""
+    name = str(meta["robot"])
     return load_robot(name) if name in shipped_robots() else Path(name)
+
+
+def robot_of(meta: dict[str, Any]) -> Robot:
+    """The quadruped that a log names.
+
+    Raises:
+        ModelError: its MJCF cannot be read, or its legs are not of our kind.
+    """
+    return load_robot(str(meta["robot"]))
+
+
+def robot_of_runs(runs: Sequence[Path]) -> Robot:
+    """The robot of run logs that are not read yet; the default one where they cannot be read, or bring no quadruped."""
+    for run in runs[:1]:
+        with suppress(SaltusError):
+            return robot_of(_located(read_claims(run), run))
+    return load_robot(DEFAULT_ROBOT)
+
+
+def torque_limits(model: Robot | Path) -> Floats:
+    """Torques to which parameters of a saturation refer [Nm], shape (12,).
+
+    The limits of the drives; where they are not known, those to which the schema of run logs refers.
+    """
+    reference = load_robot(DEFAULT_ROBOT).torque_limit
+    return (
+        np.where(np.isfinite(model.torque_limit), model.torque_limit, reference)
+        if isinstance(model, Robot)
+        else reference
+    )
 
 
 def commanded(log: RunLog) -> Floats:
@@ -125,15 +156,16 @@ def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
     return np.asarray((1.0 - part) * values[low] + part * values[low + 1])
 
 
-def _with_model(log: RunLog, directory: Path) -> RunLog:
-    """The same log with a path to the robot's model that does not depend on the folder."""
-    robot = log.meta.get("robot", "go1")
-    if robot == "go1":
-        return log
-    model = directory / str(robot)
+def _located(meta: dict[str, Any], directory: Path) -> dict[str, Any]:
+    """The same claims with a path to the robot's model that does not depend on the folder."""
+    robot = meta["robot"]
+    if robot in shipped_robots():
+        return meta
+    model = directory / robot
     if not model.is_file():
-        raise RecordingError(f"{directory}: robot is neither 'go1' nor a model beside meta.json: {robot!r}")
-    return replace(log, meta={**log.meta, "robot": str(model)})
+        known = ", ".join(shipped_robots())
+        raise RecordingError(f"{directory}: meta.json names robot {robot!r}: use {known}, or an MJCF beside meta.json")
+    return {**meta, "robot": str(model)}
 
 
 def _cut(joints: JointTable) -> tuple[Segment, ...]:

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains, robot_of
+from saltus.real2sim.problem.log import gains, model_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
 
 STATES = 200  # states at which weights are computed, spread over the log
-MIN_WEIGHT = 0.5  # Nm: the hip of a Go1 holds 0.7
+MIN_WEIGHT = 0.5  # Nm: the hip of a robot of 12 kg holds 0.7
 AGREES = 0.5  # share of the weight by which the torque may differ from its opposite
 OFF_COMMAND = 5.0  # Nm on average: friction, stops and cables hold less
 MOVES = 0.2  # rad: friction can hold a joint near its command, but not for a whole motion
@@ -29,7 +29,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     names = list(log.meta["joints"])
     held = _mean_torque(log)
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
-    weight = HeldRobot(robot_of(log.meta), names).weight(log.joints.q[rows]).mean(axis=0)
+    weight = HeldRobot(model_of(log.meta), names).weight(log.joints.q[rows]).mean(axis=0)
     heavy = np.abs(weight) > MIN_WEIGHT
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):

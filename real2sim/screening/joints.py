@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 
-from saltus import go1
 from saltus.arrays import Floats
+from saltus.real2sim.problem.log import model_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
 from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import JointTable, RunLog
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 
 SLOW_S = 0.3  # moving average: a position-controlled leg follows what is left, below 1.5 Hz
 RATE_S = 0.1  # moving average over which dq must equal the rate of q: longer than any delay or filter
@@ -124,12 +124,13 @@ def _units(log: RunLog) -> Iterator[Fault]:
 
 
 def _limits(log: RunLog) -> Iterator[Fault]:
-    """Joints of a Go1 outside their range: names, signs or offsets are wrong."""
+    """Joints of a known robot outside their range: names, signs or offsets are wrong."""
     names = log.meta["joints"]
-    if log.meta.get("robot") != "go1" or not set(names) <= set(JOINTS):
+    robot = model_of(log.meta)
+    if not isinstance(robot, Robot) or not set(names) <= set(JOINTS):
         return
     index = [JOINTS.index(name) for name in names]
-    low, high = go1.JOINT_LOWER[index] - BEYOND_LIMIT, go1.JOINT_UPPER[index] + BEYOND_LIMIT
+    low, high = robot.joint_lower[index] - BEYOND_LIMIT, robot.joint_upper[index] + BEYOND_LIMIT
     middle = np.median(log.joints.q, axis=0)
     # a log of the camera may have joint columns that nobody measured
     wrong = (np.ptp(log.joints.q, axis=0) > MOVES) & ((middle < low) | (middle > high))

@@ -26,7 +26,7 @@ SHORTEST_PIECE_S = 0.5
 """Shortest pieces: shorter segments are not cut into three."""
 CHUNK_S = 0.5
 """Duration over which residuals may be correlated; unit of the bootstrap and of robust covariances. It is two periods
-of the slowest oscillation of a leg under a Go1's gains, about 4 Hz."""
+of the slowest oscillation of a leg of small quadrupeds, about 4 Hz."""
 REPEAT_RATIO = 1.5
 """Largest ratio of the RMS gaps of repeats; different amplitudes differ by 2 in practice."""
 TEST = -1

@@ -17,6 +17,7 @@ from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
     from saltus.real2sim.experiments.menu import Experiment
+    from saltus.robots.robot import Robot
 
 NEW_FOLDER = shown("PATH", "a new one under runs/")
 LARGEST_LATENCY_S = 1.0
@@ -52,10 +53,10 @@ class Find:
         """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
         from saltus.effects.profile import load_profile
         from saltus.real2sim.pipeline import find
+        from saltus.real2sim.problem.log import robot_of_runs
         from saltus.real2sim.reporting.words import sentence
-        from saltus.robots.loading import load_robot
 
-        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
+        profile = load_profile(self.profile, robot_of_runs(self.runs))
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
             judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
@@ -109,6 +110,8 @@ class Apply:
     base: str = "ideal"
     """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
     file."""
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     json: Flag = False
     """Print one JSON object on the last line."""
 
@@ -118,10 +121,10 @@ class Apply:
         from saltus.real2sim.patch import load_patch
         from saltus.robots.loading import load_robot
 
-        patch = load_patch(self.patch)
+        patch, robot = load_patch(self.patch), load_robot(self.robot)
         exists = (profiles_folder() / f"{self.profile}.toml").is_file()
-        before = load_profile(self.profile if exists else self.base, load_robot(DEFAULT_ROBOT))
-        path = save_profile(self.profile, patch.applied_to(before))
+        before = load_profile(self.profile if exists else self.base, robot)
+        path = save_profile(self.profile, patch.applied_to(before, robot))
         names = [effect.name for effect in patch.effects]
         if self.json:
             print_json({"profile": self.profile, "file": str(path), "added": names})
@@ -146,6 +149,8 @@ class Experiments:
         str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
     ] = None
     """Name of an experiment to run."""
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     profile: str = "shipped"
     """Effects of the robot's hardware: shipped (the robot's), ideal, one of your own, or a TOML file."""
     camera_latency: float = 0.05
@@ -160,20 +165,21 @@ class Experiments:
     def run(self) -> int:
         """Runs the experiment; without one, prints the table."""
         from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
+        from saltus.robots.loading import load_robot
 
         if self.run_ is not None and self.list:
             raise ConfigError("--list and --run exclude each other")
         if self.run_ is None:
-            return self._table(tuple(EXPERIMENTS.values()))
+            return self._table(load_robot(self.robot), tuple(EXPERIMENTS.values()))
         return self._run(experiment_named(self.run_))
 
-    def _table(self, experiments: "tuple[Experiment, ...]") -> int:
+    def _table(self, robot: "Robot", experiments: "tuple[Experiment, ...]") -> int:
         if self.json:
-            print_json({"experiments": [_described(experiment) for experiment in experiments]})
+            print_json({"experiments": [_described(experiment, robot) for experiment in experiments]})
             return 0
         for experiment in experiments:
             base = "held in the air" if experiment.base == "fixed" else "on the ground"
-            print(f"{experiment.name:20} {experiment.duration_s:4.0f} s, {base}: {experiment.how}")
+            print(f"{experiment.name:20} {experiment.duration_s(robot):4.0f} s, {base}: {experiment.how}")
             print(f"{'':20} shows {', '.join(experiment.shows)}")
             print(f"{'':20} {experiment.limits.in_words()}")
         return 0
@@ -187,12 +193,13 @@ class Experiments:
 
         if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
             raise ConfigError(f"--camera-latency {self.camera_latency}: allowed is 0 to {LARGEST_LATENCY_S:g} s")
-        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
+        robot = load_robot(self.robot)
+        profile = load_profile(self.profile, robot)
         directory = self.out or new_folder(experiment.name)
         refuse_run_log(directory)
         ask_for_room(directory)
-        log = run(experiment, profile, seed=self.seed, camera=Camera(latency_s=self.camera_latency))
-        write_run_log(log, directory)
+        log = run(experiment, robot, profile, seed=self.seed, camera=Camera.on(robot, self.camera_latency))
+        write_run_log(log, directory, robot)
         seconds = float(log.joints.time_s[-1] - log.joints.time_s[0])
         if self.json:
             print_json({"log": str(directory), "experiment": experiment.name, "seconds": seconds})
@@ -201,7 +208,7 @@ class Experiments:
         return 0
 
 
-def _described(experiment: "Experiment") -> dict[str, object]:
+def _described(experiment: "Experiment", robot: "Robot") -> dict[str, object]:
     return {
         "name": experiment.name,
         "how": experiment.how,
@@ -209,7 +216,7 @@ def _described(experiment: "Experiment") -> dict[str, object]:
         "base": experiment.base,
         "camera": experiment.camera,
         "payload_kg": experiment.payload_kg,
-        "duration_s": experiment.duration_s,
+        "duration_s": experiment.duration_s(robot),
         "limits": vars(experiment.limits),
     }
 
@@ -221,6 +228,8 @@ class Demo:
     For example: saltus real2sim demo --seed 3
     """
 
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
     seed: int = 0
     """Decides which effect is hidden, where and how large it is."""
     out: Annotated[Path | None, NEW_FOLDER] = None
@@ -233,11 +242,12 @@ class Demo:
         from saltus.effects.profile import profile_to_toml
         from saltus.real2sim.demonstration import demonstrate
         from saltus.real2sim.reporting.words import sentence
+        from saltus.robots.loading import load_robot
 
         directory = self.out or new_folder("real2sim-demo")
         ask_for_room(directory)
         with Bar() as bar:
-            shown = demonstrate(directory, seed=self.seed, progress=bar.at)
+            shown = demonstrate(load_robot(self.robot), directory, seed=self.seed, progress=bar.at)
         print(f"hidden:\n{profile_to_toml(shown.hidden)}")
         print(f"found: {sentence(shown.found.verdict)}")
         print(f"with the patch: {sentence(shown.again.verdict)}")

@@ -21,7 +21,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     """An image can be seen from `latency` after its capture on, give or take `jitter` (uniform, per image).
 
     The output is the image with the newest capture among those that have arrived; before the first there is none.
-    50 ms on the Go1 with a D435i (paper: a sine of body height against the image).
+    50 ms with a D435i (paper: a sine of body height against the image).
     """
 
     latency: PerRobot = parameter(unit="s", null=0.0, low=0.0, high=0.5)

@@ -8,7 +8,7 @@ from saltus.wire.messages import JointCommand
 
 @dataclass(frozen=True, kw_only=True)
 class FeedforwardDelay(LateCommand, name="feedforward_delay"):
-    """Feed-forward torque is `delay` late; the PD law is not. 10 ms on the Go1 (original)."""
+    """Feed-forward torque is `delay` late; the PD law is not. 10 ms (original)."""
 
     def apply(self, signal: JointCommand, time_s: float, state: History) -> tuple[JointCommand, History]:
         """Delays the torque alone."""

@@ -35,7 +35,7 @@ class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint")
 class Armature(Effect[Resistance], name="armature", site="joint"):
     """The rotor, seen through its gear, has `added` more inertia than claimed; it turns with the joint alone."""
 
-    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (unitree_ros)
+    # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (manufacturers' models)
     added: Values = parameter(unit="kg m2", null=0.0, low=-0.0015, high=0.5, per_joint=True, adds_to="armature")
 
 

@@ -6,6 +6,8 @@ The simulator that a log is compared with is built from these claims, so each of
 from typing import Any
 
 from saltus.errors import RecordingError
+from saltus.robots.robot import Robot
+from saltus.robots.shipped import shipped_robots
 
 SCHEMA = "saltus-run/1"
 SEGMENT_KEYS = ("name", "t0", "t1", "condition")
@@ -40,6 +42,11 @@ PLACE: Range = (-1e4, 1e4, "m")
 SIZE: Range = (1e-6, 1e5, "m")
 
 
+def claim_of(robot: Robot) -> str:
+    """What meta.json says of a robot: its name, or that of the model beside it where Saltus does not ship it."""
+    return robot.name if robot.name in shipped_robots() else f"{robot.name}.xml"
+
+
 def check_claims(meta: dict[str, Any]) -> None:
     """Checks all claims of a run log.
 
@@ -54,7 +61,9 @@ def check_claims(meta: dict[str, Any]) -> None:
     if twice := [name for name in joints if joints.count(name) > 1]:
         raise _refused("joints", twice[0], "each name once")
     if not isinstance(meta.get("robot"), str):
-        raise _refused("robot", meta.get("robot"), "'go1', or the name of an MJCF file beside meta.json")
+        raise _refused(
+            "robot", meta.get("robot"), f"{', '.join(shipped_robots())}, or the name of an MJCF file beside meta.json"
+        )
     if meta.get("base") not in BASES:
         raise _refused("base", meta.get("base"), "'fixed' (held) or 'free'")
     for key, allowed in GAINS.items():

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.recordings.run_claims import check_claims
-from saltus.robots.robot import LEGS
+from saltus.recordings.run_claims import check_claims, claim_of
+from saltus.robots.robot import LEGS, Robot
+from saltus.robots.shipped import shipped_robots
 
 FARTHEST_MM = 65535  # what uint16 holds
 AXES = ("x", "y", "z")
@@ -90,8 +91,13 @@ class RunLog:
     depth: DepthTable | None = None
 
 
-def write_run_log(log: RunLog, directory: Path) -> None:
+def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> None:
     """Writes a run log, tables as CSV with every bit of their numbers.
+
+    Args:
+        log: What is written.
+        directory: Folder for it; it is made.
+        robot: That of the log; its model is written beside the tables where Saltus does not ship it.
 
     Raises:
         RecordingError: the directory cannot be written, or holds a run log already.
@@ -113,6 +119,8 @@ def write_run_log(log: RunLog, directory: Path) -> None:
                 _write(directory / f"{name}.csv", names, table)
         if log.depth is not None:
             _write_depth(directory / "depth.npz", log.depth)
+        if robot is not None and robot.name not in shipped_robots():
+            (directory / claim_of(robot)).write_text(robot.mjcf)
         # last: without it a folder is no run log, so that one that could not be finished is not taken for one
         (directory / "meta.json").write_text(json.dumps(log.meta, indent=2))
     except OSError as error:
@@ -135,11 +143,7 @@ def read_run_log(directory: Path) -> RunLog:
     Raises:
         RecordingError: no run log, a claim that cannot be, or a table that does not have the columns it must have.
     """
-    meta = _read_meta(directory)
-    try:
-        check_claims(meta)
-    except RecordingError as error:
-        raise RecordingError(f"{directory}: {error}") from error
+    meta = read_claims(directory)
     return RunLog(
         meta=meta,
         joints=_read_joints(directory, meta["joints"]),
@@ -150,8 +154,12 @@ def read_run_log(directory: Path) -> RunLog:
     )
 
 
-def _read_meta(directory: Path) -> dict[str, Any]:
-    """Contents of meta.json; where there is none, the error says what the directory is instead."""
+def read_claims(directory: Path) -> dict[str, Any]:
+    """Contents of meta.json.
+
+    Raises:
+        RecordingError: there is none (says what the directory is instead), or a claim that cannot be.
+    """
     path = directory / "meta.json"
     if not directory.exists():
         raise RecordingError(f"{directory} is not a run log: there is no such folder")
@@ -167,6 +175,10 @@ def _read_meta(directory: Path) -> dict[str, Any]:
         raise RecordingError(f"{directory}: cannot read meta.json: {error}") from error
     if not isinstance(meta, dict):
         raise RecordingError(f"{directory}: meta.json holds no object with named values")
+    try:
+        check_claims(meta)
+    except RecordingError as error:
+        raise RecordingError(f"{directory}: {error}") from error
     return meta
 
 

@@ -8,25 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.run_claims import SCHEMA
+from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
-from saltus.robots.robot import JOINTS
+from saltus.robots.robot import JOINTS, Robot
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
 NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "invalid", 0
 
 
 def export_run_log(recording: Recording, directory: Path) -> None:
-    """Writes a recording as a run log.
+    """Writes a recording as a run log, with the robot's model beside it where Saltus does not ship that robot.
 
     Raises:
         RecordingError: the recording has no joint data, or the directory cannot be written.
     """
-    write_run_log(_collect(recording), directory)
+    write_run_log(_collect(recording), directory, recording.robot)
 
 
 def _collect(recording: Recording) -> RunLog:
@@ -53,7 +52,7 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
     segment = {"name": "run", "t0": logs[0].time_ns * 1e-9, "t1": last, "condition": "run"}
     meta: dict[str, Any] = {
         "schema": SCHEMA,
-        "robot": "go1",
+        "robot": claim_of(recording.robot),
         "base": "free",
         "joints": list(JOINTS),
         "kp": np.median(np.concatenate([log.kp for log in logs]), axis=0).tolist(),
@@ -68,19 +67,19 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
             meta["terrain"] = recording.terrain.arrays.to_tables()
         meta["config"] = asdict(recording.config)
     if frames:
-        meta["camera"] = _camera(frames[0])
+        meta["camera"] = _camera(recording.robot, frames[0])
     return meta
 
 
-def _camera(frame: DepthFrame) -> dict[str, Any]:
+def _camera(robot: Robot, frame: DepthFrame) -> dict[str, Any]:
     height, width = frame.depth.shape
     intrinsics = {name: float(getattr(frame, name)) for name in ("fx", "fy", "cx", "cy")}
     return {
         **intrinsics,
         "width": width,
         "height": height,
-        "position": go1.CAMERA_POSITION.tolist(),
-        "pitch": go1.CAMERA_PITCH,
+        "position": robot.camera_position.tolist(),
+        "pitch": robot.camera_pitch,
         "rate": 50.0,
         "latency": 0.050,
     }

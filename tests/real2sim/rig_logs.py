@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from samples import ROBOT
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS
@@ -13,7 +13,7 @@ from saltus.robots.robot import JOINTS
 DT = 0.002
 INERTIA = np.tile([0.05, 0.05, 0.015], 4)
 WEIGHT = np.tile([0.3, 0.5, 0.3], 4)  # Nm of gravity at a horizontal link
-HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(go1.SIDE, 3)  # Nm that hold the legs of a Go1 beside its hips
+HIP_WEIGHT = np.tile([0.69, 0.0, 0.0], 4) * np.repeat(ROBOT.side, 3)  # Nm that hold the legs of a Go1 beside its hips
 CAMERA: dict[str, Any] = {
     "fx": 40.0, "fy": 40.0, "cx": 32.0, "cy": 24.0, "width": 64, "height": 48,
     "position": [0.27, 0.0, 0.09], "pitch": 0.52, "rate": 50.0, "latency": 0.05, "range_max": 3.0,
@@ -43,7 +43,7 @@ def motion(seconds: float) -> tuple[Floats, Floats]:
     chirp = 0.15 * np.sin(2 * np.pi * (0.5 * time_s + 8 / seconds * (time_s - 0.4 * seconds) ** 2)[:, None] + phase)
     steps = 0.3 * np.sign(np.sin(2 * np.pi * 0.8 * time_s[:, None] + phase))
     moved = np.where(part[:, None] < 0.4, slow, np.where(part[:, None] < 0.7, chirp, steps))
-    return time_s, go1.STAND_POSE + moved
+    return time_s, ROBOT.stand_pose + moved
 
 
 def joints_log(rig: Rig = Rig(), *, seconds: float = 12.0, seed: int = 0) -> RunLog:

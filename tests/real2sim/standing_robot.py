@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
-from saltus.kinematics import foot_position, inverse_kinematics
 from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
@@ -22,7 +20,7 @@ from saltus.wire.messages import JointCommand
 KP, KD = 100.0, 2.0
 DT = PHYSICS_DT
 NOISE = {"q": 1e-3, "dq": 0.05, "tau": 0.2, "position": 1e-3, "tilt": 2e-3, "velocity": 0.02, "gyro": 0.01, "acc": 0.1}
-STAND_FEET = np.asarray(foot_position(go1.STAND_POSE))
+STAND_FEET = np.asarray(KINEMATICS.position(ROBOT.stand_pose))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +47,7 @@ class Motion:
         shift = wave[:, None] * np.array([self.x, self.y, self.z])
         rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(self.roll * wave, self.pitch * wave, 0.0 * wave))
         feet = (STAND_FEET - shift[:, None, :]) @ rotation
-        return np.asarray(inverse_kinematics(feet))
+        return np.asarray(KINEMATICS.inverse(feet))
 
 
 MOTIONS = (
@@ -119,7 +117,7 @@ def run_log(
 
     plant.reset()
     for _ in range(250):
-        step(go1.STAND_POSE, keep=False)
+        step(ROBOT.stand_pose, keep=False)
     for motion in motions:
         if motion.drop_m is not None:
             plant.reset(clearance=motion.drop_m)

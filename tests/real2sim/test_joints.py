@@ -10,7 +10,6 @@ from samples import CURVE, ROBOT
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from saltus import go1
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
@@ -47,7 +46,7 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
     parts, segments, start = [], [], 0.0
     for name, (shape, amplitude) in shapes.items():
         for repeat in range(2):
-            parts.append(go1.STAND_POSE + shape[:, None] * np.tile(amplitude, 4))
+            parts.append(ROBOT.stand_pose + shape[:, None] * np.tile(amplitude, 4))
             end = start + len(shape) * DT
             segments.append({"name": f"{name}{repeat}", "t0": start, "t1": end, "condition": name})
             start = end

@@ -3,6 +3,7 @@
 from itertools import combinations
 
 import pytest
+from samples import ROBOT
 
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.menu import EXPERIMENTS
@@ -17,7 +18,7 @@ DRIVES = next(sensor.effects for sensor in SENSORS if sensor.name == "joints")
 
 @pytest.mark.parametrize("pair", [p for p in combinations(DRIVES, 2) if "feedforward_delay" not in p], ids="-".join)
 def test_a_held_robot_is_asked_for_what_can_be_done_held(pair: tuple[str, str]) -> None:
-    proposed = next_experiment([pair], (), [HELD])
+    proposed = next_experiment(ROBOT, [pair], (), [HELD])
     assert proposed is not None
     assert EXPERIMENTS[proposed.name].base == "fixed"
     assert proposed.expected_separation > 10.0
@@ -28,7 +29,7 @@ def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() ->
         FoundEffect(name=name, where="all", params={p: Interval(value=v, ci90=(v, v), unit="")})
         for name, p, v in (("payload_mass", "mass", 0.4), ("torque_gain", "gain", 0.967))
     ]
-    proposed = next_experiment([("payload_mass", "torque_gain")], rivals, [STANDING])
+    proposed = next_experiment(ROBOT, [("payload_mass", "torque_gain")], rivals, [STANDING])
     assert proposed is not None
     assert EXPERIMENTS[proposed.name].base == "fixed"
     table = separations()[proposed.name]
@@ -38,16 +39,16 @@ def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() ->
 
 
 def test_a_camera_that_looks_down_is_not_sent_to_a_wall() -> None:
-    ahead = Camera().claim()
+    ahead = Camera.on(ROBOT).claim()
     down = ahead | {"pitch": 1.2}
     assert Camera.of(ahead).claim() == ahead
-    alike = [_alike(measure(EXPERIMENTS["wall_two_ranges"], Camera.of(claim))) for claim in (ahead, down)]
+    alike = [_alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, Camera.of(claim))) for claim in (ahead, down)]
     assert alike[0] < 0.9
     assert alike[1] > 0.99
 
 
 def test_a_large_image_is_pooled_and_looks_the_same_way() -> None:
-    small = Camera().claim()
+    small = Camera.on(ROBOT).claim()
     large = {n: 4 * v if n in ("fx", "fy", "cx", "cy", "width", "height") else v for n, v in small.items()}
     assert Camera.of(large).claim() == small
 

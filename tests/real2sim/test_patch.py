@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from samples import CURVE, PROFILE, ROBOT
 
-from saltus import go1
 from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.depth_noise import DepthNoise
@@ -53,7 +52,7 @@ ONE_OF_EACH_PART = (
 def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
     whole = patch(*ONE_OF_EACH_PART)
     assert patch_from_toml(whole.to_toml()) == whole
-    profile = whole.applied_to(IDEAL)
+    profile = whole.applied_to(IDEAL, ROBOT)
     assert profile_from_toml(profile_to_toml(profile)) == profile
     names = {e.name for part in (profile.actuator, profile.camera, profile.imu, profile.body) for e in part}
     assert names == {effect.name for effect in ONE_OF_EACH_PART}
@@ -61,7 +60,7 @@ def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
 
 def test_values_stand_at_the_joints_that_were_named_and_nowhere_else() -> None:
     profile = patch(found("coulomb_friction", CALVES, torque=0.3), found("coulomb_friction", ("FR_hip",), torque=0.1))
-    (friction,) = profile.applied_to(IDEAL).actuator
+    (friction,) = profile.applied_to(IDEAL, ROBOT).actuator
     assert isinstance(friction, CoulombFriction)
     expected = np.tile([0.0, 0.0, 0.3], 4)
     expected[0] = 0.1
@@ -70,11 +69,13 @@ def test_values_stand_at_the_joints_that_were_named_and_nowhere_else() -> None:
 
 def test_a_patch_composes_with_what_the_profile_has() -> None:
     base = Profile(actuator=(CoulombFriction(torque=0.2), CommandDelay(delay=0.002)))
-    profile = patch(found("coulomb_friction", ("RL_hip",), torque=0.5)).applied_to(base)
+    profile = patch(found("coulomb_friction", ("RL_hip",), torque=0.5)).applied_to(base, ROBOT)
     assert {effect.name for effect in profile.actuator} == {"coulomb_friction", "command_delay"}
     friction = next(e for e in profile.actuator if isinstance(e, CoulombFriction))
     np.testing.assert_array_equal(friction.torque, np.where(np.array(JOINTS) == "RL_hip", 0.5, 0.2))
-    assert patch(found("camera_latency", "camera", latency=0.06)).applied_to(PROFILE).actuator == PROFILE.actuator
+    assert (
+        patch(found("camera_latency", "camera", latency=0.06)).applied_to(PROFILE, ROBOT).actuator == PROFILE.actuator
+    )
 
 
 def test_what_is_no_size_reaches_no_patch() -> None:
@@ -105,7 +106,7 @@ def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4).fitted(ROBOT)
     curve = ((10.0, 10.0), (20.0, 18.0), (30.0, 24.0))
     one = FoundEffect(name="torque_saturation", where=CALVES, params=found("", "", knee=14.0, plateau=26.0).params)
-    applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)))
+    applied = patch(dataclasses.replace(one, curve=curve)).applied_to(Profile(actuator=(before,)), ROBOT)
     (after,) = profile_from_toml(profile_to_toml(applied)).actuator
     assert isinstance(after, TorqueSaturation)
     torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
@@ -114,18 +115,18 @@ def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
 
 
 def test_an_empty_patch_changes_nothing() -> None:
-    assert patch().applied_to(PROFILE) == PROFILE
+    assert patch().applied_to(PROFILE, ROBOT) == PROFILE
 
 
 def test_a_sag_lasts_as_long_as_the_log_that_showed_it() -> None:
-    (sag,) = patch(found("battery_sag", "all", loss_at_end=0.1)).applied_to(IDEAL).actuator
+    (sag,) = patch(found("battery_sag", "all", loss_at_end=0.1)).applied_to(IDEAL, ROBOT).actuator
     assert getattr(sag, "duration_s") == 24.0  # noqa: B009 - the effect's type is not known here
 
 
 def test_a_curve_and_its_knee_and_plateau_deliver_alike_where_they_are_defined() -> None:
     curve = TorqueSaturation(curve=CURVE).fitted(ROBOT)
     knee = as_knee(ROBOT, curve).fitted(ROBOT)
-    limit = np.asarray(go1.TORQUE_LIMIT)
+    limit = np.asarray(ROBOT.torque_limit)
     np.testing.assert_allclose(knee.delivered(limit), curve.delivered(limit), rtol=1e-9)
     at_knee = np.where(np.isfinite(knee.knee), knee.knee, 1.0)
     np.testing.assert_allclose(knee.delivered(at_knee), curve.delivered(at_knee), rtol=2e-3)
@@ -143,7 +144,7 @@ def test_a_curve_and_its_knee_and_plateau_deliver_alike_where_they_are_defined()
 )
 def test_what_this_version_does_not_know_is_refused_with_the_nearest(effect: FoundEffect, hint: str) -> None:
     with pytest.raises(ConfigError, match=hint):
-        patch(effect).applied_to(IDEAL)
+        patch(effect).applied_to(IDEAL, ROBOT)
 
 
 @pytest.mark.parametrize("text", ["x", "schema = 'saltus-run/1'", "schema = 'saltus-patch/1'\n[[effects]]\nwhere = 1"])
@@ -173,20 +174,20 @@ def test_every_entry_of_the_measured_table_belongs_to_the_menu() -> None:
 
 def test_latency_and_smear_on_one_sine_call_for_the_chirp() -> None:
     rivals = (found("camera_latency", "camera", latency=0.05), found("temporal_smear", "camera", alpha=0.4))
-    proposed = next_experiment([("camera_latency", "temporal_smear")], rivals)
+    proposed = next_experiment(ROBOT, [("camera_latency", "temporal_smear")], rivals)
     assert proposed is not None
     assert proposed.name == "heave_and_pitch"
     assert proposed.expected_separation > 10.0
 
 
 def test_scale_and_height_on_a_flat_floor_call_for_a_vertical_face() -> None:
-    proposed = next_experiment([("camera_height", "depth_scale")], ())
+    proposed = next_experiment(ROBOT, [("camera_height", "depth_scale")], ())
     assert proposed is not None
     assert EXPERIMENTS[proposed.name].terrain().edges_x.size
 
 
 def test_no_set_needs_no_experiment() -> None:
-    assert next_experiment((), ()) is None
+    assert next_experiment(ROBOT, (), ()) is None
 
 
 def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
@@ -204,12 +205,12 @@ def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
 def test_what_is_told_in_pixels_is_told_of_the_images_of_the_log(focal_px: float) -> None:
     told = (found("edge_holes", "camera", width=3.0), found("depth_noise", "camera", subpixel_sigma=0.05))
     whole = Patch(effects=told, evidence=(), range=Applicability(focal_px=focal_px))
-    profile = whole.applied_to(IDEAL)
+    profile = whole.applied_to(IDEAL, ROBOT)
     holes = next(e for e in profile.camera if isinstance(e, EdgeHoles))
     noise = next(e for e in profile.camera if isinstance(e, DepthNoise))
     assert holes.width == pytest.approx(3.0 * D435I.fx / focal_px)  # the same angle
     assert noise.subpixel_sigma / noise.focal_px == pytest.approx(0.05 / focal_px)  # the same depth
     back = to_images(profile, focal_px)
     assert [e.width for e in back.camera if isinstance(e, EdgeHoles)] == pytest.approx([3.0])
-    assert whole.applied_to(profile) == profile
+    assert whole.applied_to(profile, ROBOT) == profile
     assert patch_from_toml(whole.to_toml()) == whole

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.offsets_and_factors import ViscousFriction
@@ -30,22 +31,22 @@ CALVES = (0.0, 0.0, 0.2) * 4
 STIFF = Profile(actuator=(ViscousFriction(coefficient=CALVES),))
 HELD = dataclasses.replace(
     EXPERIMENTS["joint_chirp"],
-    sections=lambda: motions.repeated("chirp", 3, lambda: motions.sweep(2.0, 0.5, 8.0, 0.35)),
+    sections=lambda robot: motions.repeated("chirp", 3, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
 )
 SEEING = dataclasses.replace(
     EXPERIMENTS["heave_and_pitch"],
-    sections=lambda: motions.repeated("rock", 3, lambda: motions.body_chirp(2.0, 0.5, 4.0, pitch_rad=0.1)),
+    sections=lambda robot: motions.repeated("rock", 3, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)),
 )
 
 
 @pytest.fixture(scope="module")
 def held() -> RunLog:
-    return run(HELD, STIFF, seed=5)
+    return run(HELD, ROBOT, STIFF, seed=5)
 
 
 @pytest.fixture(scope="module")
 def seeing() -> RunLog:
-    return run(SEEING, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
+    return run(SEEING, ROBOT, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,10 +79,10 @@ def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(found: Found, t
     assert found.stages[-1] == 1.0
     assert json.loads((found.out / "verdict.json").read_text()) == first.to_dict()
     assert set(json.loads((found.out / "baselines.json").read_text())) == {"threshold", "lowest_training_error"}
-    profile = load_patch(found.out / "patch.toml").applied_to(IDEAL)
+    profile = load_patch(found.out / "patch.toml").applied_to(IDEAL, ROBOT)
     second = find([found.log], tmp_path, profile=profile).verdict
     assert second.verdict == "no_gap"
-    assert load_patch(tmp_path / "patch.toml").applied_to(IDEAL) == IDEAL
+    assert load_patch(tmp_path / "patch.toml").applied_to(IDEAL, ROBOT) == IDEAL
     assert "agrees" in sentence(second)
 
 

@@ -16,7 +16,7 @@ from saltus.real2sim.rebased import RebasedProblem
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
-    sections=lambda: motions.repeated("steps", 2, lambda: motions.steps(2.2, 0.6, (0.48, 0.48, 0.8))),
+    sections=lambda robot: motions.repeated("steps", 2, motions.steps(robot, 2.2, 0.6, (0.48, 0.48, 0.8))),
 )
 CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in CURVE)
 """The same table at the calves, nothing elsewhere."""
@@ -25,7 +25,7 @@ CALVES_ONLY = tuple((asked, *((asked, asked, given) * 4)) for asked, given in CU
 @pytest.mark.parametrize("curve", [CURVE, CALVES_ONLY], ids=["all joints", "calves"])
 def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple[float, ...], ...]) -> None:
     robot = Profile(actuator=(TorqueSaturation(curve=curve),))
-    inner = JointProblem(run(STEPS, robot, seed=2))
+    inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
     nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
     with_curve = RebasedProblem(inner, robot)
     assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)

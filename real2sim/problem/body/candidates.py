@@ -8,7 +8,6 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.errors import RecordingError
-from saltus.go1 import TORQUE_LIMIT
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
 
@@ -142,12 +141,12 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     )
 
 
-def parameters(candidate: Candidate, claims: Claims, values: Floats) -> dict[str, Estimate]:
-    """Parameters in the schema's names and units."""
+def parameters(candidate: Candidate, claims: Claims, calf_limit: float, values: Floats) -> dict[str, Estimate]:
+    """Parameters in the schema's names and units; those of a saturation refer to the torque `calf_limit` [Nm]."""
     first = float(values[0])
     match candidate.effect:
         case "torque_saturation":
-            found = _saturation(first, float(values[1]))
+            found = _saturation(first, float(values[1]), calf_limit)
         case "base_inertia":
             found = {"scale": 1.0 + first}
         case "foot_friction":
@@ -161,9 +160,8 @@ def parameters(candidate: Candidate, claims: Claims, values: Floats) -> dict[str
     return estimates(candidate.effect, found)
 
 
-def _saturation(loss: float, corner: float) -> dict[str, float]:
+def _saturation(loss: float, corner: float, limit: float) -> dict[str, float]:
     """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
-    limit = float(TORQUE_LIMIT[2])  # of a calf
     knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
     plateau = limit - loss * max(limit - corner, 0.0)
     return {"knee": min(knee, limit), "plateau": plateau}

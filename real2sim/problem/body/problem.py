@@ -19,7 +19,7 @@ from saltus.real2sim.problem.body.replay import Replay, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
-from saltus.real2sim.problem.log import boxes_of, segments_of
+from saltus.real2sim.problem.log import boxes_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free import Solver
@@ -71,10 +71,11 @@ class BodyProblem(Problem):
     """One robot on the ground, one block "trunk".
 
     Args:
-        log: With base "free", `base.csv` and the joints of a Go1.
+        log: With base "free", `base.csv` and the joints of a quadruped in the order of `JOINTS`.
 
     Raises:
         RecordingError: the log does not have that, or no stretch of it is long enough.
+        ModelError: its robot is no quadruped.
     """
 
     name = "body"
@@ -85,12 +86,14 @@ class BodyProblem(Problem):
 
     def __init__(self, log: RunLog) -> None:
         if log.base is None or log.meta.get("base") != "free" or len(log.meta["joints"]) != 12:
-            raise RecordingError("the body shows only where a Go1 stands free and base.csv says how its base moves")
+            raise RecordingError(
+                "the body shows only where a quadruped stands free and base.csv says how its base moves"
+            )
         self.segments = segments_of(log)
         self._windows = cut_windows(log, self.segments)
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
-        self._claims = Claims.of(log.meta)
+        self._robot, self._claims = robot_of(log.meta), Claims.of(log.meta)
         self.candidates = candidates(self._claims, 0.5 * self._claims.friction)  # until it is known where feet slip
         self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
         self._index()
@@ -108,7 +111,7 @@ class BodyProblem(Problem):
 
     def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
         """Parameters in the schema's names and units."""
-        return parameters(candidate, self._claims, values)
+        return parameters(candidate, self._claims, float(torque_limits(self._robot)[2]), values)
 
     def _index(self) -> None:
         """Segment, signal and time of each residual."""
@@ -212,7 +215,8 @@ class BodyProblem(Problem):
         return self._errors(states) - self._errors(self._replay.states(self._rig()))
 
     def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
-        return Replay(windows or self._windows, self._boxes, self._span_s, solver, self._claims.payload_position)
+        windows, position = windows or self._windows, self._claims.payload_position
+        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

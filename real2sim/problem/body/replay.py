@@ -6,10 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
-from saltus.go1 import REDUCTION
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,
     BLOCKS,
@@ -17,14 +15,12 @@ from saltus.real2sim.problem.body.windows import (
     WINDOW_STEPS,
     Windows,
 )
-from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
-_PER_CALF = REDUCTION / REDUCTION[2]
-"""A motor's torque reaches each joint through its reduction: limits of torque scale with it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +58,8 @@ class Replay:
     """Simulations of the windows of one log.
 
     Args:
-        windows: Of the log.
+        robot: Of the log.
+        windows: Of it.
         boxes: Its terrain.
         span_s: Start and end of the log, over which a battery empties.
         solver: Of contacts.
@@ -71,6 +68,7 @@ class Replay:
 
     def __init__(
         self,
+        robot: Robot,
         windows: Windows,
         boxes: Boxes,
         span_s: tuple[float, float],
@@ -81,10 +79,12 @@ class Replay:
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
         self._solver = solver
-        self._robots = FreeRobots(load_robot(DEFAULT_ROBOT), self._sets * self._count, boxes, solver=solver)
+        self._robots = FreeRobots(robot, self._sets * self._count, boxes, solver=solver)
         if payload_position is not None:
             self._robots.set_payload_position(np.asarray(payload_position))
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
+        # a motor's torque reaches each joint through its reduction: limits of torque scale with it
+        self._per_calf = robot.reduction / robot.reduction[2]
         self._age = (middle - span_s[0]) / max(span_s[1] - span_s[0], 1e-9)
 
     def states(self, rig: Rig, qpos: Floats | None = None, qvel: Floats | None = None) -> Floats:
@@ -118,7 +118,7 @@ class Replay:
         robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
         robots.derive(np.arange(sims))
-        drives = _Drives(rig, windows, self._age)
+        drives = _Drives(rig, windows, self._age, self._per_calf)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
         damping = np.repeat(rig.viscous, self._count)[:, None] + drives.damping
         robots.set_joints(coulomb, damping, 0.0, slice(sims))
@@ -139,7 +139,7 @@ class Replay:
 class _Drives:
     """Torques of all simulations of a batch."""
 
-    def __init__(self, rig: Rig, windows: Windows, age: Floats) -> None:
+    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats) -> None:
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
         self._sets, self._count = len(rig.gain), len(windows.start_s)
         steps = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)
@@ -148,7 +148,7 @@ class _Drives:
         strength = rig.gain[:, None] * (1.0 - rig.sag[:, None] * age)
         self._strength = strength.reshape(-1, 1)
         self._loss = np.repeat(rig.loss, self._count)[:, None]
-        self._corner = np.repeat(rig.corner, self._count)[:, None] * _PER_CALF
+        self._corner = np.repeat(rig.corner, self._count)[:, None] * per_calf
         self._is_late, self._saturates = bool(np.any(steps > 0.0)), bool(np.any(rig.loss != 0.0))
         # Over a step in which its torque were not held, a drive would see its own mean velocity: half of the damping
         # is the engine's, which is implicit, and the angle is half a step ahead.

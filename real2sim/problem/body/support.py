@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from saltus import go1
 from saltus.constants import GRAVITY
-from saltus.kinematics import foot_jacobian
+from saltus.real2sim.problem.log import robot_of
 from saltus.recordings.run_log import RunLog
+from saltus.robots.legs import LegKinematics
 from saltus.rotations import rotation_matrix
 
 LEAST_SHARE = 0.5
@@ -22,9 +22,9 @@ def carried_by(log: RunLog) -> float:
     hangs, puts none on its feet. Legs are taken as light.
 
     Args:
-        log: With base "free", its pose measured, and the twelve joints of a Go1.
+        log: With base "free", its pose measured, and the joints of a quadruped in the order of `JOINTS`.
     """
-    joints, base = log.joints, log.base
+    robot, joints, base = robot_of(log.meta), log.joints, log.base
     if base is None:
         raise ValueError("the log has no base.csv")
     part = slice(None, None, EVERY)
@@ -34,9 +34,9 @@ def carried_by(log: RunLog) -> float:
         torque = torque + np.asarray(log.meta["kd"]) * (wanted - joints.dq[part])
     if joints.tau_ff is not None:
         torque = torque + joints.tau_ff[part]
-    jacobian = np.asarray(foot_jacobian(joints.q[part])).swapaxes(-1, -2)
+    jacobian = np.asarray(LegKinematics(robot).jacobian(joints.q[part])).swapaxes(-1, -2)
     pushed = -np.einsum("nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3))  # on the robot, base frame
     row = np.clip(np.searchsorted(base.time_s, joints.time_s[part]), 0, len(base.time_s) - 1)
     up = rotation_matrix(base.values[row, 3:7])[:, 2]  # the world's vertical in the base frame
-    weight = GRAVITY * (go1.MASS + float(log.meta.get("payload_kg") or 0.0))
+    weight = GRAVITY * (robot.mass + float(log.meta.get("payload_kg") or 0.0))
     return float(np.mean(np.einsum("nli,ni->n", pushed, up)) / weight)

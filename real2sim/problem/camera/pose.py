@@ -11,7 +11,7 @@ from scipy.stats import median_abs_deviation
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.go1 import STAND_HEIGHT
+from saltus.real2sim.problem.log import robot_of
 from saltus.real2sim.problem.rotations import continuous, unit
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import rotation_matrix
@@ -19,8 +19,6 @@ from saltus.rotations import rotation_matrix
 SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
 SMOOTHING_ORDER = 3
 LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
-STILL = np.array([0.0, 0.0, STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0])
-"""Pose of a base of which nothing is said: position [m] and quaternion."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,10 +76,10 @@ class BaseMotion:
     def __init__(self, log: RunLog) -> None:
         self.start_s, self.end_s = -math.inf, math.inf
         self._spline: Akima1DInterpolator | None = None
-        self._pose = STILL
         self.noise_m = self.noise_rad = LEAST_NOISE
         """Standard deviation of what `at` returns, per axis [m] and [rad]."""
         if log.base is None or not len(log.base.time_s):
+            self._pose = np.array([0.0, 0.0, robot_of(log.meta).stand_height, 1.0, 0.0, 0.0, 0.0])
             return
         time_s, first = np.unique(log.base.time_s, return_index=True)
         pose = log.base.values[first, :7].copy()

@@ -10,7 +10,7 @@ from saltus.real2sim.problem.joints.motion import Rows
 from saltus.recordings.run_log import RunLog
 
 LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
-LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed of robots of this class (unitree_ros)
+LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class
 LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
 LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04

@@ -25,7 +25,7 @@ LINEARISED_EVERY_S = 0.008
 START_S = (0.02, 0.05, 0.1, 0.2, 0.4)
 """Stretches around a window's start from which the state there is estimated; the longest that is still a parabola."""
 WARM_UP_S = 0.25
-"""After the start of a window: e^-3 of an error of its start is left under a Go1's gains, and delays are over."""
+"""After the start of a window: e^-3 of an error of its start is left under usual gains, and delays are over."""
 WINDOW_S = 1.0
 """Restarts this often cost a fifth more of simulated time, and a quarter less of computing: arrays are larger."""
 

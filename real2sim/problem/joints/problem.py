@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from saltus import go1
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, knee_and_plateau
@@ -17,9 +17,10 @@ from saltus.real2sim.problem.joints.grid import Grid
 from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windows_of
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
-from saltus.real2sim.problem.log import gains, robot_of, segments_of
+from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, estimates
 from saltus.recordings.run_log import RunLog
+from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held import HeldRobot
 
 SAMPLE_S = 0.016
@@ -40,6 +41,7 @@ class JointProblem(Problem):
         log: With `meta["base"]` "fixed".
 
     Attributes:
+        model: The robot, or the MJCF that the log names.
         reach: How far the log goes at each place of the legs.
         limit: Torque limit of each place [Nm], shape (places,).
 
@@ -56,7 +58,8 @@ class JointProblem(Problem):
         if meta.get("base") != "fixed":
             raise RecordingError(f"the joints need a held base, the log claims base {meta.get('base')!r}")
         names = list(meta["joints"])
-        self._robot = HeldRobot(robot_of(meta), names, _base_quaternion(log))
+        self.model = model_of(meta)
+        self._robot = HeldRobot(self.model, names, _base_quaternion(log))
         self._rows = uniform_rows(log)
         kp, kd = gains(meta)
         branches = self._robot.branches
@@ -70,7 +73,7 @@ class JointProblem(Problem):
         places, self.blocks, self.places = _named(names, branches)
         self.reach = reach_of(self._rows, kp, kd, branches, self._steps)
         self.untestable = untestable(log, self._rows, self.reach)
-        limits = _torque_limits(branches)
+        limits = _torque_limits(self.model, branches)
         self.limit = limits[0]
         self._candidates = JointCandidates(places, limits, self.reach, tuple(self.untestable))
         self.candidates = self._candidates.listed
@@ -236,11 +239,12 @@ def _base_quaternion(log: RunLog) -> Sequence[float]:
     return tuple((mean / np.linalg.norm(mean)).tolist())
 
 
-def _torque_limits(branches: Indices) -> Floats:
-    """Limits to which the schema refers: a Go1's for legs of three joints, else its smallest."""
-    if branches.shape[1] == 3:
-        return np.tile(go1.TORQUE_LIMIT[:3], (len(branches), 1))
-    return np.full(branches.shape, go1.TORQUE_LIMIT.min())
+def _torque_limits(model: Robot | Path, branches: Indices) -> Floats:
+    """Of every joint: for legs of three joints those of one leg, else the smallest."""
+    limits = torque_limits(model)
+    if branches.shape[1] == len(LINKS):
+        return np.tile(limits[: len(LINKS)], (len(branches), 1))
+    return np.full(branches.shape, limits.min())
 
 
 def _named(
