@@ -8,8 +8,8 @@ the ground is taken to be the plane through the places where its feet last stood
 
 from dataclasses import dataclass, replace
 
-from saltus.action import Action
-from saltus.arrays import Array, Constant, namespace, smooth_step
+from saltus.action import Action, swing_lift
+from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitConfig
 from saltus.controller.law import Diagnostics
@@ -175,9 +175,6 @@ class Braking:
         landing_x = self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
         middle = xp.mean(state.foothold, axis=-2)
         ground = middle[..., 2] + slope * (landing_x - middle[..., 0]) + base_height  # the swing stays at -base_height
-        up, low = (
-            smooth_step(swing / config.lift_until),
-            smooth_step((swing - config.lower_from) / (1.0 - config.lower_from)),
-        )
         over, down = xp.clip(ground, 0.0, None) + config.clearance_m, ground + config.landing_height_m
-        return xp.stack([reach, xp.zeros_like(reach), up * (over + (down - over) * low)], axis=-1)
+        lift = swing_lift(swing, over, down, config.lift_until, config.lower_from)
+        return xp.stack([reach, xp.zeros_like(reach), lift], axis=-1)

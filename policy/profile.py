@@ -38,12 +38,6 @@ def highest_between(heights: Array, start: Array, end: Array) -> Array:
     return xp.maximum(xp.max(ends, axis=-1), xp.max(inside, axis=-1))
 
 
-def mean_between(heights: Array, start: float, end: float) -> Array:
-    """Mean of the heights on the grid between two distances. Shape (..., 30) -> (...)."""
-    inside = (start <= HEIGHTMAP_X) & (end >= HEIGHTMAP_X)
-    return heights @ Constant(inside / inside.sum()).like(heights)
-
-
 def slope(heights: Array, start: float, end: float) -> Array:
     """Slope of the line that fits the heights between two distances best. Shape (..., 30) -> (...)."""
     inside = (start <= HEIGHTMAP_X) & (end >= HEIGHTMAP_X)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saltus.action import Action
+from saltus.action import Action, swing_lift
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.policy.observation import Observation
@@ -248,9 +248,7 @@ class ScriptedPlanner:
         nominal_z = -observation.base_height  # the controller's swing stays at the height of its ground
         over = highest_between(ground, start, end) + self._foot_radius + p.clearance_m - nominal_z
         down = height_at(ground, landing[..., None])[..., 0] + self._foot_radius - p.landing_depth_m - nominal_z
-        up = smooth_step(swing / p.lift_until)
-        low = smooth_step((swing - p.lower_from) / (1.0 - p.lower_from))
-        lift = up * (over + (down - over) * low)
+        lift = swing_lift(swing, over, down, p.lift_until, p.lower_from)
         residual = xp.stack([shift + detour, 0.0 * lift, lift], axis=-1)
         return xp.where(observation.contact[..., leg, None], 0.0 * residual, residual)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saltus.arrays import Array
+from saltus.arrays import Array, smooth_step
 from saltus.wire.messages import MotionPlan, PlanStatus
 
 
@@ -24,6 +24,20 @@ class Action:
     """[m], shape (..., 3), y outward."""
     foot_residual_rear: Array
     """[m], shape (..., 3), y outward."""
+
+
+def swing_lift(swing: Array, over: Array, down: Array, lift_until: Array, lower_from: Array) -> Array:
+    """Vertical residual of a foot at a share of its swing: soon at `over`, then down to `down` [m], all of shape (...).
+
+    Args:
+        swing: Progress, [0, 1].
+        over: What lies on the way [m].
+        down: Where the swing ends [m].
+        lift_until: Progress at which the foot is up.
+        lower_from: Progress at which it begins to come down.
+    """
+    low = smooth_step((swing - lower_from) / (1.0 - lower_from))
+    return smooth_step(swing / lift_until) * (over + (down - over) * low)
 
 
 def action_of(message: MotionPlan) -> Action:

@@ -15,7 +15,7 @@ from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, rea
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
 from saltus.recordings.recording import Recording
-from saltus.recordings.report import STYLE
+from saltus.recordings.report import page
 from saltus.recordings.summary import rounded
 
 WORST = 10
@@ -178,13 +178,9 @@ def write_report(report: ErrorReport, path: Path) -> None:
         f"{APART_S:g} s apart.{'' if report.worst() else ' There are none.'}</p>",
         *_moments(report),
     ]
-    body = "\n".join(parts)
     partial = path.with_name(f".{path.name}.partial")
     try:
-        partial.write_text(
-            '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus heightmap errors</title>'
-            f"<style>{STYLE}{_TABLE_STYLE}</style></head><body>{body}</body></html>"
-        )
+        partial.write_text(page("Saltus heightmap errors", "\n".join(parts), _TABLE_STYLE))
         partial.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):

@@ -12,7 +12,7 @@ from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
-from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, STYLE
+from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, figure_html, numbers_table, page
 from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
@@ -40,25 +40,21 @@ def write_evaluation_report(
         f"<h1>{result.successes} of {len(result.trials)} trials succeeded: {html.escape(_course(terrains[0]))}</h1>",
         _numbers(table),
         f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
-        _figure(_placement(shown, terrains), first=True),
+        figure_html(_placement(shown, terrains), first=True),
         f"<h2>Seed {result.seeds[0]}, from the first jump to the end</h2>",
         picture_strip(load_robot(evaluation.robot), terrains[0], shown[0].trace),
         f"<h2>Height and pitch of the trunk along the course, {alike}</h2>",
-        _figure(_body(shown)),
+        figure_html(_body(shown)),
         f"<h2>Phase diagram: pitch and its rate, {alike}</h2>",
-        _figure(_phase(shown)),
+        figure_html(_phase(shown)),
         "<h2>Contact schedule and loaded feet of the first trial</h2>",
-        _figure(_gait(shown[0])),
+        figure_html(_gait(shown[0])),
         "<h2>Failures by cause</h2>",
         _failures(result),
         "<h2>Provenance</h2>",
         f"<pre>{html.escape(_provenance(evaluation, table))}</pre>",
     ]
-    body = "\n".join(parts)
-    path.write_text(
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus evaluation</title>'
-        f"<style>{STYLE}</style></head><body>{body}</body></html>"
-    )
+    path.write_text(page("Saltus evaluation", "\n".join(parts)))
 
 
 def _provenance(evaluation: Evaluation, table: dict[str, Any]) -> str:
@@ -82,14 +78,7 @@ def _numbers(table: dict[str, Any]) -> str:
         "median time of successes": f"{table['time_s']['p50']:.2f} s",
         "seeds": f"{table['seed']} to {table['seed'] + table['trials'] - 1}",
     }
-    cells = "".join(f"<tr><td>{name}</td><td>{html.escape(str(value))}</td></tr>" for name, value in rows.items())
-    return f"<table>{cells}</table>"
-
-
-def _figure(figure: go.Figure, *, first: bool = False) -> str:
-    figure.update_layout(template="simple_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, hovermode="closest")
-    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
-    return fragment
+    return numbers_table({name: html.escape(str(value)) for name, value in rows.items()})
 
 
 def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go.Figure:

@@ -15,7 +15,7 @@ from saltus.real2sim.reporting.localise import Channel, localise
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
-from saltus.recordings.report import STYLE
+from saltus.recordings.report import page
 from saltus.recordings.run_log import RunLog
 
 MORE_STYLE = """
@@ -45,10 +45,7 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>What the simulator lacks</title>'
-        f"<style>{STYLE}{MORE_STYLE}</style><script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>"
-    )
+    return page("What the simulator lacks", "".join(parts), MORE_STYLE, f"<script>{get_plotlyjs()}</script>")
 
 
 def _examination(examination: Examination, *, is_alone: bool) -> str:

@@ -1,6 +1,7 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import html
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,15 +85,15 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         _numbers(summary),
         "<h2>Terrain, path of the base, and what the robot thought was ahead</h2>",
         '<p class="note">Dots: predicted heights, one profile in ten; zoom in to see single profiles.</p>',
-        _figure(_path_figure(data, terrain), first=True),
+        figure_html(_path_figure(data, terrain), first=True),
         "<h2>Height, pitch and speed of the base</h2>",
-        _figure(_body_figure(data)),
+        figure_html(_body_figure(data)),
         "<h2>Contact schedule and measured contact</h2>",
         '<p class="note">Blue: a leg is scheduled to stand. Orange: its foot bears more than 5 N.</p>',
-        _figure(_contact_figure(data)),
+        figure_html(_contact_figure(data)),
         "<h2>Heightmap error by distance ahead of the base</h2>",
         '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
-        _figure(_error_figure(data)),
+        figure_html(_error_figure(data)),
         "<h2>Rates and ages</h2>",
         _timing_table(summary),
         "<h2>Events</h2>",
@@ -101,11 +102,28 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         f"<pre>{html.escape(_provenance(summary, config))}</pre>",
     ]
     lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
-    body = "\n".join(parts)
-    path.write_text(
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Saltus run</title><style>{STYLE}</style>'
-        f"</head><body>{lost}{body}</body></html>"
+    path.write_text(page("Saltus run", lost + "\n".join(parts)))
+
+
+def page(title: str, body: str, more_style: str = "", head: str = "") -> str:
+    """A whole page in the style of all reports; title and parts are HTML."""
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{STYLE}{more_style}</style>{head}</head><body>{body}</body></html>"
     )
+
+
+def figure_html(figure: go.Figure, *, first: bool = False) -> str:
+    """A figure as part of a page; the first brings plotly with it."""
+    figure.update_layout(template="simple_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, hovermode="closest")
+    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
+    return fragment
+
+
+def numbers_table(rows: Mapping[str, str]) -> str:
+    """A table of two columns; names and values are HTML."""
+    cells = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows.items())
+    return f"<table>{cells}</table>"
 
 
 def _provenance(summary: RunSummary, config: RunConfig) -> str:
@@ -137,14 +155,7 @@ def _numbers(summary: RunSummary) -> str:
         "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
         "messages rejected": str(sum(summary.rejected.values())),
     }
-    cells = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows.items())
-    return f"<table>{cells}</table>"
-
-
-def _figure(figure: go.Figure, *, first: bool = False) -> str:
-    figure.update_layout(template="simple_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, hovermode="closest")
-    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
-    return fragment
+    return numbers_table(rows)
 
 
 def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
