@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
+from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.fleet import Arrival, FleetService
@@ -23,6 +24,7 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.resources import resource
+from saltus.robots.loading import load_robot
 from saltus.wire.messages import DepthFrame, RobotState
 
 WARM_UP = 200
@@ -40,11 +42,11 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
-        network = HeightmapNetwork(resource("models/heightmap.onnx"))
+        network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         small = frames(self.ticks, MODEL_CAMERA, rng)
         large = frames(self.ticks // 2, sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng)
-        single = one_robot(network, LevelRobot().states(small), small)
-        states = LevelRobot().states(large)
+        single = one_robot(network, LevelRobot().states(network.robot, small), small)
+        states = LevelRobot().states(network.robot, large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]
         last = rows[-1]
         return {

@@ -33,7 +33,7 @@ import numpy as np
 import torch
 
 from benchmarks._command import Command
-from saltus.config import Camera
+from saltus.config import DEFAULT_ROBOT, Camera
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
 from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
@@ -47,10 +47,12 @@ from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
+from saltus.robots.loading import load_robot
 from saltus.wire.messages import Floats
 
 DATA_SEED, EVAL_SEED, SEED = 2031, 5, 1
 ROUNDS, BATCHES = 3, 6  # of 32 robots for 6 s: a little over 100,000 steps a round
+ROBOT = load_robot(DEFAULT_ROBOT)
 LEARNED = 0.75  # share of robots that the learned policy drives, as in the GPU rollouts of the shipped network
 SHOWN = 40  # held-out episodes
 STEREO, CLEAN = "stereo", "clean"
@@ -123,7 +125,12 @@ def collect(data: Path, name: str) -> None:
     model = resource("models/heightmap.onnx")
     for index in range(len(read_manifest(data)), ROUNDS):
         logging.info("collecting round %d, %s", index, name)
-        config = {"source": "dagger", "round": index, "heights": HeightmapNetwork(model).model_id, **asdict(loop)}
+        config = {
+            "source": "dagger",
+            "round": index,
+            "heights": HeightmapNetwork(ROBOT, model).model_id,
+            **asdict(loop),
+        }
         made = (e for batch in range(BATCHES) for e in closed_loop_episodes(loop, model, (DATA_SEED, index, batch)))
         write_shard(data, made, seed=DATA_SEED, config=config)
 
@@ -159,7 +166,7 @@ def trained(out: Path, name: str, updates: int) -> Path:
 def exported(model: HeightmapModel, path: Path) -> Path:
     """The network as a file."""
     # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-    export(model, path, Origin(warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
+    export(model, path, Origin(robot=ROBOT, warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
     return path
 
 
@@ -200,7 +207,7 @@ def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str
     table = {}
     for name in SHOWN_AS:
         images = NETWORKS[name]
-        found = accuracy(model, held_out[images.data], DELIVERIES[images.delivery])
+        found = accuracy(HeightmapNetwork(ROBOT, model), held_out[images.data], DELIVERIES[images.delivery])
         table[f"as {name}"] = {
             "mae_m": round(1e3 * found.mae_m, 2),
             "ahead_m": round(1e3 * found.ahead_m, 2),

@@ -11,7 +11,6 @@ the steadier figure on a shared machine; cores over it are the frames per second
 """
 
 import itertools
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,22 +20,26 @@ import numpy as np
 
 from benchmarks._command import Command, progress
 from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
-from saltus import go1
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image
 from saltus.render.backends import make_renderer, present
-from saltus.render.stereo.model_view import COLUMNS, ROWS
+from saltus.render.camera import RobotCamera
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
+from saltus.render.stereo.optics import Optics
+from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import Floats
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
 WIDE = Intrinsics(width=60, height=48, fx=42.28, fy=42.28, cx=30.0, cy=24.0)  # the model's pixels, a wider view
 CAMERAS = (MODEL_CAMERA, WIDE, D435I)
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
-NATIVE_BATCH = 56
+NATIVE_BATCH, FAST_BATCH = 2, 64  # their arrays stay in the processor's cache
 WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
 
@@ -95,9 +98,9 @@ def poses(count: int) -> tuple[Floats, Floats, Floats]:
     position = rng.uniform([0.0, -0.1, 0.3], [4.0, 0.1, 0.6], (count, 3))
     position[:, 2] += TERRAIN.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.2, 0.2, (3, count)))
-    joints = go1.STAND_POSE + rng.uniform(-0.3, 0.3, (count, 12))
+    joints = ROBOT.stand_pose + rng.uniform(-0.3, 0.3, (count, 12))
     ahead = joints.reshape(count, 4, 3)[::2]
-    ahead[..., 0] = go1.SIDE * rng.uniform(-0.86, -0.65, ahead.shape[:2])
+    ahead[..., 0] = ROBOT.side * rng.uniform(-0.86, -0.65, ahead.shape[:2])
     ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
     ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
     return position, quaternion, joints
@@ -114,7 +117,8 @@ def cases(backend: str, images: int) -> Iterator[Case]:
         if backend == "embree":
             yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=min(images, NATIVE_BATCH))
         if backend in ("embree", "warp"):
-            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=images)
+            batch = images if backend == "warp" else min(images, FAST_BATCH)
+            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=batch)
 
 
 def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -124,21 +128,28 @@ def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
     robots = poses(case.batch)
     if case.noise != "none":
         return noisy_exposure(case, robots)
-    renderer = make_renderer(case.backend, TERRAIN, case.camera, legs=case.legs)
+    renderer = make_renderer(case.backend, TERRAIN, RobotCamera.on(ROBOT, case.camera, legs=case.legs))
     return lambda: renderer.render_batch(*robots), renderer.close
 
 
 def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
-    """The chain of the sensor's own pixels, or that for training, with a process on each core."""
-    from saltus.render.stereo_processes import StereoProcesses
+    """The chain of the sensor's own pixels, or that for training, in one process."""
+    from saltus.render.stereo_embree import StereoEmbree
 
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
-    rng = np.random.default_rng(0)
-    cameras = StereoProcesses(
-        TERRAIN, legs=case.legs, rows=rows, columns=columns, count=case.batch, rng=rng, processes=cores()
-    )
-    instants = instants_s()
-    return lambda: cameras.step(*robots, next(instants)), cameras.close
+    view, instants = sampled_model_camera(rows, columns), instants_s()
+    optics = Optics.of(view)
+    pair = StereoEmbree(TERRAIN, optics, RobotCamera.on(ROBOT, view, legs=case.legs))
+    cameras = StereoCamera(StereoConfig(), optics)
+    state = cameras.init((case.batch,), np.random.default_rng(0))
+
+    def expose() -> object:
+        nonlocal state
+        depth, hidden = pair.render_pair_batch(*robots)
+        image, state = cameras.step(depth, hidden, np.full(case.batch, next(instants)), state)
+        return pooled(image.depth, rows, columns)
+
+    return expose, pair.close
 
 
 def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -146,14 +157,11 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
     import torch
     import warp
 
-    from saltus.render.stereo.camera import StereoConfig
-    from saltus.render.stereo.model_view import sampled_model_camera
-    from saltus.render.stereo.optics import Optics
     from saltus.render.stereo_torch import TorchStereo
     from saltus.render.warp import WarpRenderer
 
     view = case.camera if case.noise == "none" else sampled_model_camera(ROWS, COLUMNS)
-    caster = WarpRenderer(TERRAIN, view, legs=case.legs).caster
+    caster = WarpRenderer(TERRAIN, RobotCamera.on(ROBOT, view, legs=case.legs)).caster
     robots = [torch.as_tensor(array, dtype=torch.float32, device=caster.device) for array in poses(case.batch)]
     optics = Optics.of(view)
     cameras = TorchStereo(StereoConfig(), optics, caster.device)
@@ -207,11 +215,6 @@ def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]
         "processor_us": round(1e6 * processor / frames, 1),
         "rss_growth_mb": round(growth, 2),
     }
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def settled_mb(expose: Callable[[], object]) -> float:

@@ -14,16 +14,19 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from benchmarks._measuring import depth_frame
-from saltus import go1
+from saltus.config import DEFAULT_ROBOT
 from saltus.depth import D435I, depth_in_millimetres
+from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
 from saltus.wire.messages import DepthFrame
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 PERIOD_S = 1.0 / 30.0  # rate of a D435i at 424x240 as it comes out of the box
 STEPS_PX = (1 / 16, 1 / 32, 1 / 64)
 HIDDEN = ("baseline_m", "sigma_px", "step_px")
@@ -114,8 +117,8 @@ def recording(hidden: Hidden, count: int, rng: np.random.Generator) -> list[Dept
     optics = Optics.of(D435I, baseline_m=hidden.baseline_m)
     angles = (np.asarray(angle) for angle in (hidden.roll, hidden.pitch, hidden.yaw))
     position = np.array([FIRST_EDGE_X - hidden.distance_m, 0.0, hidden.trunk_m])
-    pair = StereoEmbree(hidden.terrain, optics, D435I)
-    scene = pair.render_pair(position, quaternion_from_roll_pitch_yaw(*angles), go1.STAND_POSE)
+    pair = StereoEmbree(hidden.terrain, optics, RobotCamera.on(ROBOT, D435I))
+    scene = pair.render_pair(position, quaternion_from_roll_pitch_yaw(*angles), ROBOT.stand_pose)
     return frames_of(StereoCamera(hidden.config, optics), scene, count, rng)
 
 

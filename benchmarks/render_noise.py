@@ -14,20 +14,22 @@ import cv2
 import numpy as np
 
 from benchmarks._command import Command
-from saltus import go1
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import D435I, Intrinsics
 from saltus.effects.signals import DepthImage
+from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit, load_frames
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import stereo_image
 from saltus.render.stereo.model_view import pooled, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import Floats
 
+ROBOT = load_robot(DEFAULT_ROBOT)
 NATIVE = sampled_model_camera(5, 5)
 HD = Intrinsics(width=1280, height=180, fx=640.0, fy=640.0, cx=640.0, cy=90.0)
 """The sensor's largest mode; fewer rows, which are all alike here."""
@@ -164,7 +166,7 @@ def shadows_of(disparity: Floats) -> Any:
     return np.take_along_axis(right, place, axis=1) > disparity + 1.0
 
 
-def pose(x: float, yaw: float, joints: Floats = go1.STAND_POSE) -> tuple[Floats, Floats, Floats]:
+def pose(x: float, yaw: float, joints: Floats = ROBOT.stand_pose) -> tuple[Floats, Floats, Floats]:
     """A robot with its trunk level, 0.4 m above the ground in front of the stairs."""
     quaternion = quaternion_from_roll_pitch_yaw(*(np.asarray(angle) for angle in (0.0, 0.0, yaw)))
     return np.array([x, 0.0, 0.40]), quaternion, np.asarray(joints)
@@ -173,7 +175,7 @@ def pose(x: float, yaw: float, joints: Floats = go1.STAND_POSE) -> tuple[Floats,
 def cost_rows() -> list[dict[str, Any]]:
     """Milliseconds of each effect on the native crop, one image on one core."""
     optics = Optics.of(NATIVE)
-    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, NATIVE)
+    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, NATIVE))
     depth, hidden = pair.render_pair(*pose(0.8, 0.2))
     rows = []
     signal: Any = stereo_image(depth, hidden, np.asarray(0.0), optics)
@@ -208,7 +210,7 @@ def colours(depth: Floats, height: int = 360) -> Any:
 def draw(path: Path) -> None:
     """The stages of the chain, for a robot beside stairs with its front legs in view, on a grey page."""
     optics = Optics.of(D435I)
-    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, D435I)
+    pair = StereoEmbree(make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I))
     depth, hidden = pair.render_pair(*pose(1.0, 0.35, REACHING))
     stages: list[tuple[str, Floats]] = [("true depth", depth)]
     stages.append(("not seen by the right imager", np.where(hidden, 0.0, depth)))

@@ -16,11 +16,13 @@ import numpy as np
 import tyro
 
 from benchmarks._command import Command, progress
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.shards import Episode, read_dataset
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.validate import run_episode
+from saltus.robots.loading import load_robot
 
 AFTER_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SPAN = round(0.1 / TICK_S)  # ticks that are averaged
@@ -40,7 +42,7 @@ class Benchmark(Command):
         long_enough = [e for e in read_dataset(self.data) if len(e.height) >= 2 * LAST]
         if not long_enough:
             raise SaltusError(f"no episode of {self.data} lasts {2 * LAST * TICK_S:g} s")
-        networks = [HeightmapNetwork(path) for path in self.models]
+        networks = [HeightmapNetwork(load_robot(DEFAULT_ROBOT), path) for path in self.models]
         return {"models": [measure(network, long_enough[: self.episodes]) for network in progress(networks)]}
 
 

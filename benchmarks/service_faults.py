@@ -16,11 +16,12 @@ import numpy as np
 from benchmarks._command import progress
 from benchmarks._measuring import recorded_run
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.config import RunConfig, TerrainConfig
+from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
 from saltus.heightmap.evaluation.comparison import Run, read_run
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.resources import resource
+from saltus.robots.loading import load_robot
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, HeightmapStatus, RobotState
 
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.08, steps=60)  # nine seconds: a pause of 3 s, and time after it
@@ -198,9 +199,14 @@ def smoothed(error: Floats) -> Floats:
     return np.where(np.isfinite(mean), total / np.maximum(known.sum(-1), 1), np.nan)
 
 
+def shipped_network() -> HeightmapNetwork:
+    """The network of the shipped model."""
+    return HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
+
+
 def measure(runs: Sequence[Run]) -> dict[str, Curves]:
     """All faults at all moments of all runs."""
-    network = HeightmapNetwork(resource("models/heightmap.onnx"))
+    network = shipped_network()
     around = np.arange(-round(BEFORE_S / TICK_S), round(AFTER_S / TICK_S))
     found: dict[str, list[tuple[Floats, Floats, Floats]]] = {name: [] for name in FAULTS}
     for run in runs:
@@ -221,7 +227,10 @@ def measure(runs: Sequence[Run]) -> dict[str, Curves]:
 
 def loss_ratios(runs: Sequence[Run]) -> dict[float, float]:
     """RMS error with a share of the images lost at random, over that with none, while the robot runs."""
-    network, rng = HeightmapNetwork(resource("models/heightmap.onnx")), np.random.default_rng(0)
+    network, rng = (
+        shipped_network(),
+        np.random.default_rng(0),
+    )
     squares = dict.fromkeys((0.0, *LOSSES), 0.0)
     for run in runs:
         calls = calls_of(run)

@@ -133,7 +133,7 @@ class Scenes:
     def __init__(self) -> None:
         camera = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
         self._frames = random_frames(camera, SCENES, np.random.default_rng(0))
-        self._state = LevelRobot().states(self._frames[:1])[0]
+        self._state = LevelRobot().states(load_robot(DEFAULT_ROBOT), self._frames[:1])[0]
 
     def at(self, number: int, time_ns: int) -> tuple[DepthFrame, RobotState]:
         """Both with the same number and time, so that a heightmap is due that is made of this image."""

@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.data.shards import Collection, Episode, collect_batches
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop, ProcessorCollection
+from saltus.robots.loading import load_robot
 from saltus.workers import Listener, in_order
 
 Key = tuple[int, int, int]
@@ -65,5 +67,5 @@ def closed_loop_batches(
 
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
     """What the manifest says of a round; by it a dataset knows the episodes that it has."""
-    heights = "true" if model is None else HeightmapNetwork(model).model_id
+    heights = "true" if model is None else HeightmapNetwork(load_robot(DEFAULT_ROBOT), model).model_id
     return {"source": "dagger", "round": index, "batches": batches, **asdict(loop), "heights": heights}

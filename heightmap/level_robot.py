@@ -2,46 +2,53 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+import tyro
 
-from saltus import go1, kinematics, rotations
+from saltus import rotations
 from saltus.config import check_between
 from saltus.constants import GRAVITY
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S
+
+OfRobot = Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="(default: the robot's)")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class LevelRobot:
     """Stands still and level on the ground below the camera."""
 
-    base_height_m: float = go1.STAND_HEIGHT
+    base_height_m: OfRobot = None
     """Height of the base above the ground [m]."""
-    camera_pitch_deg: float = float(np.rad2deg(go1.CAMERA_PITCH))
+    camera_pitch_deg: OfRobot = None
     """How far the camera looks down [deg]. The trunk is taken to be pitched by what this differs from the mount."""
 
     def __post_init__(self) -> None:
         check_between(self, base_height_m=(0.05, 2.0), camera_pitch_deg=(-90.0, 90.0))
 
-    def states(self, frames: Iterable[DepthFrame]) -> list[RobotState]:
+    def states(self, robot: Robot, frames: Iterable[DepthFrame]) -> list[RobotState]:
         """One state for every frame, at the time at which a robot would have used it."""
-        pitch = np.deg2rad(self.camera_pitch_deg) - go1.CAMERA_PITCH
+        pitch = 0.0 if self.camera_pitch_deg is None else np.deg2rad(self.camera_pitch_deg) - robot.camera_pitch
+        height = robot.stand_height if self.base_height_m is None else self.base_height_m
         zero = np.asarray(0.0)
         quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, np.asarray(pitch), zero)
-        joints = self._joints(quaternion)
+        joints = _joints(robot, quaternion, height)
         latency_ns = round(1e9 * CAMERA_LATENCY_S)
         return [
-            _standing(step, frame.time_ns + latency_ns, quaternion, joints, self.base_height_m)
-            for step, frame in enumerate(frames)
+            _standing(step, frame.time_ns + latency_ns, quaternion, joints, height) for step, frame in enumerate(frames)
         ]
 
-    def _joints(self, quaternion: np.ndarray) -> np.ndarray:
-        """Legs straight below the hips, feet on the ground."""
-        rotation = rotations.rotation_matrix(quaternion)
-        hips = (go1.HIP_ANCHOR + np.outer(go1.SIDE, [0.0, go1.ABDUCTION_LENGTH, 0.0])) @ rotation.T
-        hips[:, 2] = go1.FOOT_RADIUS - self.base_height_m
-        return np.clip(kinematics.inverse_kinematics(hips @ rotation), go1.JOINT_LOWER, go1.JOINT_UPPER)
+
+def _joints(robot: Robot, quaternion: np.ndarray, height: float) -> np.ndarray:
+    """Legs straight below the hips, feet on the ground."""
+    rotation = rotations.rotation_matrix(quaternion)
+    hips = (robot.hip_anchor + np.outer(robot.abduction_offset, [0.0, 1.0, 0.0])) @ rotation.T
+    hips[:, 2] = robot.foot_radius - height
+    return np.clip(LegKinematics(robot).inverse(hips @ rotation), robot.joint_lower, robot.joint_upper)
 
 
 def _standing(step: int, time_ns: int, quaternion: np.ndarray, joints: np.ndarray, base_height: float) -> RobotState:

@@ -7,7 +7,7 @@ import numpy as np
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
-from saltus.render.camera import moved_camera
+from saltus.render.camera import RobotCamera
 from saltus.render.exposure import Exposure, PerfectExposure
 from saltus.render.process import RANDOM_STREAM, CameraProcess
 from saltus.runtime.process import ProcessContext, run_process
@@ -31,10 +31,10 @@ def build(context: ProcessContext) -> CameraProcess:
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
-        exposure = StereoExposure(terrain, rng, view=profile.view_chain)
+        exposure = StereoExposure(terrain, context.robot, rng, view=profile.view_chain)
     else:
-        true_camera = moved_camera(profile.view_chain, MODEL_CAMERA)
-        exposure = PerfectExposure(make_renderer(config.renderer, terrain, *true_camera), MODEL_CAMERA)
+        camera = RobotCamera.on(context.robot).moved(profile.view_chain)
+        exposure = PerfectExposure(make_renderer(config.renderer, terrain, camera), MODEL_CAMERA)
     return CameraProcess(exposure, profile.camera_chain, rng)
 
 

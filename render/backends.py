@@ -4,9 +4,9 @@ import ctypes.util
 from collections.abc import Callable
 
 from saltus.config import Renderer as RendererName
-from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.depth import Intrinsics
 from saltus.errors import ConfigError, SaltusError, nearest_hint
-from saltus.render.camera import Mount
+from saltus.render.camera import RobotCamera
 from saltus.render.renderer import Renderer as Renderer
 from saltus.terrain.terrain import Terrain
 
@@ -16,14 +16,7 @@ RASTER_PIXELS = 6_000
 0.08 us a ray, with some legs in view (`saltus bench render`)."""
 
 
-def make_renderer(
-    name: str,
-    terrain: Terrain,
-    intrinsics: Intrinsics = MODEL_CAMERA,
-    mount: Mount | None = None,
-    *,
-    legs: bool = True,
-) -> Renderer:
+def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
     """A renderer by name; "auto" is the fastest that this machine has for one image of that size.
 
     Back ends are imported here, each only when it is asked for: their libraries are large.
@@ -31,17 +24,15 @@ def make_renderer(
     Args:
         name: "auto", "embree", "pyrender" or "warp".
         terrain: what there is to see.
-        intrinsics: of the camera.
-        mount: of the camera on the trunk; the Go1's where it is not given.
-        legs: whether the robot's legs can be seen.
+        camera: to see it with.
 
     Raises:
         ConfigError: no such back end.
-        SaltusError: the back end cannot be loaded, or see `Renderer`.
+        SaltusError: the back end cannot be loaded.
     """
     if name not in NAMES:
         raise ConfigError(f"no renderer '{name}': {nearest_hint(name, NAMES)}")
-    choices = preference(intrinsics) if name == "auto" else [name]
+    choices = preference(camera.intrinsics) if name == "auto" else [name]
     failures = []
     for choice in choices:
         try:
@@ -49,7 +40,7 @@ def make_renderer(
         except (ImportError, OSError, SaltusError) as error:
             failures.append(f"the {choice} renderer cannot be loaded: {error}")
         else:
-            return kind(terrain, intrinsics, mount, legs=legs)
+            return kind(terrain, camera)
     raise SaltusError("; ".join(failures))
 
 

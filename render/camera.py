@@ -4,34 +4,39 @@ Camera frame: x right in the image, y down in the image, z forward along the opt
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant
-from saltus.depth import Intrinsics
+from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.effects.camera import ViewChain
 from saltus.effects.signals import CameraView
 from saltus.errors import SaltusError
-from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, TRUNK_SIZE
+from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """Where a camera sits on the trunk; by default where the Go1's does.
+    """Where a camera sits on the trunk.
 
     The cameras of a batch of robots may each have a place of their own: then the poses that a mount is used with, and
     its numbers, share their leading dimension (n,).
     """
 
-    position: Floats = field(default_factory=CAMERA_POSITION.copy)
+    position: Floats
     """Optical centre in the base frame [m], shape (3,) or (n, 3)."""
-    pitch: float | Floats = CAMERA_PITCH
+    pitch: float | Floats
     """Nose down positive [rad], one number or shape (n,)."""
+
+    @classmethod
+    def of(cls, robot: Robot) -> "Mount":
+        """Where a robot has its camera."""
+        return cls(position=robot.camera_position, pitch=robot.camera_pitch)
 
     @property
     def rotation(self) -> Floats:
@@ -47,24 +52,39 @@ class Mount:
         return Constant(self.position), Constant(self.rotation)
 
 
-def moved_camera(view: ViewChain, camera: Intrinsics, mount: Mount | None = None) -> tuple[Intrinsics, Mount]:
-    """The camera as it really is, for one that is claimed.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotCamera:
+    """A camera on a robot, and what of the robot it can see.
 
-    Args:
-        view: effects on where it sits and how wide it looks.
-        camera: claimed.
-        mount: claimed; the Go1's where it is not given.
+    Raises:
+        SaltusError: the camera is no pin-hole, or its place is no place or inside of the trunk.
     """
-    mount = mount or Mount()
-    claimed = CameraView(
-        position=np.asarray(mount.position), pitch=np.asarray(mount.pitch), tangent_scale=np.asarray(1.0)
-    )
-    true = view.moved(claimed)
-    wider = float(true.tangent_scale)
-    return (
-        replace(camera, fx=camera.fx / wider, fy=camera.fy / wider),
-        Mount(position=true.position, pitch=float(true.pitch)),
-    )
+
+    robot: Robot
+    intrinsics: Intrinsics
+    mount: Mount
+    legs: bool = True
+    """Whether the robot's legs can be seen."""
+
+    def __post_init__(self) -> None:
+        _check_pinhole(self.intrinsics)
+        _check_mount(self.mount, self.robot)
+
+    @classmethod
+    def on(cls, robot: Robot, intrinsics: Intrinsics = MODEL_CAMERA, *, legs: bool = True) -> "RobotCamera":
+        """A camera where the robot has its own."""
+        return cls(robot=robot, intrinsics=intrinsics, mount=Mount.of(robot), legs=legs)
+
+    def moved(self, view: ViewChain) -> "RobotCamera":
+        """The camera as it really is, for this one that is claimed, by effects on its place and how wide it looks."""
+        position, pitch = np.asarray(self.mount.position), np.asarray(self.mount.pitch)
+        true = view.moved(CameraView(position=position, pitch=pitch, tangent_scale=np.asarray(1.0)))
+        wider, claimed = float(true.tangent_scale), self.intrinsics
+        return replace(
+            self,
+            intrinsics=replace(claimed, fx=claimed.fx / wider, fy=claimed.fy / wider),
+            mount=Mount(position=true.position, pitch=float(true.pitch)),
+        )
 
 
 def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> tuple[Array, Array]:
@@ -94,12 +114,7 @@ def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:
     return np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
 
 
-def check_camera(intrinsics: Intrinsics) -> None:
-    """Refuses a camera that is no pin-hole.
-
-    Raises:
-        SaltusError: a size or focal length that is not positive, or a number that is not finite.
-    """
+def _check_pinhole(intrinsics: Intrinsics) -> None:
     for name, value in vars(intrinsics).items():
         if not math.isfinite(value) or (name not in ("cx", "cy") and value <= 0):
             allowed = "finite" if name in ("cx", "cy") else "finite and positive"
@@ -108,19 +123,15 @@ def check_camera(intrinsics: Intrinsics) -> None:
             )
 
 
-def check_mount(mount: Mount) -> None:
-    """Refuses a camera that would see the robot from inside.
-
-    Raises:
-        SaltusError: the optical centre lies in the trunk, or a number is not finite.
-    """
+def _check_mount(mount: Mount, robot: Robot) -> None:
     position = np.asarray(mount.position)
     if not (np.isfinite(position).all() and np.isfinite(mount.pitch).all()):
         raise SaltusError(
             f"camera mount at {position.tolist()} m, pitch {mount.pitch} rad: every number must be finite"
         )
-    if (np.abs(position) <= 0.5 * TRUNK_SIZE).all(-1).any():
+    if (np.abs(position - robot.trunk_center) <= 0.5 * robot.trunk_size).all(-1).any():
         raise SaltusError(
             f"camera mount at {position.tolist()} m is inside the robot's trunk, which reaches to "
-            f"{(0.5 * TRUNK_SIZE).tolist()} m from its centre; the Go1's camera is at {CAMERA_POSITION.tolist()} m"
+            f"{(0.5 * robot.trunk_size).tolist()} m from its centre; its own camera is at "
+            f"{robot.camera_position.tolist()} m"
         )

@@ -7,11 +7,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.render._open3d import load_open3d
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
-from saltus.render.legs import leg_capsules
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.terrain.terrain import Terrain
@@ -35,21 +33,13 @@ class EmbreeRenderer(Renderer):
 
     name: ClassVar[str] = "embree"
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-        threads: int | None = None,
-    ) -> None:
-        super().__init__(terrain, intrinsics, mount, legs=legs)
+    def __init__(self, terrain: Terrain, camera: RobotCamera, *, threads: int | None = None) -> None:
+        super().__init__(terrain, camera)
         vertices, triangles = terrain_triangles(terrain)
         self._threads = threads or len(os.sched_getaffinity(0))
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=self._threads)
         self._scene.add_triangles(open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles))
-        self._directions = ray_directions(intrinsics)
+        self._directions = ray_directions(self.intrinsics)
         self._across = self._directions[0, :, 0].astype(np.float32)
         self._down = self._directions[:, 0, 1].astype(np.float32)
         self._kept = threading.local()
@@ -62,8 +52,8 @@ class EmbreeRenderer(Renderer):
             part = slice(first, first + chunk)
             origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
             depth[part] = self._cast(origin, rotation)
-        if self.legs:
-            legs = capsules_in_camera(leg_capsules(joint_position), self.mount.position, self.mount.rotation)
+        if self.camera.legs:
+            legs = capsules_in_camera(self.legs.capsules(joint_position), self.mount.position, self.mount.rotation)
             draw_capsules(depth, legs, self._directions, self.intrinsics)
         return depth
 

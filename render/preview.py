@@ -2,7 +2,7 @@
 
 import base64
 import html
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +11,14 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from saltus import go1
-from saltus.depth import D435I, MILLIMETRE, MODEL_CAMERA, RANGE_M, Intrinsics, depth_in_millimetres, model_image
+from saltus.depth import D435I, MILLIMETRE, RANGE_M, Intrinsics, depth_in_millimetres, model_image
 from saltus.errors import SaltusError
-from saltus.render.camera import camera_pose, ray_directions
+from saltus.render.camera import RobotCamera, camera_pose, ray_directions
+from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import DepthFrame, Floats
@@ -56,23 +57,28 @@ class View:
     """[rad], shape (12,)."""
 
 
-# front feet stretched ahead and inwards, as far as the joints allow: where the narrow camera can see them
-REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95, 0.0, 0.9, -1.8, 0.0, 0.9, -1.8])
-VIEWS = (
-    View(title="standing", before_edge=0.8, clearance=go1.STAND_HEIGHT, pitch=0.0, joints=go1.STAND_POSE),
-    View(title="taking off", before_edge=0.4, clearance=0.35, pitch=-0.25, joints=go1.STAND_POSE),
-    View(title="in flight", before_edge=-0.3, clearance=0.40, pitch=0.15, joints=go1.STAND_POSE),
-    View(title="reaching ahead", before_edge=0.9, clearance=0.45, pitch=0.0, joints=REACHING),
-)
-
-
+# front feet stretched ahead and inwards, nearly as far as joints allow: where the narrow camera can see them
+REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95])
 EFFECTS_VIEW = 3  # legs and terrain at different depths: every effect has something to act on
 
 
-def write_preview(terrain: Terrain, path: Path) -> Path:
+def views(robot: Robot) -> tuple[View, ...]:
+    """The poses from which a robot looks."""
+    stand = robot.stand_pose
+    ahead = np.clip(np.concatenate([REACHING, stand[6:]]), robot.joint_lower, robot.joint_upper)
+    return (
+        View(title="standing", before_edge=0.8, clearance=robot.stand_height, pitch=0.0, joints=stand),
+        View(title="taking off", before_edge=0.4, clearance=0.35, pitch=-0.25, joints=stand),
+        View(title="in flight", before_edge=-0.3, clearance=0.40, pitch=0.15, joints=stand),
+        View(title="reaching ahead", before_edge=0.9, clearance=0.45, pitch=0.0, joints=ahead),
+    )
+
+
+def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
     """Writes an HTML file: depth from a few poses, the camera's effects one by one, what the model gets, a point cloud.
 
     Args:
+        robot: that looks.
         terrain: to look at.
         path: of the file; its folder must exist.
 
@@ -82,10 +88,11 @@ def write_preview(terrain: Terrain, path: Path) -> Path:
     Raises:
         SaltusError: the file cannot be written.
     """
-    robots = poses(terrain)
-    wide = StereoEmbree(terrain, Optics.of(D435I), D435I)
+    shown = views(robot)
+    robots = poses(terrain, shown)
+    wide = StereoEmbree(terrain, Optics.of(D435I), RobotCamera.on(robot, D435I))
     depth, hidden = wide.render_pair_batch(*robots)
-    narrow = StereoEmbree(terrain, Optics.of(MODEL_CAMERA), MODEL_CAMERA).render_batch(*robots)
+    narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
     stages = list(effect_stages(depth[EFFECTS_VIEW], hidden[EFFECTS_VIEW], StereoConfig()))
     cloud = cloud_figure(wide, robots, depth[EFFECTS_VIEW], stages[-1][2])
     page = "".join(
@@ -93,8 +100,8 @@ def write_preview(terrain: Terrain, path: Path) -> Path:
             f"<h1>What the camera sees on {html.escape(terrain.kind.replace('_', ' '))}</h1>",
             _scale(),
             "<h2>True depth, 424 x 240 and 16 x 48 pixels</h2>",
-            _row(f for i, view in enumerate(VIEWS) for f in _clean(view, depth[i], narrow[i])),
-            f"<h2>{VIEWS[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
+            _row(f for i, view in enumerate(shown) for f in _clean(view, depth[i], narrow[i])),
+            f"<h2>{shown[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
             _row(_figure(title, text, image) for title, text, image in stages),
             "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
             _row(_model_figures(depth[EFFECTS_VIEW], stages[-1][2])),
@@ -110,15 +117,15 @@ def write_preview(terrain: Terrain, path: Path) -> Path:
     return path
 
 
-def poses(terrain: Terrain) -> Poses:
-    """The robots of all views: positions, quaternions, joints."""
+def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
+    """The robots of views: positions, quaternions, joints."""
     edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
-    x = np.array([edge - view.before_edge for view in VIEWS])
+    x = np.array([edge - view.before_edge for view in shown])
     near = x[:, None] + np.linspace(-0.25, 0.25, 11)
-    z = terrain.height_at(near, 0.0).max(axis=1) + [view.clearance for view in VIEWS]
-    level = np.zeros(len(VIEWS))
-    quaternion = quaternion_from_roll_pitch_yaw(level, np.array([view.pitch for view in VIEWS]), level)
-    return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in VIEWS])
+    z = terrain.height_at(near, 0.0).max(axis=1) + [view.clearance for view in shown]
+    level = np.zeros(len(shown))
+    quaternion = quaternion_from_roll_pitch_yaw(level, np.array([view.pitch for view in shown]), level)
+    return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in shown])
 
 
 def effect_stages(depth: Depth, hidden: NDArray[np.bool_], config: StereoConfig) -> Iterator[tuple[str, str, Depth]]:

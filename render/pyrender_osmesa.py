@@ -6,12 +6,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, Intrinsics
-from saltus.go1 import CALF_LENGTH, STAND_POSE, THIGH_LENGTH
 from saltus.render._gl import gl_platform, load_pyrender
-from saltus.render.camera import Mount, camera_pose
+from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera, windows
-from saltus.render.legs import RADIUS, Capsules, leg_capsules
+from saltus.render.legs import Capsules
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.rotations import rotation_matrix
@@ -35,26 +33,20 @@ class PyrenderRenderer(Renderer):
 
     name: ClassVar[str] = "pyrender"
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-    ) -> None:
-        super().__init__(terrain, intrinsics, mount, legs=legs)
+    def __init__(self, terrain: Terrain, camera: RobotCamera) -> None:
+        super().__init__(terrain, camera)
         self._pyrender: Any = load_pyrender()
         self._scene = self._pyrender.Scene()
         vertices, triangles = terrain_triangles(terrain)
         # both sides: a camera that has sunk into a box sees its inside, as rays do
         both_sides = np.concatenate([triangles, triangles[:, ::-1]])
         self._add(trimesh.Trimesh(vertices, both_sides, process=False))
-        self._links = [self._add(mesh) for mesh in _leg_meshes()] if legs else []
-        camera = self._pyrender.IntrinsicsCamera(
+        self._links = [self._add(_capsule(*size)) for size in self.legs.sizes] if camera.legs else []
+        intrinsics = camera.intrinsics
+        eye = self._pyrender.IntrinsicsCamera(
             intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, znear=NEAR, zfar=FAR
         )
-        self._camera = self._scene.add(camera)
+        self._eye = self._scene.add(eye)
         self._gl = self._pyrender.OffscreenRenderer(intrinsics.width, intrinsics.height)
         self._flags = self._pyrender.RenderFlags.DEPTH_ONLY
         self._drawn: dict[Any, int] | None = None
@@ -65,12 +57,12 @@ class PyrenderRenderer(Renderer):
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
         images = np.empty((len(origin), self.intrinsics.height, self.intrinsics.width), dtype=np.float32)
-        camera = _pose(origin, rotation @ _GL_FROM_CAMERA)
-        legs = leg_capsules(joint_position)
+        eye = _pose(origin, rotation @ _GL_FROM_CAMERA)
+        legs = self.legs.capsules(joint_position)
         seen = windows(capsules_in_camera(legs, self.mount.position, self.mount.rotation), self.intrinsics)[2]
         links = _link_poses(legs, base_position, base_quaternion)
         for i in range(len(origin)):
-            self._scene.set_pose(self._camera, camera[i])
+            self._scene.set_pose(self._eye, eye[i])
             for node, pose, visible in zip(self._links, links[i], seen[i], strict=False):
                 node.mesh.is_visible = bool(visible)
                 if visible:
@@ -104,13 +96,6 @@ def _pose(position: Floats, rotation: Floats) -> NDArray[np.float64]:
     pose = np.zeros((*position.shape[:-1], 4, 4))
     pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation, position, 1.0
     return pose
-
-
-def _leg_meshes() -> list[trimesh.Trimesh]:
-    """Meshes in the order of `leg_capsules`, start at the origin, end on the z axis."""
-    shape = leg_capsules(STAND_POSE)
-    lengths = np.repeat([THIGH_LENGTH, CALF_LENGTH, 0.0], len(shape.radius) // 3)
-    return [_capsule(length, radius) for length, radius in zip(lengths, RADIUS, strict=True)]
 
 
 def _capsule(length: float, radius: float) -> trimesh.Trimesh:

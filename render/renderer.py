@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.render.camera import Mount, check_camera, check_mount
+from saltus.render.camera import RobotCamera
+from saltus.render.legs import LegShapes
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -18,30 +18,15 @@ class Renderer(ABC):
 
     Args:
         terrain: what there is to see.
-        intrinsics: of the camera.
-        mount: of the camera on the trunk; the Go1's where it is not given.
-        legs: whether the robot's legs can be seen.
-
-    Raises:
-        SaltusError: the camera is no pin-hole, or it sits inside the robot.
+        camera: to see it with.
     """
 
     name: ClassVar[str]
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-    ) -> None:
-        check_camera(intrinsics)
-        self.mount = mount or Mount()
-        check_mount(self.mount)
-        self.terrain = terrain
-        self.intrinsics = intrinsics
-        self.legs = legs
+    def __init__(self, terrain: Terrain, camera: RobotCamera) -> None:
+        self.terrain, self.camera = terrain, camera
+        self.intrinsics, self.mount = camera.intrinsics, camera.mount
+        self.legs = LegShapes(camera.robot)
 
     def render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         """Depth along the optical axis [m], infinite where nothing is hit, shape (height, width).

@@ -1,21 +1,19 @@
 """Both views of a stereo camera by rays: depth from the left imager, and a ray from the right one to every point."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, Intrinsics
-from saltus.render._open3d import load_open3d
-from saltus.render.camera import Mount, camera_pose
+from saltus.depth import Intrinsics
+from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
-from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer
-from saltus.render.legs import Capsules, leg_capsules
+from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
+from saltus.render.legs import Capsules
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.second_view import right_camera
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
-
-open3d = load_open3d()
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer
@@ -30,24 +28,13 @@ class StereoEmbree(EmbreeRenderer):
 
     Args:
         terrain: see `Renderer`.
-        optics: of the pair, for images of `intrinsics`.
-        intrinsics: of the left images.
-        mount: of the left imager.
-        legs: see `Renderer`.
+        optics: of the pair, for images of the camera.
+        camera: the left imager.
         threads: of the ray caster.
     """
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        optics: Optics,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-        threads: int = 1,
-    ) -> None:
-        super().__init__(terrain, intrinsics, mount, legs=legs, threads=threads)
+    def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1) -> None:
+        super().__init__(terrain, camera, threads=threads)
         self.optics = optics
 
     def render_pair(
@@ -71,9 +58,9 @@ class StereoEmbree(EmbreeRenderer):
             part = slice(first, first + chunk)
             origin, rotation = camera_pose(self.mount, base_position[part], base_quaternion[part])
             self._terrain_hides(hidden[part], np.minimum(depth[part], FARTHEST_M), origin, rotation)
-            if self.legs:
+            if self.camera.legs:
                 right = self.mount.position + self.mount.rotation[:, 0] * self.optics.baseline_m
-                legs = capsules_in_camera(leg_capsules(joint_position[part]), right, self.mount.rotation)
+                legs = capsules_in_camera(self.legs.capsules(joint_position[part]), right, self.mount.rotation)
                 self._legs_hide(hidden[part], depth[part], legs)
         return depth, hidden
 
@@ -126,3 +113,12 @@ class StereoEmbree(EmbreeRenderer):
         hit = quadrics.take(window[which]).depth(x, y)
         behind = hit < ALONG_RAY * depth.reshape(-1)[point]
         hidden.reshape(-1)[point[behind]] = True
+
+
+def right_camera(camera: Intrinsics, optics: Optics, nearest_m: float) -> Intrinsics:
+    """A camera at the right imager that sees all that `camera`, at the left one, sees from `nearest_m` on.
+
+    It is wider to the left by the largest disparity; what lies outside it counts as in sight.
+    """
+    extra = int(np.ceil(optics.disparity_at_1m / nearest_m / optics.pitch_x))
+    return replace(camera, width=camera.width + extra, cx=camera.cx + extra)

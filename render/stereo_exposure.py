@@ -3,11 +3,12 @@
 import numpy as np
 
 from saltus.effects.camera import ViewChain
-from saltus.render.camera import moved_camera
+from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats, GroundTruth
 
@@ -20,6 +21,7 @@ class StereoExposure:
 
     Args:
         terrain: to look at.
+        robot: that carries it.
         rng: draws what is random in the errors.
         config: the errors; those of a D435i by default.
         view: effects that move the camera, which reports its intrinsics without them.
@@ -28,13 +30,14 @@ class StereoExposure:
     def __init__(
         self,
         terrain: Terrain,
+        robot: Robot,
         rng: np.random.Generator,
         config: StereoConfig | None = None,
         view: ViewChain = CLAIMED_VIEW,
     ) -> None:
         self.intrinsics = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
         optics = Optics.of(self.intrinsics)
-        self._views = StereoEmbree(terrain, optics, *moved_camera(view, self.intrinsics))
+        self._views = StereoEmbree(terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view))
         self._camera = StereoCamera(config or StereoConfig(), optics)
         self._state = self._camera.init((), rng)
 

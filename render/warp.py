@@ -1,5 +1,6 @@
 """Back end on Warp: ray casts on a GPU, for thousands of robots at once, with no copy to or from torch."""
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -7,11 +8,10 @@ import warp
 from numpy.typing import NDArray
 
 from saltus.arrays import Array
-from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.render.camera import Mount, camera_pose, check_camera, check_mount
+from saltus.render.camera import Mount, RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
-from saltus.render.legs import RADIUS, leg_capsules
+from saltus.render.legs import LegShapes
 from saltus.render.renderer import Renderer
 from saltus.render.warp_kernels import cast_kernel, hide_kernel
 from saltus.terrain.boxes import Boxes
@@ -31,28 +31,16 @@ class WarpCaster:
 
     Args:
         boxes: numpy or torch, arrays of shape (n, boxes, ...), or (1, boxes, ...) for one terrain under all.
-        intrinsics: of the cameras.
-        mount: of the cameras on the trunks, of all or of each; the Go1's where it is not given.
-        legs: whether the robots' legs can be seen.
+        camera: of all robots; its mount may have a place for each.
         device: "cuda:0" or "cpu"; the first GPU where there is one, if not given.
     """
 
-    def __init__(
-        self,
-        boxes: Boxes,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-        device: str | None = None,
-    ) -> None:
-        check_camera(intrinsics)
-        self.intrinsics = intrinsics
-        self.set_mount(mount or Mount())
-        self.legs = legs
+    def __init__(self, boxes: Boxes, camera: RobotCamera, *, device: str | None = None) -> None:
+        self.camera = camera
+        self._legs = LegShapes(camera.robot)
         warp.config.log_level = warp.LOG_WARNING  # no banner
         self.device = str(warp.get_device(device))
-        self._radius = warp.array(RADIUS if legs else RADIUS[:0], dtype=float, device=self.device)
+        self._radius = warp.array(self._legs.radius if camera.legs else [], dtype=float, device=self.device)
         self._level = warp.zeros((0, 0), dtype=warp.mat33f, device=self.device)
         self.set_boxes(boxes)
 
@@ -78,8 +66,7 @@ class WarpCaster:
         Raises:
             SaltusError: a number is not finite, or a camera would be in its trunk.
         """
-        check_mount(mount)
-        self.mount = mount
+        self.camera = replace(self.camera, mount=mount)
 
     def cast(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> warp.array:
         """Depth along the optical axis [m], infinite where nothing is hit, float32, shape (n, height, width).
@@ -113,7 +100,8 @@ class WarpCaster:
             return depth, hidden
 
     def _cast(self, scene: list[Any]) -> warp.array:
-        shape = (scene[0].shape[0], self.intrinsics.height, self.intrinsics.width)
+        intrinsics = self.camera.intrinsics
+        shape = (scene[0].shape[0], intrinsics.height, intrinsics.width)
         depth = warp.empty(shape, dtype=float, device=self.device)
         warp.launch(cast_kernel, dim=shape, inputs=scene, outputs=[depth], device=self.device)
         return depth
@@ -122,11 +110,11 @@ class WarpCaster:
         """First arguments of the kernels."""
         if self._low.shape[0] not in (1, len(base_position)):
             raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
-        origin, rotation = camera_pose(self.mount, base_position, base_quaternion)
-        legs = leg_capsules(joint_position)
-        position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.mount.in_base)
+        origin, rotation = camera_pose(self.camera.mount, base_position, base_quaternion)
+        legs = self._legs.capsules(joint_position)
+        position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.camera.mount.in_base)
         seen = capsules_in_camera(legs, position_in_base, camera_in_base)
-        camera = self.intrinsics
+        camera = self.camera.intrinsics
         return [
             self._on_device(origin, warp.vec3f),
             self._on_device(rotation, warp.mat33f),
@@ -163,26 +151,16 @@ class WarpRenderer(Renderer):
 
     Args:
         terrain: see `Renderer`.
-        intrinsics: see `Renderer`.
-        mount: see `Renderer`.
-        legs: see `Renderer`.
+        camera: see `Renderer`.
         device: see `WarpCaster`.
     """
 
     name: ClassVar[str] = "warp"
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        intrinsics: Intrinsics = MODEL_CAMERA,
-        mount: Mount | None = None,
-        *,
-        legs: bool = True,
-        device: str | None = None,
-    ) -> None:
-        super().__init__(terrain, intrinsics, mount, legs=legs)
+    def __init__(self, terrain: Terrain, camera: RobotCamera, *, device: str | None = None) -> None:
+        super().__init__(terrain, camera)
         boxes = TerrainStack([terrain]).boxes(len(terrain.boxes))
-        self.caster = WarpCaster(boxes, intrinsics, self.mount, legs=legs, device=device)
+        self.caster = WarpCaster(boxes, camera, device=device)
 
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         depth: NDArray[np.float32] = self.caster.cast(base_position, base_quaternion, joint_position).numpy()

@@ -124,10 +124,14 @@ def check_at_least(config: Any, **smallest: float) -> None:
 
 
 def check_between(config: Any, **ranges: tuple[float, float]) -> None:
-    """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none."""
+    """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none.
+
+    A field that is None is left to whoever fills it in.
+    """
     for name, (low, high) in ranges.items():
         value = getattr(config, name)
-        if not all(low <= number <= high for number in (value if isinstance(value, tuple) else (value,))):
+        numbers = value if isinstance(value, tuple) else () if value is None else (value,)
+        if not all(low <= number <= high for number in numbers):
             raise ConfigError(f"{name} = {value}: it must be from {low} to {high}")
 
 

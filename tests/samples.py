@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from saltus.config import RunConfig
 from saltus.effects.profile import load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.runtime.process import ROBOT_FILE
+from saltus.runtime.process import ROBOT_FILE, TERRAIN_FILE
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message
 
@@ -23,6 +25,12 @@ def put_robot(folder: Path) -> Path:
     """Makes a folder that of a run of this robot; returns it."""
     (folder / ROBOT_FILE).write_text(ROBOT.to_toml())
     return folder
+
+
+def put_run(folder: Path, config: RunConfig) -> Path:
+    """Makes a folder that of a run: with this robot, and the terrain of the configuration; returns it."""
+    (folder / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
+    return put_robot(folder)
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

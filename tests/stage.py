@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-from samples import put_robot
+from samples import put_run
 
 from saltus.config import RunConfig
 from saltus.runtime.process import ProcessContext
@@ -17,7 +17,7 @@ class Stage:
 
     def __init__(self, name: str, body: Callable[[ProcessContext], None], config: RunConfig, folder: Path) -> None:
         hub = MemoryHub()
-        self.context = ProcessContext(name, config, put_robot(folder), MemoryBus(config.prefix, hub))
+        self.context = ProcessContext(name, config, put_run(folder, config), MemoryBus(config.prefix, hub))
         self.others = MemoryBus(config.prefix, hub)
         self.done = self.others.latest("done", name)
         self.events = self.others.latest("event", name)

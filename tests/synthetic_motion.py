@@ -1,16 +1,18 @@
 """Motion that costs nothing to make, for tests of what is done with motion: robots glide over the ground."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from samples import KINEMATICS, ROBOT
 
 from saltus import go1, rotations
 from saltus.config import TerrainConfig, TerrainKind
-from saltus.depth import MODEL_CAMERA
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import proprioception
+from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
 
 TICK_S = 0.01
@@ -31,7 +33,7 @@ def gliding_episodes(
     """The same with true images, as a dataset keeps them."""
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
-        yield episode_of(trajectory, MODEL_CAMERA, random_mount(rng))
+        yield episode_of(trajectory, replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)))
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: TerrainKind) -> Trajectory:
@@ -46,6 +48,7 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: TerrainKind) -> Traj
     quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
     joints = np.tile(go1.STAND_POSE, (ticks, 1))
     features = proprioception(
+        KINEMATICS,
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.stack([zero, np.gradient(pitch, TICK_S), zero], axis=-1),
         joint_position=joints,

@@ -29,7 +29,8 @@ from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutSte
 from saltus.policy.observation import Observation
 from saltus.policy.planner import make_planner
 from saltus.policy.scripted import ScriptedPlanner
-from saltus.render.camera import moved_camera
+from saltus.render.camera import RobotCamera
+from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
@@ -60,9 +61,10 @@ def closed_loop_episodes(
     hardware = load_profile(profile, robot)
     trajectories = list(_trajectories(loop, model, rng, robot, hardware))
     claimed = MODEL_CAMERA if loop.camera == "ideal" else SAMPLED
-    views = [moved_camera(hardware.view_chain, claimed, random_mount(rng)) for _ in trajectories]
+    camera = RobotCamera.on(robot, claimed)
+    views = [replace(camera, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
     if loop.camera == "ideal":
-        return [episode_of(trajectory, *view) for trajectory, view in zip(trajectories, views, strict=True)]
+        return [episode_of(*seen) for seen in zip(trajectories, views, strict=True)]
     images = stereo_images(trajectories, views, rng)
     return [labelled(*seen) for seen in zip(trajectories, images, strict=True)]
 
@@ -82,14 +84,14 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
-        heights=_heights(model, profile, rng.uniform(0.0, MAX_LOSS)),
+        heights=_heights(robot, model, profile, rng.uniform(0.0, MAX_LOSS)),
         time_limit_s=np.inf,
     )
     steps = []
     for _ in range(loop.ticks):
         steps.append(rollout.step())
         tell(1)
-    yield from _cut(steps, terrains)
+    yield from _cut(steps, terrains, LegKinematics(robot))
 
 
 class MixedPlanner:
@@ -125,17 +127,17 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(model: Path | None, profile: Profile, loss: float) -> HeightsFactory | None:
+def _heights(robot: Robot, model: Path | None, profile: Profile, loss: float) -> HeightsFactory | None:
     if model is None:
         return None
     lossy = replace(profile, camera=(*profile.camera, FrameDrop(fraction=loss)))
-    return partial(_predicted, HeightmapNetwork(model), lossy)
+    return partial(_predicted, HeightmapNetwork(robot, model), lossy)
 
 
 def _predicted(
     network: HeightmapNetwork, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
 ) -> PredictedHeights:
-    return PredictedHeights(network, IdealCameras(terrains, profile.view_chain), trials, profile)
+    return PredictedHeights(network, IdealCameras(network.robot, terrains, profile), trials, profile)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -> TerrainConfig:
@@ -152,13 +154,13 @@ def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -
     return TerrainConfig(terrain=kind, difficulty=difficulty)
 
 
-def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain]) -> Iterator[Trajectory]:
+def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:
     """The runs of each robot from one start to the next; those that are too short are left out."""
     starts = np.array([step.fresh for step in steps])  # (ticks, robots)
     position = np.array([step.truth.position_base_in_world for step in steps])
     quaternion = np.array([step.truth.quaternion_base_in_world for step in steps])
     joints = np.array([step.truth.joint_position for step in steps])
-    features = np.array([proprioception_of_states(step.states) for step in steps])
+    features = np.array([proprioception_of_states(step.states, legs) for step in steps])
     for robot, terrain in enumerate(terrains):
         for run in runs(starts[:, robot]):
             yield Trajectory(

@@ -7,16 +7,17 @@ import torch
 from torch import Tensor
 
 from saltus.config import Camera
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING
+from saltus.depth import MILLIMETRE, NOTHING
 from saltus.heightmap.data.delivery import TICK_S
-from saltus.heightmap.data.mounts import random_mounts
-from saltus.render.camera import Mount
+from saltus.heightmap.data.mounts import random_mount
+from saltus.render.camera import Mount, RobotCamera
 from saltus.render.randomisation import CameraRandomisation
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_torch import TorchStereo
 from saltus.render.warp import WarpCaster, as_tensor
+from saltus.robots.robot import Robot
 from saltus.terrain.batch import Courses
 
 _SAMPLED = sampled_model_camera(ROWS, COLUMNS)
@@ -27,23 +28,26 @@ class DeviceCameras:
     """Takes an image of every robot, each with a camera of its own.
 
     Args:
-        courses: Of the robots.
+        robot: Which they are.
+        courses: Of all of them.
         kinds: Of the images: ideal for true depth, d435i for one with the errors of stereo matching. What is asked for
             together is taken from the same place.
         device: "cuda:0" or "cpu".
         rng: Draws cameras.
     """
 
-    def __init__(self, courses: Courses, kinds: Sequence[Camera], device: str, rng: np.random.Generator) -> None:
-        self._count = len(courses.finish_x)
+    def __init__(
+        self, robot: Robot, courses: Courses, kinds: Sequence[Camera], device: str, rng: np.random.Generator
+    ) -> None:
+        self._robot, self._count = robot, len(courses.finish_x)
         self._device = device
-        views = {"ideal": MODEL_CAMERA, "d435i": _SAMPLED}
+        views = {"ideal": RobotCamera.on(robot), "d435i": RobotCamera.on(robot, _SAMPLED)}
         self._casters = {kind: WarpCaster(courses.boxes(), views[kind], device=device) for kind in kinds}
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:
         """Gives every robot another camera: place on the trunk, and how large the errors of its images are."""
-        mounts = random_mounts(rng, self._count)
+        mounts = random_mount(self._robot, rng, self._count)
         for caster in self._casters.values():
             caster.set_mount(mounts)
         config = CameraRandomisation().draw(self._count, rng).stereo(StereoConfig())
@@ -53,7 +57,7 @@ class DeviceCameras:
     @property
     def mounts(self) -> Mount:
         """Where the cameras sit."""
-        return next(iter(self._casters.values())).mount
+        return next(iter(self._casters.values())).camera.mount
 
     def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[Camera, Tensor]:
         """Takes an image of each kind.

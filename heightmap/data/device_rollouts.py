@@ -32,6 +32,7 @@ from saltus.policy.features import LAYOUT, read
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
+from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
@@ -66,12 +67,13 @@ class DeviceRollouts:
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
         config = from_toml(TrainConfig, policy["config"]).env
         config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
-        engine = make_engine(load_robot(DEFAULT_ROBOT), loop.robots, device)
+        robot = load_robot(DEFAULT_ROBOT)
+        engine = make_engine(robot, loop.robots, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
-        self._qpos = torch.as_tensor(engine.qpos)
+        self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
-        self._cameras = DeviceCameras(self._env.courses(), loop.cameras, device, self._rng)
+        self._cameras = DeviceCameras(robot, self._env.courses(), loop.cameras, device, self._rng)
         self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
 
     @torch.no_grad()
@@ -105,7 +107,7 @@ class DeviceRollouts:
 
     def proprioception(self) -> Tensor:
         """Of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
-        vector: Tensor = proprioception_of_states(self._env.states())
+        vector: Tensor = proprioception_of_states(self._env.states(), self._legs)
         return vector
 
     def true_heights(self) -> Tensor:

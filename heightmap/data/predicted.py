@@ -46,12 +46,13 @@ class PredictedHeightsFactory:
         Raises:
             ModelError: the model is unreadable or does not fit.
         """
-        network = HeightmapNetwork(model_path("heightmap", self.model))
-        profile = load_profile(self.profile, load_robot(DEFAULT_ROBOT))
-        cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
+        robot = load_robot(DEFAULT_ROBOT)
+        network = HeightmapNetwork(robot, model_path("heightmap", self.model))
+        profile = load_profile(self.profile, robot)
+        cameras: RobotCameras = IdealCameras(robot, terrains, profile)
         if self.camera == "d435i":
             rng = np.random.default_rng(np.random.SeedSequence([trials[0].seed, RANDOM_STREAM]))
-            cameras = StereoCameras(terrains, profile.view_chain, StereoConfig(), rng)
+            cameras = StereoCameras(robot, terrains, profile, StereoConfig(), rng)
         return PredictedHeights(network, cameras, trials, profile)
 
 
@@ -97,9 +98,8 @@ class PredictedHeights:
             if arrived is not None:
                 self.captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
                 new[i] = True
-        tick = self._network.ticks(
-            self._image, states.time_s - self.captured_s, new, proprioception_of_states(states), self._hidden
-        )
+        felt = proprioception_of_states(states, self._network.legs)
+        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, felt, self._hidden)
         good = _plausible(tick)
         self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
         self.half_width_90[good] = tick.half_width_90[good]

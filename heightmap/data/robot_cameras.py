@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA
-from saltus.effects.camera import ViewChain
+from saltus.effects.profile import Profile
 from saltus.heightmap.data.stereo_images import OPTICS, SAMPLED
-from saltus.render.camera import moved_camera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
 from saltus.terrain.stack import TerrainStack
 
@@ -29,15 +30,16 @@ class IdealCameras:
     """True depth.
 
     Args:
-        terrains: Terrain of each robot.
-        view: Effects on where the cameras sit and how wide they look.
+        robot: Which they are.
+        terrains: Terrain of each.
+        profile: Effects on where the cameras sit and how wide they look.
     """
 
-    def __init__(self, terrains: TerrainStack, view: ViewChain) -> None:
-        camera = moved_camera(view, MODEL_CAMERA)
+    def __init__(self, robot: Robot, terrains: TerrainStack, profile: Profile) -> None:
+        camera = RobotCamera.on(robot).moved(profile.view_chain)
         self._count = len(terrains.terrains)
         self._views = [
-            (EmbreeRenderer(terrains.terrains[group[0]], *camera, threads=1), group)
+            (EmbreeRenderer(terrains.terrains[group[0]], camera, threads=1), group)
             for group in _robots_by_terrain(terrains)
         ]
 
@@ -54,21 +56,23 @@ class IdealCameras:
 
 
 class StereoCameras:
-    """D435is by the fast chain of `saltus.render.stereo_fast`.
+    """D435is by the fast chain: three rays, one under the other, for the 25 pixels that one of the model averages.
 
     Args:
-        terrains: Terrain of each robot.
-        view: Effects on where the cameras sit and how wide they look.
+        robot: Which they are.
+        terrains: Terrain of each.
+        profile: Effects on where the cameras sit and how wide they look.
         config: Errors of all cameras; parameters may have one value a robot.
         rng: Draws what is random in them.
     """
 
-    def __init__(self, terrains: TerrainStack, view: ViewChain, config: StereoConfig, rng: np.random.Generator) -> None:
-        camera = moved_camera(view, SAMPLED)
+    def __init__(
+        self, robot: Robot, terrains: TerrainStack, profile: Profile, config: StereoConfig, rng: np.random.Generator
+    ) -> None:
+        camera = RobotCamera.on(robot, SAMPLED).moved(profile.view_chain)
         count = len(terrains.terrains)
         self._views = [
-            (StereoEmbree(terrains.terrains[group[0]], OPTICS, *camera), group)
-            for group in _robots_by_terrain(terrains)
+            (StereoEmbree(terrains.terrains[group[0]], OPTICS, camera), group) for group in _robots_by_terrain(terrains)
         ]
         self._depth = np.empty((count, SAMPLED.height, SAMPLED.width), np.float32)
         self._hidden = np.empty(self._depth.shape, np.bool_)

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from saltus import rotations
 from saltus.arrays import Floats
-from saltus.depth import Intrinsics, depth_in_millimetres
+from saltus.depth import depth_in_millimetres
 from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.shards import Episode
-from saltus.render.camera import Mount
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.terrain import Terrain
 
@@ -37,10 +37,10 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: H
     return terrain.height_at(*grid.points_in_world(position, yaw)) - position[..., 2:]
 
 
-def episode_of(trajectory: Trajectory, camera: Intrinsics, mount: Mount) -> Episode:
-    """Takes the pictures of one robot with a camera that sits as `mount` says, and writes down the true heights."""
+def episode_of(trajectory: Trajectory, camera: RobotCamera) -> Episode:
+    """Takes the pictures of one robot with its camera as it really is, and writes down the true heights."""
     rows = slice(None, None, FRAME_TICKS)
-    renderer = EmbreeRenderer(trajectory.terrain, camera, mount, threads=1)
+    renderer = EmbreeRenderer(trajectory.terrain, camera, threads=1)
     depth = renderer.render_batch(
         trajectory.position_base_in_world[rows],
         trajectory.quaternion_base_in_world[rows],

@@ -5,19 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, depth_in_millimetres
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S
 from saltus.heightmap.data.rollouts import Trajectory
-from saltus.render.camera import Mount
+from saltus.render.camera import RobotCamera
 from saltus.render.randomisation import CameraRandomisation
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_fast import CHUNK
 
 SAMPLED = sampled_model_camera(ROWS, COLUMNS)
 OPTICS = Optics.of(SAMPLED)
+CHUNK = 64  # robots that are worked on together: their arrays of 600 kB stay in the processor's cache
 
 
 def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
@@ -25,18 +25,14 @@ def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
     return CameraRandomisation().draw(count, rng).stereo(StereoConfig())
 
 
-View = tuple[Intrinsics, Mount]
-"""How wide a camera looks, and where it sits."""
-
-
 def stereo_images(
-    trajectories: Sequence[Trajectory], views: Sequence[View], rng: np.random.Generator
+    trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], rng: np.random.Generator
 ) -> list[NDArray[np.uint16]]:
     """Takes the pictures of robots, each with a camera of its own.
 
     Args:
         trajectories: Motion of each robot; an image is taken every `FRAME_TICKS`.
-        views: Of each camera as it really is; its claimed resolution is that of `SAMPLED`.
+        views: Each camera as it really is; its claimed resolution is that of `SAMPLED`.
         rng: Draws the quality of the cameras and all their errors.
 
     Returns:
@@ -50,7 +46,7 @@ def stereo_images(
 
 
 def _chunk(
-    trajectories: Sequence[Trajectory], views: Sequence[View], rng: np.random.Generator
+    trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], rng: np.random.Generator
 ) -> list[NDArray[np.uint16]]:
     """The same for as many robots as the arrays of one exposure fit into the cache."""
     seen = [_seen(trajectory, view) for trajectory, view in zip(trajectories, views, strict=True)]
@@ -66,10 +62,10 @@ def _chunk(
     return [taken[:length] for taken, length in zip(images, frames, strict=True)]
 
 
-def _seen(trajectory: Trajectory, view: View) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _seen(trajectory: Trajectory, view: RobotCamera) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """True depth and what the second imager does not see, at each image of a robot."""
     rows = slice(None, None, FRAME_TICKS)
-    return StereoEmbree(trajectory.terrain, OPTICS, *view).render_pair_batch(
+    return StereoEmbree(trajectory.terrain, OPTICS, view).render_pair_batch(
         trajectory.position_base_in_world[rows],
         trajectory.quaternion_base_in_world[rows],
         trajectory.joint_position[rows],

@@ -14,10 +14,12 @@ from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
 from saltus.heightmap.evaluation.odometry import Odometry
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import Predictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.recordings.recording import Recording
 from saltus.render.camera import Mount, camera_pose
+from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
 RECORDED = "recorded"
@@ -35,6 +37,7 @@ class Run:
     """The messages of a recording that tell about heights, by step."""
 
     name: str
+    robot: Robot
     terrain: str
     states: dict[int, RobotState]
     truths: dict[int, GroundTruth]
@@ -119,6 +122,7 @@ def read_run(recording: Recording) -> Run:
     path = recording.path
     return Run(
         name=path.parent.name if path.stem == "recording" else path.stem,
+        robot=recording.robot,
         terrain=recording.terrain.kind if recording.config else "unknown",
         states=dict(sorted(states.items())),
         truths=truths,
@@ -135,15 +139,15 @@ def lost_note(lost: Sequence[str]) -> str:
     return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
 
 
-def predictor_named(name: str) -> Predictor:
-    """A fresh predictor: "geometric", "geometric-feet", or the path of an ONNX file.
+def predictor_named(name: str, robot: Robot) -> Predictor:
+    """A fresh predictor for a robot: "geometric", "geometric-feet", or the path of an ONNX file.
 
     Raises:
         ModelError: the file is no model that fits.
     """
     if name in BASELINES:
-        return GeometricHeightmap(foot_gain=BASELINES[name])
-    return HeightmapService(Path(name))
+        return GeometricHeightmap(robot, foot_gain=BASELINES[name])
+    return HeightmapService(HeightmapNetwork(robot, Path(name)))
 
 
 def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
@@ -161,7 +165,7 @@ def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
     predicted = {RECORDED: run.recorded} if run.recorded else {}
     states = list(run.states.values())
     for model in models:
-        replayed = replay_predictor(predictor_named(model), run.frames, states, run.arrival_ns)
+        replayed = replay_predictor(predictor_named(model, run.robot), run.frames, states, run.arrival_ns)
         predicted[model] = {heightmap.step: heightmap for heightmap in replayed}
     ok = {
         name: {step for step, heightmap in maps.items() if heightmap.status == HeightmapStatus.OK}
@@ -189,6 +193,7 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
     age_s = np.array([heightmap.depth_age_s for heightmap in maps])
     height: Floats = np.array([heightmap.height for heightmap in maps], np.float64)
     true_height: Floats
+    mount = Mount.of(run.robot)
     position, _ = poses.at(time_ns)
     yaw = np.interp(time_ns - poses.time_ns[0], poses.time_ns - poses.time_ns[0], poses.yaw)
     captured = poses.at(time_ns - np.rint(1e9 * age_s).astype(np.int64))
@@ -197,7 +202,7 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
         place = _places(position, yaw, true_height)
     else:
         place = _places(position, yaw, height)
-        true_height = _seen_later(time_ns, position, yaw, captured, height)
+        true_height = _seen_later(mount, time_ns, position, yaw, captured, height)
     phases = [_phase(state) for state in states]
     return Comparison(
         run=run.name,
@@ -210,7 +215,7 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
         height=height,
         half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),
         true_height=true_height,
-        visible=in_view(place, *captured),
+        visible=in_view(mount, place, *captured),
         phase=np.array([phase for phase, _ in phases]),
         progress=np.array([progress for _, progress in phases]),
         speed_mps=np.array([float(np.hypot(*state.velocity_base_in_world[:2])) for state in states]),
@@ -219,10 +224,11 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
     )
 
 
-def in_view(place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
+def in_view(mount: Mount, place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
     """Whether points are inside the field of view and the range of the model's camera.
 
     Args:
+        mount: of the camera.
         place: [m], world frame, shape (..., m, 3).
         position: of the base, shape (..., 3).
         quaternion: of the base, shape (..., 4).
@@ -230,7 +236,7 @@ def in_view(place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.b
     Returns:
         Shape (..., m).
     """
-    origin, rotation = camera_pose(Mount(), position, quaternion)
+    origin, rotation = camera_pose(mount, position, quaternion)
     in_camera = (place - np.asarray(origin)[..., None, :]) @ np.asarray(rotation)
     depth = np.maximum(in_camera[..., 2], 1e-6)
     u = MODEL_CAMERA.fx * in_camera[..., 0] / depth + MODEL_CAMERA.cx
@@ -273,7 +279,12 @@ def _places(position: Floats, yaw: Floats, height: Floats) -> Floats:
 
 
 def _seen_later(
-    time_ns: NDArray[np.int64], position: Floats, yaw: Floats, captured: tuple[Floats, Floats], height: Floats
+    mount: Mount,
+    time_ns: NDArray[np.int64],
+    position: Floats,
+    yaw: Floats,
+    captured: tuple[Floats, Floats],
+    height: Floats,
 ) -> Floats:
     """What was predicted for the same places when they were last in view, thus nearest; NaN where they never were.
 
@@ -290,7 +301,7 @@ def _seen_later(
         offset = place[None, :, :2] - position[later, None, :2]
         ahead = np.cos(yaw[later])[:, None] * offset[..., 0] + np.sin(yaw[later])[:, None] * offset[..., 1]
         spread = np.broadcast_to(place, (last - first, *place.shape))
-        seen = in_view(spread, captured[0][later], captured[1][later])
+        seen = in_view(mount, spread, captured[0][later], captured[1][later])
         seen &= (ahead >= HEIGHTMAP_X[0]) & (ahead <= HEIGHTMAP_X[-1])
         for i in np.flatnonzero(seen.any(axis=0)):
             j = int(np.flatnonzero(seen[:, i])[-1])

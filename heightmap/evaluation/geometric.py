@@ -17,13 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus import go1, kinematics, rotations
+from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import NOTHING, RANGE_M, Intrinsics
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.odometry import Odometry, Pose
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
 
@@ -64,14 +66,14 @@ class GeometricHeightmap:
     """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
 
     Args:
-        mount: of the camera.
-        memory_s: how long a frame counts.
-        foot_gain: share of the mean distance between standing feet and map that one tick removes; 0: feet are not used.
+        robot: With its camera where it is said to be.
+        memory_s: How long a frame counts.
+        foot_gain: Share of the mean distance between standing feet and map that one tick removes; 0: feet are not used.
     """
 
-    def __init__(self, mount: Mount | None = None, memory_s: float = MEMORY_S, foot_gain: float = 0.0) -> None:
+    def __init__(self, robot: Robot, memory_s: float = MEMORY_S, foot_gain: float = 0.0) -> None:
         self._foot_gain = foot_gain
-        self._mount = mount or Mount()
+        self._mount, self._legs, self._foot_radius = Mount.of(robot), LegKinematics(robot), robot.foot_radius
         self._memory_ns = round(1e9 * memory_s)
         self._odometry = Odometry(memory_s)
         self._points: deque[_Points] = deque()
@@ -127,8 +129,8 @@ class GeometricHeightmap:
         """Moves the map towards the feet that stand; returns by how much [m]."""
         rotation = rotations.rotation_matrix(self._odometry.pose.quaternion)
         yaw_from_world = rotations.yaw_rotation(np.asarray(self._odometry.pose.yaw)).T
-        feet = kinematics.foot_position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
-        gap = feet[:, 2] - go1.FOOT_RADIUS - np.interp(feet[:, 0], HEIGHTMAP_X, height)
+        feet = self._legs.position(np.asarray(state.joint_position, np.float64)) @ (yaw_from_world @ rotation).T
+        gap = feet[:, 2] - self._foot_radius - np.interp(feet[:, 0], HEIGHTMAP_X, height)
         drift = gap[np.asarray(state.leg_trusted) & (np.abs(gap) < FOOT_GATE_M)]
         if not len(drift):
             return 0.0

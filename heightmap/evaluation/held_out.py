@@ -34,7 +34,9 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
 from saltus.policy.planner import make_planner
+from saltus.render.camera import Mount
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
 from saltus.terrain.curriculum import make_terrain
@@ -109,7 +111,7 @@ class HeldOutRuns:
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
             make_planner(planner, kind, self.policy if planner == "learned" else None),
-            heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(model), rng))),
+            heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(kind, model), rng))),
             time_limit_s=self.time_limit_s,
         )
         steps = []
@@ -119,7 +121,7 @@ class HeldOutRuns:
         tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
         measured = []
         for robot, terrain in enumerate(terrains):
-            measured.append(_measured(self, steps, factory.ticks, robot, terrain, some[robot % COURSES][0]))
+            measured.append(_measured(self, kind, steps, factory.ticks, robot, terrain, some[robot % COURSES][0]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
@@ -127,11 +129,11 @@ class HeldOutRuns:
     def _source(
         self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]
     ) -> PredictedHeights:
-        shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+        shipped = load_profile(SHIPPED, network.robot)
         profile = dataclasses.replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
-        cameras: RobotCameras = IdealCameras(terrains, profile.view_chain)
+        cameras: RobotCameras = IdealCameras(network.robot, terrains, profile)
         if self.camera == "d435i":
-            cameras = StereoCameras(terrains, profile.view_chain, drawn_cameras(len(trials), rng), rng)
+            cameras = StereoCameras(network.robot, terrains, profile, drawn_cameras(len(trials), rng), rng)
         return PredictedHeights(network, cameras, trials, profile)
 
 
@@ -205,7 +207,13 @@ class _RecordedSource:
 
 
 def _measured(
-    config: HeldOutRuns, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int, terrain: Terrain, level: str
+    config: HeldOutRuns,
+    kind: Robot,
+    steps: Sequence[RolloutStep],
+    ticks: Sequence[_Tick],
+    robot: int,
+    terrain: Terrain,
+    level: str,
 ) -> HeldOutRun:
     """What counts of one robot's first trial."""
     count = sum(bool(step.running[robot]) for step in steps)
@@ -217,13 +225,13 @@ def _measured(
         height=np.array([tick.height[robot] for tick in ticks], np.float64),
         half_width_90=np.array([tick.half_width_90[robot] for tick in ticks], np.float64),
     )
-    others = {name: _baseline(name, steps, ticks, robot) for name in config.baselines}
+    others = {name: _baseline(name, kind, steps, ticks, robot) for name in config.baselines}
     counted = slice(STAND_STEPS, None)
     return HeldOutRun(
         terrain=terrain.kind,
         level=level,
         true_height=true_heights(terrain, position, quaternion)[counted],
-        view=visibility(terrain, position, quaternion, captured_s)[counted],
+        view=visibility(terrain, Mount.of(kind), position, quaternion, captured_s)[counted],
         predictions={
             name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()
@@ -231,7 +239,7 @@ def _measured(
     )
 
 
-def _baseline(name: str, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int) -> Prediction:
+def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int) -> Prediction:
     """A geometric baseline on the images that the robot's network got, when it got them."""
     taken = {
         step.states.step: tick.depth[robot] for step, tick in zip(steps, ticks, strict=True) if tick.depth is not None
@@ -243,7 +251,7 @@ def _baseline(name: str, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], r
     frames = [_frame(step, taken[step]) for step in arrived]
     states = [_state(step.states, robot) for step in steps]
     arrival_ns = [_ns(step) for step in arrived.values()]
-    maps = replay_predictor(GeometricHeightmap(foot_gain=BASELINES[name]), frames, states, arrival_ns)
+    maps = replay_predictor(GeometricHeightmap(kind, foot_gain=BASELINES[name]), frames, states, arrival_ns)
     return Prediction(
         height=np.array([heightmap.height for heightmap in maps], np.float64),
         half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),

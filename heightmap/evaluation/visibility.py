@@ -20,13 +20,16 @@ _MARGIN_M = 4.0  # the camera sees to 3 m, from less than 1 m ahead of the base
 _NEAREST_M = 0.02  # ground below the camera has no slope
 
 
-def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_s: Floats) -> NDArray[np.int8]:
+def visibility(
+    terrain: Terrain, mount: Mount, position: Floats, quaternion: Floats, captured_s: Floats
+) -> NDArray[np.int8]:
     """When each point of the heightmap was last seen, in images that the robot has got.
 
-    Legs are not in the way here, and the camera sits where it is said to.
+    Legs are not in the way here.
 
     Args:
         terrain: Under the robot.
+        mount: Of its camera.
         position: True, of the base at each tick from 0 on [m], shape (ticks, 3).
         quaternion: The same, shape (ticks, 4).
         captured_s: Capture time of the image in use, minus infinity before the first [s], shape (ticks,).
@@ -36,7 +39,8 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     """
     ground = np.arange(position[:, 0].min() - _MARGIN_M, position[:, 0].max() + _MARGIN_M, BIN_M)
     taken = np.unique(np.rint(captured_s[np.isfinite(captured_s)] / TICK_S).astype(np.int64))
-    seen = dict(zip(taken.tolist(), seen_by_rays(terrain, ground, position[taken], quaternion[taken]), strict=True))
+    rays = seen_by_rays(terrain, mount, ground, position[taken], quaternion[taken])
+    seen = dict(zip(taken.tolist(), rays, strict=True))
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     points, _ = LINE.points_in_world(position, yaw)
     place = np.rint((points - ground[0]) / BIN_M).astype(np.int64)
@@ -50,11 +54,14 @@ def visibility(terrain: Terrain, position: Floats, quaternion: Floats, captured_
     return result
 
 
-def seen_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
+def seen_by_rays(
+    terrain: Terrain, mount: Mount, ground: Floats, position: Floats, quaternion: Floats
+) -> NDArray[np.bool_]:
     """Which ground on the robot's heading is in the field of view, within range, and behind nothing.
 
     Args:
         terrain: Under the robot.
+        mount: Of its camera.
         ground: Places along the course, ascending [m], shape (m,).
         position: Of the base when each image is taken [m], shape (n, 3).
         quaternion: The same, shape (n, 4).
@@ -66,9 +73,9 @@ def seen_by_rays(terrain: Terrain, ground: Floats, position: Floats, quaternion:
     aside = position[:, 1:2] + np.tan(yaw)[:, None] * (ground - position[:, :1])
     height = terrain.height_at(np.broadcast_to(ground, aside.shape), aside)
     place = np.stack(np.broadcast_arrays(ground, aside, height), axis=-1)
-    origin, _ = camera_pose(Mount(), position, quaternion)
+    origin, _ = camera_pose(mount, position, quaternion)
     ahead = ground - np.asarray(origin)[:, :1]
     slope = np.where(ahead > _NEAREST_M, (height - np.asarray(origin)[:, 2:]) / np.maximum(ahead, _NEAREST_M), -np.inf)
     # A place is hidden where one before it looks higher.
     clear = (slope >= np.maximum.accumulate(slope, axis=1)) & np.isfinite(slope)
-    return clear & in_view(place, position, quaternion)
+    return clear & in_view(mount, place, position, quaternion)

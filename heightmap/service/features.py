@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus import kinematics, rotations
+from saltus import rotations
 from saltus.arrays import Array, Singles, namespace
+from saltus.robots.legs import LegKinematics
 from saltus.states import Proprioception
 from saltus.wire.messages import RobotState
 
@@ -22,6 +23,7 @@ PROPRIOCEPTION = (
 
 
 def proprioception(
+    legs: LegKinematics,
     *,
     quaternion_base_in_world: Array,
     angular_velocity_base: Array,
@@ -35,6 +37,7 @@ def proprioception(
     The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
 
     Args:
+        legs: of the robot.
         quaternion_base_in_world: (w, x, y, z), shape (..., 4).
         angular_velocity_base: [rad/s], shape (..., 3).
         joint_position: [rad], shape (..., 12).
@@ -46,7 +49,7 @@ def proprioception(
         float32, shape (..., len(PROPRIOCEPTION)).
     """
     rotation = rotations.rotation_matrix(quaternion_base_in_world)
-    feet = kinematics.foot_position(joint_position)
+    feet = legs.position(joint_position)
     trusted = namespace(feet).astype(leg_trusted, feet.dtype)
     entries = _entries(
         [_components(rotation[..., row, :]) for row in range(3)],
@@ -59,9 +62,10 @@ def proprioception(
     return xp.astype(xp.stack([*entries, base_height], axis=-1), xp.float32)
 
 
-def proprioception_of_states(states: Proprioception) -> Array:
+def proprioception_of_states(states: Proprioception, legs: LegKinematics) -> Array:
     """The vectors of a batch, float32, shape (..., len(PROPRIOCEPTION))."""
     return proprioception(
+        legs,
         quaternion_base_in_world=states.quaternion_base_in_world,
         angular_velocity_base=states.angular_velocity_base,
         joint_position=states.joint_position,
@@ -71,11 +75,11 @@ def proprioception_of_states(states: Proprioception) -> Array:
     )
 
 
-def proprioception_of(state: RobotState) -> Singles:
+def proprioception_of(state: RobotState, legs: LegKinematics) -> Singles:
     """The vector of one robot state, shape (len(PROPRIOCEPTION),)."""
     entries = _entries(
         rotations.rotation_of_one(state.quaternion_base_in_world.tolist()),
-        kinematics.foot_positions_of_one(state.joint_position.tolist()),
+        legs.positions_of_one(state.joint_position.tolist()),
         state.leg_trusted.tolist(),
         state.velocity_base_in_world.tolist(),
         state.angular_velocity_base.tolist(),

@@ -1,8 +1,9 @@
 """The model check: loads a model in a process of its own and runs it; a crash here cannot crash a robot's service.
 
-    python -m saltus.heightmap.service.model_check FILE
+    python -m saltus.heightmap.service.model_check FILE < robot.toml
 
-Prints the model's id; a model that cannot be used ends in one line on stderr and exit code 2.
+The robot is the one that is served. Prints the model's id; a model that cannot be used ends in one line on stderr and
+exit code 2.
 """
 
 import os
@@ -17,6 +18,7 @@ from saltus.errors import ModelError, SaltusError
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 
@@ -27,17 +29,17 @@ CPU_S = 20
 NICENESS = 10  # the robots go first
 
 
-def checked_model(path: Path) -> HeightmapNetwork:
+def checked_model(robot: Robot, path: Path) -> HeightmapNetwork:
     """Loads a model and runs it in a service, on synthetic images of a robot that stands.
 
     Raises:
         ModelError: it is damaged, does not fit, or the service does not become and stay OK with it.
     """
-    network = HeightmapNetwork(path)
+    network = HeightmapNetwork(robot, path)
     service = HeightmapService(network)
     rng = np.random.default_rng(0)
     frames = [_frame(i, rng) for i in range(network.warmup_frames + WARM_TICKS)]
-    for tick, (state, frame) in enumerate(zip(LevelRobot().states(frames), frames, strict=True)):
+    for tick, (state, frame) in enumerate(zip(LevelRobot().states(robot, frames), frames, strict=True)):
         answer = service.step(state, frame, state.time_ns)
         expected = HeightmapStatus.OK if tick >= network.warmup_frames else HeightmapStatus.WARMING
         if answer.status > expected:
@@ -62,12 +64,13 @@ def _frame(index: int, rng: np.random.Generator) -> DepthFrame:
 
 
 def main() -> int:
-    """Tries the file of the command line."""
+    """Tries the model of the command line."""
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
     try:
-        sys.stdout.write(f"{checked_model(Path(sys.argv[1])).model_id}\n")
+        robot = Robot.from_toml(sys.stdin.read())
+        sys.stdout.write(f"{checked_model(robot, Path(sys.argv[1])).model_id}\n")
     except SaltusError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -9,9 +9,12 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from saltus import config
 from saltus.errors import ModelError
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
+from saltus.robots.robot import Robot
+from saltus.runtime.process import ROBOT_FILE
 
 FILE = "heightmap.onnx"
 """Name of the file below the folder of a run; its checksum lies beside it, and the service's answer."""
@@ -30,11 +33,12 @@ class ModelInbox:
     bytes, by their sha256, are loaded here, both away from the thread that answers the robots.
 
     Args:
+        robot: That is served.
         path: ONNX file.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, robot: Robot, path: Path) -> None:
+        self._robot, self._path = robot, path
         self._seen = self._signature()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="model-inbox")
         self._check: Future[HeightmapNetwork] | None = None
@@ -93,18 +97,17 @@ class ModelInbox:
         command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment) as self._process:
+        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as check:
+            self._process = check
             try:
-                model_id, complaint = self._process.communicate(timeout=TIMEOUT_S)
+                model_id, complaint = check.communicate(self._robot.to_toml(), timeout=TIMEOUT_S)
             except subprocess.TimeoutExpired as error:
-                self._process.kill()
+                check.kill()
                 raise ModelError(f"model {path} was not loaded within {TIMEOUT_S:g} s") from error
-        if self._process.returncode != 0:
+        if check.returncode != 0:
             lines = complaint.strip().splitlines()
-            raise ModelError(
-                lines[-1] if lines else f"model {path} ended its check with code {self._process.returncode}"
-            )
-        network = HeightmapNetwork(path)
+            raise ModelError(lines[-1] if lines else f"model {path} ended its check with code {check.returncode}")
+        network = HeightmapNetwork(self._robot, path)
         if network.model_id != model_id.strip():
             raise ModelError(f"model {path} was replaced while it was checked")
         return network
@@ -124,11 +127,12 @@ def give(model: Path, run_dir: Path) -> str:
     Raises:
         ModelError: it has no checksum, is damaged or does not fit, or there is no such folder; nothing is put there
             then.
+        ConfigError: the folder's robot cannot be read.
     """
-    if not run_dir.is_dir():
-        raise ModelError(f"'{run_dir}' is no folder of a run")
+    if not (run_dir / ROBOT_FILE).is_file():
+        raise ModelError(f"'{run_dir}' is no folder of a run: no {ROBOT_FILE} is in it")
     _ask_for_checksum(model)
-    model_id = HeightmapNetwork(model).model_id
+    model_id = HeightmapNetwork(config.load(Robot, run_dir / ROBOT_FILE), model).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)
     places = {checksum_path(model): checksum_path(target), model: target}

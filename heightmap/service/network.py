@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saltus import depth, go1
+from saltus import depth
 from saltus.arrays import Floats, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.model_file import ModelFile
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
 
 FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
@@ -23,13 +25,13 @@ KEPT_CALLS = 32  # sizes of batches, 8 kB a robot: as many as one process has ro
 _TOLERANCE = 1e-6  # of a number that went through text
 
 
-def camera_metadata() -> dict[str, Any]:
-    """The camera that a model is trained for; a model made for another one is refused."""
+def camera_metadata(robot: Robot) -> dict[str, Any]:
+    """The camera that a model is trained for, on a robot; a model made for another one is refused."""
     return {
         **asdict(depth.MODEL_CAMERA),
         "range_m": depth.RANGE_M,
-        "position_m": go1.CAMERA_POSITION.tolist(),
-        "pitch_rad": go1.CAMERA_PITCH,
+        "position_m": robot.camera_position.tolist(),
+        "pitch_rad": robot.camera_pitch,
     }
 
 
@@ -58,16 +60,21 @@ class Tick(NamedTuple):
 class HeightmapNetwork:
     """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
 
+    Args:
+        robot: Which one asks.
+        path: ONNX file.
+
     Raises:
         ModelError: the file is unreadable, or one of its metadata or shapes does not fit this program; the message
             names the field.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, robot: Robot, path: Path) -> None:
         file = ModelFile(path)
+        self.robot, self.legs = robot, LegKinematics(robot)
         self.model_id = file.model_id
         self._session = file.session
-        _check_metadata(file)
+        _check_metadata(file, robot)
         self.hidden_size = _checked_shapes(path, self._session)
         self.warmup_frames = int(file.field("warmup_frames"))
         self._calls: dict[int, _Call] = {}
@@ -128,12 +135,12 @@ def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
     }
 
 
-def _check_metadata(file: ModelFile) -> None:
+def _check_metadata(file: ModelFile, robot: Robot) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
     expected: dict[str, Any] = {
         "format": FORMAT,
         "grid_m": HEIGHTMAP_X.tolist(),
-        "camera": camera_metadata(),
+        "camera": camera_metadata(robot),
         "proprioception": list(PROPRIOCEPTION),
     }
     for name, wanted in expected.items():

@@ -31,12 +31,12 @@ class HeightmapProcess:
 
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:
         first = contexts[0]
-        network = HeightmapNetwork(model_path("heightmap", first.config.heightmap_model))
+        network = HeightmapNetwork(first.robot, model_path("heightmap", first.config.heightmap_model))
         self._bell = first.bus.bell
         self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
         self._fleet = FleetService(network, self._links)
         self._lockstep = first.config.pace == "lockstep"
-        self._inbox = ModelInbox(first.run_dir / FILE)
+        self._inbox = ModelInbox(first.robot, first.run_dir / FILE)
         self._next_look_s = 0.0
         self._told = (0, 0)
 

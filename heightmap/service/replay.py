@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Protocol
 
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
@@ -20,43 +20,44 @@ class Predictor(Protocol):
 
 
 def replay_frames(
-    model_path: Path,
+    network: HeightmapNetwork,
     frames: Sequence[DepthFrame],
-    robot: Sequence[RobotState] | LevelRobot,
+    states: Sequence[RobotState] | LevelRobot,
     arrival_ns: Sequence[int] | None = None,
 ) -> list[Heightmap]:
     """The heightmap at every robot state.
 
     Args:
-        model_path: ONNX file.
+        network: Of the service.
         frames: In order of capture.
-        robot: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
+        states: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
             for each frame.
         arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given.
 
     Returns:
         One heightmap for each state.
     """
-    states = robot.states(frames) if isinstance(robot, LevelRobot) else robot
+    if isinstance(states, LevelRobot):
+        states = states.states(network.robot, frames)
     if arrival_ns is None:
         arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
-    return replay_predictor(HeightmapService(model_path), frames, states, arrival_ns)
+    return replay_predictor(HeightmapService(network), frames, states, arrival_ns)
 
 
-def replay_standing(model_path: Path, frames: Sequence[DepthFrame], robot: LevelRobot) -> list[Heightmap]:
+def replay_standing(network: HeightmapNetwork, frames: Sequence[DepthFrame], level: LevelRobot) -> list[Heightmap]:
     """The heightmap after each image of a camera that stands still, from a model that is warm.
 
     Before a robot that stands the time between images tells nothing: they are shown at the camera's rate, and all of
     them again and again until the model has seen as many as its warm-up takes.
     """
-    service = HeightmapService(model_path)
-    passes = 1 - -service.network.warmup_frames // len(frames)
+    service = HeightmapService(network)
+    passes = 1 - -network.warmup_frames // len(frames)
     shown = [
         replace(frame, time_ns=round(1e9 * CAMERA_PERIOD_S * i), frame_id=i)
         for i, frame in enumerate([*frames] * passes)
     ]
     arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in shown]
-    answers = replay_predictor(service, shown, robot.states(shown), arrival_ns)[-len(frames) :]
+    answers = replay_predictor(service, shown, level.states(network.robot, shown), arrival_ns)[-len(frames) :]
     return [replace(answer, frame_id=frame.frame_id) for answer, frame in zip(answers, frames, strict=True)]
 
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -53,16 +52,13 @@ class HeightmapService:
     that is finite and plausible.
 
     Args:
-        model: ONNX file, or a network that is loaded already, which several services may share.
-
-    Raises:
-        ModelError: the model is unreadable or does not fit.
+        network: Which several services may share.
     """
 
     _hidden: Singles
 
-    def __init__(self, model: Path | HeightmapNetwork) -> None:
-        self._network = model if isinstance(model, HeightmapNetwork) else HeightmapNetwork(model)
+    def __init__(self, network: HeightmapNetwork) -> None:
+        self._network = network
         self._low, self._high = _bounds(self._network.hidden_size)
         self.reset()
 
@@ -133,7 +129,7 @@ class HeightmapService:
         if self._started_ns is None:
             self._started_ns = now_ns
         new = frame is not None and self._accept(frame, now_ns)
-        features = proprioception_of(state)
+        features = proprioception_of(state, self._network.legs)
         if self._view is None:
             return Inputs(_blank_image(), math.inf, False, features)
         age_s = max(0.0, (state.time_ns - self._view.time_ns) * 1e-9)

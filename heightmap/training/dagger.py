@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from saltus.config import from_table
+from saltus.config import DEFAULT_ROBOT, from_table
 from saltus.errors import ConfigError
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.inventory import merge, validate
@@ -41,6 +41,7 @@ from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
+from saltus.robots.loading import load_robot
 
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 BEGUN = "dagger.json"
@@ -171,7 +172,12 @@ def _started(folder: Path, start: Path) -> Path:
             shutil.copyfile(start, partial_folder / CHECKPOINT)
             model, training = load_checkpoint(start)
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-            origin = Origin(warmup_frames=MIN_WARMUP, dataset=training["dataset"], seed=training["config"]["seed"])
+            origin = Origin(
+                robot=load_robot(DEFAULT_ROBOT),
+                warmup_frames=MIN_WARMUP,
+                dataset=training["dataset"],
+                seed=training["config"]["seed"],
+            )
             export(model, partial_folder / MODEL, origin)
     return folder
 

@@ -16,6 +16,7 @@ from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapN
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.onnx_export import write_onnx
 from saltus.provenance import commit
+from saltus.robots.robot import Robot
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 
@@ -23,6 +24,8 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 class Origin:
     """What a model was made from."""
 
+    robot: Robot
+    """For which."""
     warmup_frames: int
     """Measured, see `saltus.heightmap.training.validate.warmup_frames`."""
     dataset: str
@@ -61,7 +64,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "grid_m": HEIGHTMAP_X.tolist(),
-        "camera": camera_metadata(),
+        "camera": camera_metadata(origin.robot),
         "proprioception": list(PROPRIOCEPTION),
         "nominal_delay_s": CAMERA_LATENCY_S,
         "warmup_frames": origin.warmup_frames,
@@ -72,16 +75,15 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     }
 
 
-def parity(model: HeightmapModel, path: Path, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
+def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
     """Greatest difference of a height or of half of its 90 % interval [m] between torch and the file.
 
     Args:
         model: The network in torch.
-        path: What was made of it.
+        network: What was made of it.
         inputs: One for each recurrent step.
         reset_every: Both hidden states are emptied after so many steps.
     """
-    network = HeightmapNetwork(path)
     worst = 0.0
     for step, given in enumerate(inputs):
         if step % reset_every == 0:

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ModelError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, motion, read_dataset, read_records
@@ -16,6 +17,7 @@ from saltus.heightmap.training.export import Origin, export, parity
 from saltus.heightmap.training.train import load_checkpoint, split
 from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.model_file import put_model
+from saltus.robots.loading import load_robot
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE_M = 1e-5
@@ -93,17 +95,19 @@ def release(
     measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
     held_out = split(read_dataset(data))[1] if unseen is None else read_dataset(unseen)
     begun()
-    origin = Origin(warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
+    robot = load_robot(DEFAULT_ROBOT)
+    origin = Origin(robot=robot, warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
     model_path.parent.mkdir(parents=True, exist_ok=True)
     # Until all is measured the model that may be there stays.
     with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:
         candidate = Path(folder) / model_path.name
         # The warm-up is measured on the file itself, so it is written twice.
         export(model, candidate, origin)
-        warmup = warmup_frames(candidate, held_out)
+        warmup = warmup_frames(HeightmapNetwork(robot, candidate), held_out)
         export(model, candidate, replace(origin, warmup_frames=warmup))
+        network = HeightmapNetwork(robot, candidate)
         inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
-        difference = parity(model, candidate, islice(inputs, PARITY_STEPS))
+        difference = parity(model, network, islice(inputs, PARITY_STEPS))
         if not difference <= MAX_DIFFERENCE_M:
             raise ModelError(
                 f"its ONNX file differs from {checkpoint} by {difference:.2g}: more than {MAX_DIFFERENCE_M:g}"
@@ -111,11 +115,11 @@ def release(
         if candidate.stat().st_size > MAX_BYTES:
             raise ModelError(f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than {MAX_BYTES}")
         result = Release(
-            model_id=HeightmapNetwork(candidate).model_id,
+            model_id=network.model_id,
             warmup_frames=warmup,
             parity=difference,
-            clean=accuracy(candidate, held_out),
-            faulty=accuracy(candidate, held_out, TRAINING),
+            clean=accuracy(network, held_out),
+            faulty=accuracy(network, held_out, TRAINING),
         )
         put_model(candidate, model_path)
     card_path(model_path).write_text(_card(result, training, records, f"{len(held_out)} of {measured_on}"))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -37,15 +36,14 @@ class Accuracy:
     ticks: int
 
 
-def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
+def accuracy(network: HeightmapNetwork, episodes: Sequence[Episode], delivery: DeliveryModel | None = None) -> Accuracy:
     """Errors of a model file over whole episodes, images without noise.
 
     Args:
-        model_path: ONNX file.
+        network: A model file.
         episodes: Held out of the training.
         delivery: How images travel; by default 50 ms late and none lost.
     """
-    network = HeightmapNetwork(model_path)
     errors: list[Singles] = []
     covered: list[float] = []
     by_terrain: dict[str, list[float]] = {}
@@ -67,13 +65,12 @@ def accuracy(model_path: Path, episodes: Sequence[Episode], delivery: DeliveryMo
     )
 
 
-def warmup_frames(model_path: Path, episodes: Sequence[Episode], limit: int = 50) -> int:
+def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit: int = 50) -> int:
     """Images after the hidden state was emptied until the visible part is as good as without that: 5 to `limit`.
 
     Each episode runs once undisturbed and once with its hidden state emptied in the middle; errors ahead are compared
     image by image, averaged over the episodes. `limit` where none of them lasts long enough to tell.
     """
-    network = HeightmapNetwork(model_path)
     ticks = limit * FRAME_TICKS
     warm, cold = np.zeros(limit), np.zeros(limit)
     for episode in episodes:

@@ -13,7 +13,7 @@ from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.recordings.run_log import DepthTable
-from saltus.render.camera import Mount, moved_camera
+from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
@@ -55,7 +55,7 @@ class Camera:
     @classmethod
     def on(cls, robot: Robot, latency_s: float = 0.0) -> "Camera":
         """A camera where the robot has its own."""
-        return cls(latency_s=latency_s, mount=Mount(position=robot.camera_position, pitch=robot.camera_pitch))
+        return cls(latency_s=latency_s, mount=Mount.of(robot))
 
     @classmethod
     def of(cls, claim: dict[str, Any]) -> "Camera":
@@ -80,6 +80,7 @@ class Camera:
 
 
 def film(
+    robot: Robot,
     camera: Camera,
     profile: Profile,
     terrain: Terrain,
@@ -93,6 +94,7 @@ def film(
     """Images as they arrive.
 
     Args:
+        robot: That carries the camera.
         camera: As claimed; the effects of `profile` are what it does in truth.
         profile: Its camera part.
         terrain: What there is to see.
@@ -102,7 +104,8 @@ def film(
         joints: [rad], shape (n, 12).
         rng: Of the noise and of what effects draw.
     """
-    renderer = EmbreeRenderer(terrain, *moved_camera(profile.view_chain, camera.intrinsics, camera.mount), threads=1)
+    claimed = RobotCamera(robot=robot, intrinsics=camera.intrinsics, mount=camera.mount)
+    renderer = EmbreeRenderer(terrain, claimed.moved(profile.view_chain), threads=1)
     depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0

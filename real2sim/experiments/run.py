@@ -94,7 +94,7 @@ def run(
     log.meta["camera"] = camera.claim()
     return RunLog(
         meta=log.meta, joints=log.joints, imu=log.imu, base=log.base, feet=log.feet,
-        depth=_depth(tape, terrain, camera, profile, rng),
+        depth=_depth(tape, robot, terrain, camera, profile, rng),
     )  # fmt: skip
 
 
@@ -216,11 +216,14 @@ def _meta(tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain) -
     return meta
 
 
-def _depth(tape: _Tape, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator) -> DepthTable:
+def _depth(
+    tape: _Tape, robot: Robot, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator
+) -> DepthTable:
     """Images from the true poses at the camera's rate."""
     every = round(1.0 / (camera.rate_hz * PHYSICS_DT))
     rows = tape.rows[::every]
     return film(
+        robot,
         camera,
         profile,
         terrain,

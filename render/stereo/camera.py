@@ -91,8 +91,7 @@ class StereoCamera:
         Args:
             depth: true depth from the left imager, along the optical axis [m], infinite where nothing is hit. Shape
                 (..., height, width).
-            hidden: which of these points the right imager does not see (`saltus.render.stereo.second_view`), bool, same
-            shape.
+            hidden: which of these points the right imager does not see, bool, same shape.
             time_s: capture time [s], float64, shape (...).
             state: what `init` or the last `step` returned.
 

@@ -1,6 +1,5 @@
 """`saltus doctor`: what is installed, what works, and the cure for what does not."""
 
-import hashlib
 import platform
 import re
 import shutil
@@ -117,12 +116,10 @@ def _attempts(image: Path | None) -> list[Finding]:
 
 
 def _model() -> str:
-    from saltus.heightmap.service.service import HeightmapService
+    from saltus.heightmap.service.network import HeightmapNetwork
     from saltus.resources import resource
 
-    path = resource("models/heightmap.onnx")
-    HeightmapService(path)
-    return f"sha256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}, loads"
+    return f"sha256 {HeightmapNetwork(_robot(), resource('models/heightmap.onnx')).model_id}, loads"
 
 
 def _policy() -> str:
@@ -137,10 +134,11 @@ def _render(backend: str, image: Path | None) -> str:
 
     from saltus.config import TerrainConfig
     from saltus.render.backends import make_renderer
+    from saltus.render.camera import RobotCamera
     from saltus.terrain.curriculum import make_terrain
 
     robot, terrain = _robot(), make_terrain(TerrainConfig(terrain="stairs"))
-    renderer = make_renderer(backend, terrain)
+    renderer = make_renderer(backend, terrain, RobotCamera.on(robot))
     position = np.array([terrain.first_edge_x - 0.9, 0.0, robot.stand_height])
     depth = renderer.render(position, np.array([1.0, 0.0, 0.0, 0.0]), robot.stand_pose)
     if not np.isfinite(depth).any():

@@ -15,7 +15,7 @@ from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.serve import Peer, serve
-from saltus.config import RunConfig
+from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import RecordingError, SaltusError
 from saltus.heightmap.level_robot import LevelRobot
 
@@ -37,9 +37,7 @@ class Serve:
     """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
-    level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: LevelRobot(camera_pitch_deg=29.8)
-    )
+    level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
     robots: tuple[str, ...] = ()
     """Prefixes of the robots to serve, e.g. robot/0 robot/1; the one of run.toml where none is given."""
     peer: Peer = False
@@ -58,9 +56,11 @@ class Serve:
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace."""
+        from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
+        from saltus.robots.loading import load_robot
         from saltus.runtime.stack import open_router
         from saltus.wire.messages import HeightmapStatus
         from saltus.wire.zenoh_bus import ZenohBus
@@ -70,7 +70,8 @@ class Serve:
             raise RecordingError(f"{recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
-        heightmaps = replay_frames(resource("models/heightmap.onnx"), frames, self.level)
+        network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
+        heightmaps = replay_frames(network, frames, self.level)
         endpoint, router = (self.endpoint, None) if self.endpoint else open_router()
         try:
             with ZenohBus(endpoint, self.prefix) as bus:

@@ -9,7 +9,7 @@ from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
 from saltus.cli.serve import ServeProcess
-from saltus.config import TerrainConfig
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.errors import SaltusError
 
 
@@ -24,9 +24,10 @@ class Preview:
     def run(self) -> int:
         """Writes the file and says where it is."""
         from saltus.render.preview import write_preview
+        from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
-        write_preview(make_terrain(self.course), self.out)
+        write_preview(load_robot(DEFAULT_ROBOT), make_terrain(self.course), self.out)
         print(self.out)
         return 0
 

@@ -11,12 +11,14 @@ import tyro
 
 from saltus.cli.flags import Flag, shown
 from saltus.cli.output import finite, print_json
+from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
 if TYPE_CHECKING:
     from saltus.recordings.recording import Recording
+    from saltus.robots.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +36,7 @@ class Replay:
     """ONNX file."""
     assume_level: Flag = False
     """Take the robot to stand still and level. A recording that is shorter than the model's warm-up is repeated."""
-    robot: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: LevelRobot(camera_pitch_deg=29.8)
-    )
+    level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 
@@ -59,13 +59,14 @@ class Replay:
 
     def _bag(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
         from saltus.recordings.realsense import read_realsense
+        from saltus.robots.loading import load_robot
 
         frames = list(read_realsense(self.recording))
         if not frames:
             raise RecordingError(f"{self.recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{self.recording} has no robot state: add --assume-level (see saltus replay --help)")
-        heightmaps = self._standing(model, frames)
+        heightmaps = self._standing(load_robot(DEFAULT_ROBOT), model, frames)
         table = {
             "recording": str(self.recording),
             "frames": len(frames),
@@ -78,6 +79,7 @@ class Replay:
 
     def _run(self, model: Path) -> tuple[dict[str, Any], list[Heightmap]]:
         from saltus.heightmap.evaluation.comparison import lost_note
+        from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_frames
         from saltus.recordings.recording import read_recording
 
@@ -88,18 +90,19 @@ class Replay:
             raise RecordingError(f"{self.recording} has no depth image{lost}")
         start = {"recording": str(self.recording), "lost": recording.lost, "frames": len(frames)}
         if self.assume_level:
-            heightmaps = self._standing(model, frames)
+            heightmaps = self._standing(recording.robot, model, frames)
             return {**start, **_profile(heightmaps)}, heightmaps
         states = [state for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
         if not states:
             raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
-        heightmaps = replay_frames(model, frames, states, arrivals)
+        heightmaps = replay_frames(HeightmapNetwork(recording.robot, model), frames, states, arrivals)
         return {**start, **_differences(recording, heightmaps)}, []
 
-    def _standing(self, model: Path, frames: list[DepthFrame]) -> list[Heightmap]:
+    def _standing(self, robot: "Robot", model: Path, frames: list[DepthFrame]) -> list[Heightmap]:
+        from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.heightmap.service.replay import replay_standing
 
-        return replay_standing(model, frames, self.robot)
+        return replay_standing(HeightmapNetwork(robot, model), frames, self.level)
 
 
 def _frames(recording: "Recording") -> tuple[list[int], list[DepthFrame]]:

@@ -53,7 +53,7 @@ class RunOptions:
         if policy is not None:
             make_planner(self.planner, robot, policy)
         if heightmap is not None:
-            HeightmapNetwork(Path(heightmap))
+            HeightmapNetwork(robot, Path(heightmap))
         config = RunConfig(
             robot=self.robot, terrain=self.course, seed=self.seed, pace=pace, camera=self.camera,
             renderer=self.renderer, profile=self.profile, planner=self.planner, policy_model=policy,

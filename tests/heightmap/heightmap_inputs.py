@@ -1,10 +1,15 @@
 """Frames and states for the tests of the heightmap service."""
 
+from pathlib import Path
+
 import numpy as np
+from samples import ROBOT
 
 from benchmarks._measuring import depth_frame
 from saltus.depth import MODEL_CAMERA
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, RobotState
 
 MS = 1_000_000
@@ -19,10 +24,15 @@ def frame(frame_id: int, time_ms: float, depth: np.ndarray | None = None) -> Dep
     return depth_frame(MODEL_CAMERA, depth, time_ns=round(time_ms * MS), frame_id=frame_id)
 
 
+def service_of(model_path: Path) -> HeightmapService:
+    """A service with the model of the tests."""
+    return HeightmapService(HeightmapNetwork(ROBOT, model_path))
+
+
 def states(count: int) -> list[RobotState]:
     """A robot that stands, one state every 10 ms."""
     ticks = [frame(step, 10.0 * step - 50.0) for step in range(count)]
-    return LevelRobot().states(ticks)
+    return LevelRobot().states(ROBOT, ticks)
 
 
 def on_time(step: int) -> DepthFrame | None:

@@ -13,6 +13,7 @@ from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics, depth_in_millimet
 from saltus.grid import HEIGHTMAP_X
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec
@@ -63,7 +64,7 @@ def glide(
     velocity = np.gradient(position, 0.01, axis=0)
     quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero)
     joints = np.tile(go1.STAND_POSE, (steps, 1))
-    images = EmbreeRenderer(ground, camera, legs=False, threads=1).render_batch(
+    images = EmbreeRenderer(ground, RobotCamera.on(ROBOT, camera, legs=False), threads=1).render_batch(
         position[::2], quaternion[::2], joints[::2]
     )
     heights = ground.height_at(x[:, None] + HEIGHTMAP_X, 0.0) - z[:, None]

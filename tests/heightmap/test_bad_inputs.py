@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded_run import glide, record
+from samples import ROBOT, put_robot
 from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main
@@ -17,6 +18,7 @@ from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.resources import resource
+from saltus.runtime.process import ROBOT_FILE
 
 JUNK = np.random.default_rng(0).bytes(3000)
 BROKEN: dict[str, bytes | None] = {"missing": None, "empty": b"", "junk": JUNK, "text": b"hello\n"}
@@ -100,7 +102,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = glide(TerrainConfig(terrain="step", height_m=0.1), steps=40)
-    maps = replay_predictor(GeometricHeightmap(), run.frames, run.states, run.arrival_ns)
+    maps = replay_predictor(GeometricHeightmap(ROBOT), run.frames, run.states, run.arrival_ns)
     return record(tmp_path_factory.mktemp("run") / "recording.mcap", run, maps).path
 
 
@@ -119,13 +121,16 @@ def test_checkpoints_models_and_recordings_that_are_none(
     kind: str, data: Path, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     checkpoint, model, run, bag = (broken(tmp_path, kind, suffix) for suffix in (".pt", ".onnx", ".mcap", ".bag"))
+    run_dir = tmp_path / "a run"
+    run_dir.mkdir()
+    put_robot(run_dir)
     before, out = sorted(tmp_path.iterdir()), tmp_path / "out"
     for path, arguments in (
         (checkpoint, ["train", "--data", data, "--start", checkpoint, "--out", out]),
         (checkpoint, ["dagger", "--start", checkpoint, "--out", out]),
         (checkpoint, ["export", "--data", data, "--checkpoint", checkpoint, "--out", out]),
         (checkpoint, ["collect", "gpu", "--device", "cpu", "--predictor", checkpoint, "--out", out]),
-        (model, ["give", model, "--run-dir", data]),
+        (model, ["give", model, "--run-dir", run_dir]),
         (model, ["collect", "cpu", "--model", model, "--out", out]),
         (model, ["eval", "--runs", "1", "--heightmap-model", model]),
         (model, ["report", recording, "--model", model, "--out", out]),
@@ -193,7 +198,8 @@ def test_a_full_disk(data: Path, recording: Path, tmp_path: Path, capsys: pytest
         (folder / unfinished).symlink_to("/dev/full")
         (folder / whole).write_text("kept")
     model = resource("models/heightmap.onnx")
-    refused(["heightmap", "give", model, "--run-dir", run], capsys, run, "No space left")
+    refused(["heightmap", "give", model, "--run-dir", put_robot(run)], capsys, run, "No space left")
+    (run / ROBOT_FILE).unlink()
     refused(["heightmap", "report", recording, "--out", run], capsys, run, "No space left")
     refused(["heightmap", "dataset", "merge", data, "--out", out], capsys, out, "No space left")
     assert {path.name: path.read_text() for path in (*run.iterdir(), *out.iterdir())} == dict.fromkeys(
@@ -210,7 +216,10 @@ def test_folders_without_a_service(
         shutil.copy(shipped.with_name(name), tmp_path)
     before = {path: path.stat().st_ino for path in tmp_path.iterdir()}
     (tmp_path / "run").mkdir()
-    assert main(["heightmap", "give", str(tmp_path / shipped.name), "--run-dir", str(tmp_path / "run")]) == 2
+    give = ["heightmap", "give", str(tmp_path / shipped.name), "--run-dir", str(tmp_path / "run")]
+    refused(give, capsys, "no robot.toml")
+    robot = put_robot(tmp_path / "run") / ROBOT_FILE
+    assert main(give) == 2
     assert "no heightmap service looks into" in capsys.readouterr().err
-    assert list((tmp_path / "run").iterdir()) == []
+    assert list((tmp_path / "run").iterdir()) == [robot]
     assert {path: path.stat().st_ino for path in tmp_path.iterdir() if path.is_file()} == before

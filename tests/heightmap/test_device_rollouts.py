@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError
@@ -162,7 +163,7 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
         depth=rng.integers(0, 5000, (ticks // 2, 48, 16)).astype(np.uint16),
         frame_tick=np.arange(0, ticks, FRAME_TICKS, dtype=np.int32),
     )
-    expected, _ = run_episode(HeightmapNetwork(model_path), episode, latency)
+    expected, _ = run_episode(HeightmapNetwork(ROBOT, model_path), episode, latency)
     images = LateImages(2, latency, torch.Generator().manual_seed(0))
     heights = DeviceHeights(model, images)
     for tick in range(2 * ticks):

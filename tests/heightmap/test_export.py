@@ -5,6 +5,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from samples import ROBOT
 
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -12,7 +13,9 @@ from saltus.heightmap.training.export import parity, random_inputs
 
 
 def test_file_equals_torch_over_1000_recurrent_steps_with_resets(model: HeightmapModel, model_path: Path) -> None:
-    assert parity(model, model_path, random_inputs(model, np.random.default_rng(1), 1000)) < 1e-5
+    assert (
+        parity(model, HeightmapNetwork(ROBOT, model_path), random_inputs(model, np.random.default_rng(1), 1000)) < 1e-5
+    )
 
 
 def test_a_file_that_says_no_number_equals_nothing(
@@ -22,7 +25,9 @@ def test_a_file_that_says_no_number_equals_nothing(
     monkeypatch.setattr(
         HeightmapNetwork, "tick", lambda *given: law(*given)._replace(height=np.full(30, np.nan, np.float32))
     )
-    assert math.isnan(parity(model, model_path, random_inputs(model, np.random.default_rng(0), 3)))
+    assert math.isnan(
+        parity(model, HeightmapNetwork(ROBOT, model_path), random_inputs(model, np.random.default_rng(0), 3))
+    )
 
 
 def test_file_is_small_and_its_batch_is_free(model_path: Path) -> None:
@@ -50,7 +55,7 @@ def test_window_equals_ticks_one_by_one(model: HeightmapModel) -> None:
 
 
 def test_extreme_inputs_stay_finite(model_path: Path) -> None:
-    network = HeightmapNetwork(model_path)
+    network = HeightmapNetwork(ROBOT, model_path)
     hidden = np.zeros(256, np.float32)
     for value in (0.0, 1e6, -1e6):
         for age in (0.0, 1e9, np.inf):

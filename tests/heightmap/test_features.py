@@ -6,6 +6,7 @@ import torch
 from heightmap_inputs import states
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from samples import KINEMATICS
 
 from saltus import go1, kinematics, rotations
 from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception, proprioception_of
@@ -25,7 +26,7 @@ def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.nd
         "base_height": np.asarray(0.27),
         "leg_trusted": np.ones(4, np.bool_),
     }
-    return proprioception(**{**values, **changes})
+    return proprioception(KINEMATICS, **{**values, **changes})
 
 
 @given(roll=ANGLE, pitch=ANGLE, yaw=st.floats(-3.1, 3.1))
@@ -78,12 +79,12 @@ def test_a_batch_equals_one_by_one() -> None:
         "base_height": rng.normal(size=(2, n)),
         "leg_trusted": rng.uniform(size=(2, n, 4)) < 0.5,
     }
-    batch = proprioception(**values)
+    batch = proprioception(KINEMATICS, **values)
     assert batch.shape == (2, n, len(PROPRIOCEPTION))
     assert batch.dtype == np.float32
     for i in range(2):
         for j in range(n):
-            single = proprioception(**{name: value[i, j] for name, value in values.items()})
+            single = proprioception(KINEMATICS, **{name: value[i, j] for name, value in values.items()})
             np.testing.assert_allclose(single, batch[i, j], atol=1e-6)
 
 
@@ -100,9 +101,9 @@ def test_tensors_give_the_same_vector() -> None:
     tensors = {name: torch.as_tensor(value) for name, value in values.items()}
     single = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
     for arrays in (tensors, single):
-        vector = proprioception(**arrays)
+        vector = proprioception(KINEMATICS, **arrays)
         assert vector.dtype == torch.float32
-        np.testing.assert_allclose(vector, proprioception(**values), atol=1e-5)
+        np.testing.assert_allclose(vector, proprioception(KINEMATICS, **values), atol=1e-5)
 
 
 def test_a_message_gives_the_same_vector() -> None:
@@ -120,5 +121,5 @@ def test_a_message_gives_the_same_vector() -> None:
         }
         height = rng.uniform(0.1, 0.5)
         state = replace(states(1)[0], base_height=height, **values)
-        expected = proprioception(base_height=np.asarray(height), **values)
-        np.testing.assert_array_equal(proprioception_of(state), expected)
+        expected = proprioception(KINEMATICS, base_height=np.asarray(height), **values)
+        np.testing.assert_array_equal(proprioception_of(state, KINEMATICS), expected)

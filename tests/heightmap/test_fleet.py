@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from heightmap_inputs import WARMUP, frame, on_time, states
+from samples import ROBOT as GO1
 from test_service import Faulty, bad_tick
 
 from saltus.heightmap.service.fleet import TAKEOVER_NS, Arrival, FleetService
@@ -21,7 +22,7 @@ STATES = states(5 * STEPS)
 
 @pytest.fixture(scope="module")
 def network(model_path: Path) -> HeightmapNetwork:
-    return HeightmapNetwork(model_path)
+    return HeightmapNetwork(GO1, model_path)
 
 
 def names(count: int) -> list[str]:
@@ -139,7 +140,7 @@ def test_a_state_that_was_answered_gets_the_same_answer(network: HeightmapNetwor
 
 
 def test_another_model_takes_over_without_a_gap(network: HeightmapNetwork, model_path: Path) -> None:
-    fleet, given = FleetService(network, names(2)), HeightmapNetwork(model_path)
+    fleet, given = FleetService(network, names(2)), HeightmapNetwork(GO1, model_path)
     given.model_id = "another"
     found: list[Heightmap] = []
     for step in range(STEPS):
@@ -177,7 +178,7 @@ def test_no_model_takes_over_before_it_is_warm_however_poor_the_images(
     network: HeightmapNetwork, model_path: Path, see: Callable[[int, int], DepthFrame | None]
 ) -> None:
     for begin in range(56, 62):
-        fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
+        fleet, given = FleetService(network, names(1)), HeightmapNetwork(GO1, model_path)
         given.model_id = "another"
         images, found = 0, list[Heightmap]()
         for step in range(STEPS):
@@ -197,7 +198,7 @@ def test_no_model_takes_over_before_it_is_warm_however_poor_the_images(
 
 
 def test_a_model_that_answers_badly_is_dropped(network: HeightmapNetwork, model_path: Path) -> None:
-    fleet, given = FleetService(network, names(1)), HeightmapNetwork(model_path)
+    fleet, given = FleetService(network, names(1)), HeightmapNetwork(GO1, model_path)
     nan = bad_tick("height", np.nan)
     given.ticks = lambda *_: Tick(*(value[None] for value in nan))  # type: ignore[method-assign]
     steps = 50 + TAKEOVER_NS // 10_000_000

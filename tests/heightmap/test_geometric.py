@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_run import LATENCY_NS, MS, Glide, glide
+from samples import ROBOT
 
 from saltus import go1, kinematics, rotations
 from saltus.config import TerrainConfig
@@ -27,7 +28,9 @@ def heights(maps: list[Heightmap]) -> np.ndarray:
 
 
 def predict(run: Glide, states: list[RobotState] | None = None, foot_gain: float = 0.0) -> list[Heightmap]:
-    return replay_predictor(GeometricHeightmap(foot_gain=foot_gain), run.frames, states or run.states, run.arrival_ns)
+    return replay_predictor(
+        GeometricHeightmap(ROBOT, foot_gain=foot_gain), run.frames, states or run.states, run.arrival_ns
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,14 +72,14 @@ def test_heights_do_not_depend_on_the_heading(step_run: Glide) -> None:
 
 
 def test_nothing_is_known_before_the_first_image(step_run: Glide) -> None:
-    heightmap = GeometricHeightmap().step(step_run.states[0], None, 0)
+    heightmap = GeometricHeightmap(ROBOT).step(step_run.states[0], None, 0)
     assert heightmap.status == HeightmapStatus.WARMING
     assert heightmap.frame_id == -1
     assert heightmap.half_width_90 == pytest.approx(UNKNOWN_HALF_WIDTH_M)
 
 
 def test_a_place_is_less_sure_the_farther_the_nearest_point(step_run: Glide) -> None:
-    predictor = GeometricHeightmap()
+    predictor = GeometricHeightmap(ROBOT)
     for state in step_run.states[:6]:
         frame = step_run.frames[0] if state.step == 5 else None
         heightmap = predictor.step(state, frame, state.time_ns)
@@ -92,14 +95,14 @@ def test_pixels_without_depth_in_range_say_nothing(step_run: Glide, value: int) 
     sparse = [frame for frame in frames if frame.frame_id % 3 == 0]
     states = step_run.states[:80]
     a, b = (
-        heights(replay_predictor(GeometricHeightmap(), kept, states, [f.time_ns + LATENCY_NS for f in kept]))
+        heights(replay_predictor(GeometricHeightmap(ROBOT), kept, states, [f.time_ns + LATENCY_NS for f in kept]))
         for kept in (dead, sparse)
     )
     np.testing.assert_array_equal(a, b)
 
 
 def test_a_frame_and_a_state_count_once(step_run: Glide) -> None:
-    once, often = GeometricHeightmap(), GeometricHeightmap()
+    once, often = GeometricHeightmap(ROBOT), GeometricHeightmap(ROBOT)
     for state in step_run.states[:60]:
         frame = _due(step_run, state)
         expected = once.step(state, frame, state.time_ns)
@@ -111,7 +114,7 @@ def test_a_frame_and_a_state_count_once(step_run: Glide) -> None:
 
 
 def test_silence_is_told_and_a_long_pause_forgets(step_run: Glide) -> None:
-    predictor = GeometricHeightmap()
+    predictor = GeometricHeightmap(ROBOT)
     for state in step_run.states[:60]:
         predictor.step(state, _due(step_run, state), state.time_ns)
     statuses = [predictor.step(state, None, state.time_ns).status for state in step_run.states[60:80]]

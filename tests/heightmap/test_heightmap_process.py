@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
+from samples import ROBOT, put_robot
 
 from saltus.config import Pace, RunConfig
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.heightmap.service.service import HeightmapService
 from saltus.runtime.process import ProcessContext
@@ -26,7 +28,7 @@ class House:
     def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
         self.hub = MemoryHub()
         config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns() - 1_000_000_000)
-        self.context = ProcessContext("heightmap", config, run_dir, MemoryBus(config.prefix, self.hub))
+        self.context = ProcessContext("heightmap", config, put_robot(run_dir), MemoryBus(config.prefix, self.hub))
         self.process = HeightmapProcess([self.context])
         self.epoch_ns = config.epoch_ns
         self.bus = MemoryBus(config.prefix, self.hub)
@@ -66,7 +68,7 @@ def due(state: RobotState) -> RobotState:
 
 
 def answers_alone(model_path: Path, steps: int) -> list[Heightmap]:
-    service = HeightmapService(model_path)
+    service = HeightmapService(HeightmapNetwork(ROBOT, model_path))
     return [service.step(state, on_time(state.step), state.time_ns) for state in states(steps)]
 
 
@@ -120,7 +122,7 @@ def test_in_real_time_old_states_are_not_answered(house: House) -> None:
 def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: House, model_path: Path) -> None:
     """States at the rate of the robot, then a pause in which nothing more may come."""
     heard = house.bus.stream()
-    alone, count = HeightmapService(model_path), 40
+    alone, count = HeightmapService(HeightmapNetwork(ROBOT, model_path)), 40
     first_ns = time.monotonic_ns() - house.epoch_ns
     for state in states(count):
         time_ns = first_ns + 10_000_000 * state.step
@@ -143,6 +145,7 @@ def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, 
     hub = MemoryHub()
     names = ("robot/0", "robot/1", "robot/2")
     configs = [RunConfig(prefix=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
+    put_robot(tmp_path)
     contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub)) for config in configs]
     process = HeightmapProcess(contexts)
     stop = threading.Event()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
+from samples import ROBOT, put_robot
 
 from saltus.cli.main import main
 from saltus.errors import ModelError
@@ -21,13 +22,14 @@ from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
+from saltus.runtime.process import ROBOT_FILE
 
 PATIENCE_S = 60.0
 
 
 @pytest.fixture
 def inbox(tmp_path: Path) -> Iterator[ModelInbox]:
-    inbox = ModelInbox(tmp_path / FILE)
+    inbox = ModelInbox(ROBOT, tmp_path / FILE)
     yield inbox
     inbox.close()
 
@@ -71,14 +73,14 @@ def not_finite(model: Any) -> None:
 
 def test_a_good_model_is_handed_over_once(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
     assert inbox.poll() is None
-    model_id = give(model_path, tmp_path)
-    assert verdict(inbox).model_id == model_id == HeightmapNetwork(model_path).model_id
+    model_id = give(model_path, put_robot(tmp_path))
+    assert verdict(inbox).model_id == model_id == HeightmapNetwork(ROBOT, model_path).model_id
     assert inbox.poll() is None
 
 
 def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> None:
-    give(model_path, tmp_path)
-    inbox = ModelInbox(tmp_path / FILE)
+    give(model_path, put_robot(tmp_path))
+    inbox = ModelInbox(ROBOT, tmp_path / FILE)
     assert inbox.poll() is None
     assert inbox._check is None
     inbox.close()
@@ -118,26 +120,27 @@ def test_after_a_bad_model_a_good_one_is_taken(inbox: ModelInbox, model_path: Pa
     put(b"not a model", tmp_path / FILE)
     with pytest.raises(ModelError, match="not a model"):
         verdict(inbox)
-    give(model_path, tmp_path)
-    assert verdict(inbox).model_id == HeightmapNetwork(model_path).model_id
+    give(model_path, put_robot(tmp_path))
+    assert verdict(inbox).model_id == HeightmapNetwork(ROBOT, model_path).model_id
 
 
 @pytest.mark.parametrize("how", ["damaged", "no checksum"])
 def test_a_model_that_cannot_be_used_is_not_even_given(model_path: Path, tmp_path: Path, how: str) -> None:
     model, run_dir = tmp_path / "new.onnx", tmp_path / "run"
     run_dir.mkdir()
+    put_robot(run_dir)
     shutil.copyfile(model_path, model)
     if how == "damaged":
         checksum_path(model).write_text(checksum_path(model_path).read_text())
         model.write_bytes(model.read_bytes()[:-1])
     with pytest.raises(ModelError, match=r"new\.onnx"):
         give(model, run_dir)
-    assert list(run_dir.iterdir()) == []
+    assert [path.name for path in run_dir.iterdir()] == [ROBOT_FILE]
 
 
 def test_closing_does_not_wait_for_a_check(model_path: Path, tmp_path: Path) -> None:
-    inbox = ModelInbox(tmp_path / FILE)
-    give(model_path, tmp_path)
+    inbox = ModelInbox(ROBOT, tmp_path / FILE)
+    give(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     before_s = time.monotonic()
     inbox.close()
@@ -153,7 +156,7 @@ def test_a_check_that_cannot_begin_refuses_the_model(
         raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
     monkeypatch.setattr(subprocess, "Popen", no_memory)
-    give(model_path, tmp_path)
+    give(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     with pytest.raises(ModelError, match="Cannot allocate memory"):
         verdict(inbox)
@@ -161,7 +164,7 @@ def test_a_check_that_cannot_begin_refuses_the_model(
 
 def test_a_check_that_is_killed_refuses_the_model(inbox: ModelInbox, model_path: Path, tmp_path: Path) -> None:
     """As it is when the runtime crashes or asks for too much memory."""
-    give(model_path, tmp_path)
+    give(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     deadline_s, waiting = time.monotonic() + PATIENCE_S, threading.Event()
     while inbox._process is None:
@@ -193,8 +196,8 @@ def looking(inbox: ModelInbox) -> Iterator[None]:
 def test_the_command_puts_a_model_where_the_service_looks(
     model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["heightmap", "give", str(model_path), "--run-dir", str(tmp_path)]) == 0
-    model_id = HeightmapNetwork(tmp_path / FILE).model_id
+    assert main(["heightmap", "give", str(model_path), "--run-dir", str(put_robot(tmp_path))]) == 0
+    model_id = HeightmapNetwork(ROBOT, tmp_path / FILE).model_id
     assert capsys.readouterr().out == f"model {model_id} is accepted\n"
     assert checksum_path(tmp_path / FILE).read_text() == checksum_path(model_path).read_text()
 
@@ -204,7 +207,7 @@ def test_the_command_fails_where_the_service_refuses(
     model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     put(changed(model_path, tmp_path, not_finite), tmp_path / "new.onnx")
-    assert main(["heightmap", "give", str(tmp_path / "new.onnx"), "--run-dir", str(tmp_path)]) == 1
+    assert main(["heightmap", "give", str(tmp_path / "new.onnx"), "--run-dir", str(put_robot(tmp_path))]) == 1
     assert "is refused: " in capsys.readouterr().out
 
 
@@ -212,13 +215,13 @@ def test_without_a_service_the_command_fails_and_leaves_nothing(
     model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(heightmap_model_inbox, "HEARD_S", 0.3)
-    assert main(["heightmap", "give", str(model_path), "--run-dir", str(tmp_path)]) == 2
+    assert main(["heightmap", "give", str(model_path), "--run-dir", str(put_robot(tmp_path))]) == 2
     assert f"no heightmap service looks into '{tmp_path}'" in capsys.readouterr().err.splitlines()[-1]
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == [ROBOT_FILE]
 
 
 def test_the_command_says_what_is_wrong_and_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model = tmp_path / "new.onnx"
     put(b"not a model", model)
-    assert main(["heightmap", "give", str(model), "--run-dir", str(tmp_path)]) == 2
+    assert main(["heightmap", "give", str(model), "--run-dir", str(put_robot(tmp_path))]) == 2
     assert "new.onnx is not a model that can be run" in capsys.readouterr().err

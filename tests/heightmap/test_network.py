@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from samples import ROBOT
 
 from saltus.errors import ModelError
 from saltus.heightmap.model import HeightmapModel
@@ -62,7 +63,7 @@ MUTATIONS = {
 
 def test_a_tick_has_half_of_the_90_percent_interval(model: HeightmapModel, model_path: Path) -> None:
     (given,) = random_inputs(model, np.random.default_rng(0), 1)
-    network = HeightmapNetwork(model_path)
+    network = HeightmapNetwork(ROBOT, model_path)
     tick = network.tick(*given, np.zeros(network.hidden_size, np.float32))
     arrays = (given.image, given.age_s, given.new, given.features, np.zeros(network.hidden_size))
     session = onnxruntime.InferenceSession(model_path)
@@ -74,7 +75,7 @@ def test_a_tick_has_half_of_the_90_percent_interval(model: HeightmapModel, model
 def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", MUTATIONS[field])
     with pytest.raises(ModelError, match=f"'{field}'".replace("[", r"\[")) as caught:
-        HeightmapNetwork(path)
+        HeightmapNetwork(ROBOT, path)
     assert "\n" not in str(caught.value)
 
 
@@ -82,7 +83,7 @@ def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path
 def test_missing_metadata_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", without(field))
     with pytest.raises(ModelError, match=f"'{field}' is missing"):
-        HeightmapNetwork(path)
+        HeightmapNetwork(ROBOT, path)
 
 
 @pytest.mark.parametrize("name", ["image", "age", "proprioception", "hidden", "height", "std", "hidden_out"])
@@ -98,7 +99,7 @@ def test_shapes_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path: 
             names.extend(renamed)
     onnx.save(model, tmp_path / "changed.onnx")
     with pytest.raises(ModelError, match=f"'{name}'"):
-        HeightmapNetwork(tmp_path / "changed.onnx")
+        HeightmapNetwork(ROBOT, tmp_path / "changed.onnx")
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 100, b"not a model", "truncated"])
@@ -106,17 +107,17 @@ def test_files_that_are_no_models_are_refused(model_path: Path, tmp_path: Path, 
     path = tmp_path / "broken.onnx"
     path.write_bytes(model_path.read_bytes()[:5000] if isinstance(content, str) else content)
     with pytest.raises(ModelError, match=r"broken\.onnx") as caught:
-        HeightmapNetwork(path)
+        HeightmapNetwork(ROBOT, path)
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="nowhere"):
-        HeightmapNetwork(tmp_path / "nowhere.onnx")
+        HeightmapNetwork(ROBOT, tmp_path / "nowhere.onnx")
 
 
 def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None:
-    network = HeightmapNetwork(model_path)
+    network = HeightmapNetwork(ROBOT, model_path)
     rng = np.random.default_rng(0)
     arguments = (rng.uniform(size=(2, 48, 16)), 0.05, True, rng.normal(size=21), np.zeros(256))
     before = copy.deepcopy(arguments)
@@ -127,7 +128,7 @@ def test_one_tick_depends_on_nothing_but_its_arguments(model_path: Path) -> None
 
 def test_answers_stay_what_they_were(model_path: Path) -> None:
     """Whatever is asked next, for however many robots: nobody else's arrays are handed out."""
-    network = HeightmapNetwork(model_path)
+    network = HeightmapNetwork(ROBOT, model_path)
     rng = np.random.default_rng(0)
     answers = []
     for robots in (1, 2, 1, 3, 2):

@@ -8,10 +8,12 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.effects.profile import load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.policy.evaluation.heights import HeightSource
 from saltus.policy.evaluation.rollout import Rollout, RolloutStep
 from saltus.policy.planner import make_planner
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import RANDOM_STREAM, CameraProcess
@@ -54,13 +56,13 @@ def rollout(model: Path) -> Rollout:
 def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
     cameras = [
         CameraProcess(
-            PerfectExposure(EmbreeRenderer(terrain)),
+            PerfectExposure(EmbreeRenderer(terrain, RobotCamera.on(ROBOT))),
             trial.applied_to(load_profile("go1", ROBOT)).camera_chain,
             np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),
         )
         for terrain, trial in zip(TERRAINS, TRIALS, strict=True)
     ]
-    services = [HeightmapService(model_path) for _ in TRIALS]
+    services = [HeightmapService(HeightmapNetwork(ROBOT, model_path)) for _ in TRIALS]
     batch = rollout(model_path)
     for k in range(TICKS):
         step = batch.step()

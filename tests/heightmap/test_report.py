@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_run import Glide, glide, record
+from samples import ROBOT
 
 from saltus import rotations
 from saltus.cli.heightmap_report import Report
@@ -19,6 +20,7 @@ from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors, Row
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure, write_report
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
 from saltus.recordings.recording import Recording
 from saltus.render.camera import Mount, camera_pose, ray_directions
@@ -37,7 +39,7 @@ def run() -> Glide:
 
 @pytest.fixture(scope="module")
 def geometric(run: Glide) -> list[Heightmap]:
-    return replay_predictor(GeometricHeightmap(), run.frames, run.states, run.arrival_ns)
+    return replay_predictor(GeometricHeightmap(ROBOT), run.frames, run.states, run.arrival_ns)
 
 
 @pytest.fixture(scope="module")
@@ -155,16 +157,16 @@ def test_in_view_is_what_pixels_look_at() -> None:
     for _ in range(20):
         quaternion = rotations.quaternion_from_roll_pitch_yaw(*(np.asarray(a) for a in rng.uniform(-0.5, 0.5, 3)))
         position = rng.normal(size=3)
-        origin, rotation = camera_pose(Mount(), position, quaternion)
+        origin, rotation = camera_pose(Mount.of(ROBOT), position, quaternion)
         inside = rays * rng.uniform(0.1, 0.99 * RANGE_M, (48, 16, 1))
         beside = inside * [1.0, 1.0, 0.0] * 3.0 + inside * [0.0, 0.0, 1.0] + [0.0, 10.0, 0.0]
         for points, expected in ((inside, True), (-inside, False), (beside, False), (rays * 1.01 * RANGE_M, False)):
             place = (points @ np.asarray(rotation).T + origin).reshape(-1, 3)
-            assert (in_view(place, position, quaternion) == expected).all()
+            assert (in_view(Mount.of(ROBOT), place, position, quaternion) == expected).all()
 
 
 def test_a_replayed_model_is_the_recorded_one(run: Glide, model_path: Path, tmp_path: Path) -> None:
-    maps = replay_frames(model_path, run.frames, run.states, run.arrival_ns)
+    maps = replay_frames(HeightmapNetwork(ROBOT, model_path), run.frames, run.states, run.arrival_ns)
     recorded, replayed = compare(read_run(record(tmp_path / "m.mcap", run, maps)), [str(model_path)])
     np.testing.assert_array_equal(recorded.height, replayed.height)
     np.testing.assert_array_equal(recorded.visible, replayed.visible)

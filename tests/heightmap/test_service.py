@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heightmap_inputs import MS, WARMUP, frame, on_time, states
+from heightmap_inputs import MS, WARMUP, frame, on_time, service_of, states
 
 from saltus.heightmap.service.network import Tick
 from saltus.heightmap.service.service import HeightmapService
@@ -31,14 +31,14 @@ def same(left: list[Heightmap], right: list[Heightmap]) -> bool:
 
 
 def test_warms_up_and_stays_ok(model_path: Path) -> None:
-    statuses = [h.status for h in run(HeightmapService(model_path), clean(60), 60)]
+    statuses = [h.status for h in run(service_of(model_path), clean(60), 60)]
     first_ok = 5 + 2 * (WARMUP - 1)
     assert statuses[:first_ok] == [WARMING] * first_ok
     assert statuses[first_ok:] == [OK] * (60 - first_ok)
 
 
 def test_answers_name_state_image_and_model(model_path: Path) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     answers = run(service, clean(40), 40)
     assert [h.step for h in answers] == list(range(40))
     assert [h.time_ns for h in answers] == [10 * MS * step for step in range(40)]
@@ -58,7 +58,7 @@ def test_bad_pixels_do_not_poison(model_path: Path, value: float, pixels: int) -
     depth.flat[np.random.default_rng(0).permutation(768)[:pixels]] = value
     frames[31] = frame(good.frame_id, good.time_ns / MS, depth)
     with np.errstate(all="ignore"):
-        answers = run(HeightmapService(model_path), frames, 80)
+        answers = run(service_of(model_path), frames, 80)
     assert all(np.isfinite(h.height).all() and np.isfinite(h.half_width_90).all() for h in answers)
     assert answers[33].status == OK  # one image later
 
@@ -71,7 +71,7 @@ def test_invalid_pixels_are_counted(model_path: Path, share: float, status: Heig
     depth = np.full(768, 900, np.uint16)
     depth[: int(share * 768)] = 0
     frames[39] = frame(17, 340.0, depth.reshape(48, 16))
-    assert run(HeightmapService(model_path), frames, 41)[39].status == status
+    assert run(service_of(model_path), frames, 41)[39].status == status
 
 
 def test_duplicates_and_overtaken_frames_have_no_effect(model_path: Path) -> None:
@@ -79,8 +79,8 @@ def test_duplicates_and_overtaken_frames_have_no_effect(model_path: Path) -> Non
     disturbed = dict(frames)
     for step in range(20, 80, 2):  # steps without a frame of their own
         disturbed[step] = frames[step - 1] if step % 4 else frames[step - 7]
-    reference = run(HeightmapService(model_path), frames, 80)
-    assert same(run(HeightmapService(model_path), disturbed, 80), reference)
+    reference = run(service_of(model_path), frames, 80)
+    assert same(run(service_of(model_path), disturbed, 80), reference)
 
 
 def test_frames_too_old_or_from_the_future_are_not_used(model_path: Path) -> None:
@@ -88,25 +88,25 @@ def test_frames_too_old_or_from_the_future_are_not_used(model_path: Path) -> Non
     disturbed = dict(frames)
     disturbed[41] = frame(100, 410.0 - 171.0)
     disturbed[43] = frame(101, 430.0 + 6.0)
-    reference = run(HeightmapService(model_path), frames, 80)
-    assert same(run(HeightmapService(model_path), disturbed, 80), reference)
+    reference = run(service_of(model_path), frames, 80)
+    assert same(run(service_of(model_path), disturbed, 80), reference)
 
 
 def test_a_state_is_answered_once(model_path: Path) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     answers = run(service, clean(40), 40)
     again = service.step(states(40)[-1], frame(99, 345.0), 395 * MS)
     older = service.step(states(40)[7], None, 395 * MS)
     assert again is answers[-1]
     assert older is answers[-1]
     following = service.step(states(41)[40], on_time(40), 400 * MS)
-    assert same([following], run(HeightmapService(model_path), clean(41), 41)[-1:])
+    assert same([following], run(service_of(model_path), clean(41), 41)[-1:])
 
 
 def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path) -> None:
     last = 61
     frames = {step: frame_ for step, frame_ in clean(100).items() if step <= last}
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 100)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 100)]
     assert set(statuses[20 : last + 6]) == {OK}
     assert statuses[last + 6] == DEGRADED
     assert statuses[last + 8] == DEGRADED
@@ -116,7 +116,7 @@ def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path)
 @pytest.mark.parametrize("extra_ms", range(0, 200, 10))
 def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra_ms: int) -> None:
     frames = {step: on_time(step - extra_ms // 10) for step in range(100)}
-    answers = run(HeightmapService(model_path), frames, 100)[60:]
+    answers = run(service_of(model_path), frames, 100)[60:]
     for answer in answers:
         if extra_ms > 120:  # older than 170 ms on arrival
             assert answer.status == INVALID
@@ -129,7 +129,7 @@ def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra
 
 def test_resumes_after_a_gap_with_an_empty_hidden_state(model_path: Path) -> None:
     frames = {step: frame_ for step, frame_ in clean(120).items() if not 40 <= step < 70}
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 120)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 120)]
     back = 71
     assert statuses[back - 1] == INVALID
     assert statuses[back] == WARMING
@@ -138,12 +138,12 @@ def test_resumes_after_a_gap_with_an_empty_hidden_state(model_path: Path) -> Non
 
 def test_short_gaps_do_not_cost_the_hidden_state(model_path: Path) -> None:
     frames = {step: frame_ for step, frame_ in clean(80).items() if not 41 <= step < 50}
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 80)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 80)]
     assert WARMING not in statuses[41:]
 
 
 def test_without_any_frame_it_becomes_invalid(model_path: Path) -> None:
-    statuses = [h.status for h in run(HeightmapService(model_path), {}, 30)]
+    statuses = [h.status for h in run(service_of(model_path), {}, 30)]
     assert statuses[17] == WARMING
     assert statuses[18:] == [INVALID] * 12
 
@@ -154,7 +154,7 @@ class Faulty:
     def __init__(self, service: HeightmapService, bad: dict[int, Tick]) -> None:
         self._network, self._bad, self._count = service._network, bad, -1
         self.hidden_size, self.warmup_frames = self._network.hidden_size, self._network.warmup_frames
-        self.model_id = self._network.model_id
+        self.model_id, self.legs = self._network.model_id, self._network.legs
         self.hidden_seen: list[np.ndarray] = []
 
     def tick(self, *arguments: object) -> Tick:
@@ -175,7 +175,7 @@ def bad_tick(where: str, value: float) -> Tick:
     + [bad_tick("height", 1.6)],
 )
 def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, bad: Tick) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     service._network = faulty = Faulty(service, {50: bad})  # type: ignore[assignment]
     answers = run(service, clean(60), 60)
     assert answers[50].status == DEGRADED
@@ -185,7 +185,7 @@ def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, 
 
 
 def test_three_bad_outputs_are_invalid_and_reset(model_path: Path) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     service._network = faulty = Faulty(service, {50 + i: bad_tick("height", np.nan) for i in range(5)})  # type: ignore[assignment]
     statuses = [h.status for h in run(service, clean(80), 80)]
     assert statuses[50:55] == [DEGRADED, DEGRADED, INVALID, INVALID, INVALID]
@@ -195,7 +195,7 @@ def test_three_bad_outputs_are_invalid_and_reset(model_path: Path) -> None:
 
 
 def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     service.step(states(1)[0], None, 0)
     for state in states(60)[1:]:
         if state.step == 30:
@@ -212,7 +212,7 @@ def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path)
 def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_changes(
     model_path: Path, moves: bool
 ) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
     service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
     still = on_time(49)
@@ -229,7 +229,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
 
 
 def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     frozen = Tick(np.full(30, -0.27), np.full(30, 0.02), np.zeros(256))
     service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
     assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
@@ -243,7 +243,7 @@ def without(lost: Callable[[int], bool], steps: int) -> dict[int, DepthFrame | N
 @pytest.mark.parametrize(("period", "status"), [(20, OK), (5, OK), (4, DEGRADED), (3, DEGRADED), (2, DEGRADED)])
 def test_more_than_a_fifth_of_lost_frames_is_told(model_path: Path, period: int, status: HeightmapStatus) -> None:
     frames = without(lambda number: number > 60 and number % period == 0, 400)
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 400)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 400)]
     assert set(statuses[20:120]) == {OK}
     assert set(statuses[250:]) == {status}
 
@@ -252,12 +252,12 @@ def test_more_than_a_fifth_of_lost_frames_is_told(model_path: Path, period: int,
 def test_five_percent_of_random_losses_change_no_status(model_path: Path, seed: int) -> None:
     lost = np.random.default_rng(seed).uniform(size=1000) < 0.05
     frames = without(lambda number: number > 20 and bool(lost[number]), 1000)
-    assert {h.status for h in run(HeightmapService(model_path), frames, 1000)[60:]} == {OK}
+    assert {h.status for h in run(service_of(model_path), frames, 1000)[60:]} == {OK}
 
 
 def test_status_is_back_a_second_after_many_losses(model_path: Path) -> None:
     frames = without(lambda number: 60 < number <= 100 and number % 2 == 0, 400)
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 400)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 400)]
     last_seen = 2 * 101 + 5
     assert statuses[last_seen] == DEGRADED
     assert set(statuses[last_seen + 100 :]) == {OK}
@@ -266,7 +266,7 @@ def test_status_is_back_a_second_after_many_losses(model_path: Path) -> None:
 @pytest.mark.parametrize("burst", range(1, 50, 6))
 def test_a_burst_of_losses_costs_half_a_second_at_most(model_path: Path, burst: int) -> None:
     frames = without(lambda number: 60 < number <= 60 + burst, 300)
-    statuses = [h.status for h in run(HeightmapService(model_path), frames, 300)]
+    statuses = [h.status for h in run(service_of(model_path), frames, 300)]
     back = 2 * (61 + burst) + 5
     assert set(statuses[back + 2 * (WARMUP - 1) :]) == {OK}
     assert (statuses[back] == WARMING) == (burst > 5)
@@ -285,7 +285,10 @@ def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, s
         arriving[step] = frame_
         if frame_ is not None and frame_.frame_id > newest:
             newest, news[step] = frame_.frame_id, frame_
-    assert same(run(HeightmapService(model_path), arriving, 200), run(HeightmapService(model_path), news, 200))
+    assert same(
+        run(service_of(model_path), arriving, 200),
+        run(service_of(model_path), news, 200),
+    )
 
 
 @pytest.mark.parametrize("count", range(1, 12, 2))
@@ -296,8 +299,8 @@ def test_an_image_of_nothing_is_not_shown_to_the_network(model_path: Path, count
         step: replace(good, depth=np.zeros_like(good.depth)) if good is not None and good.frame_id in blind else good
         for step, good in clean(120).items()
     }
-    answers = run(HeightmapService(model_path), spoilt, 120)
-    expected = run(HeightmapService(model_path), without(lambda number: number in blind, 120), 120)
+    answers = run(service_of(model_path), spoilt, 120)
+    expected = run(service_of(model_path), without(lambda number: number in blind, 120), 120)
     np.testing.assert_array_equal([h.height for h in answers], [h.height for h in expected])
     assert [h.frame_id for h in answers] == [h.frame_id for h in expected]
     first, back = 2 * 20 + 5, 2 * (20 + count) + 5
@@ -311,7 +314,7 @@ def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
         step: None if good is None else replace(good, depth=np.zeros_like(good.depth))
         for step, good in clean(40).items()
     }
-    answers = run(HeightmapService(model_path), frames, 40)
+    answers = run(service_of(model_path), frames, 40)
     assert {h.status for h in answers[5:]} == {INVALID}
     assert {h.frame_id for h in answers} == {-1}
 
@@ -319,7 +322,7 @@ def test_a_camera_that_never_sees_anything_is_invalid(model_path: Path) -> None:
 @pytest.mark.parametrize("size", [(1, 1), (2, 3000), (48, 15), (240, 424), (720, 1280)])
 @pytest.mark.parametrize("focal", [1.0, 42.0, 1e4])
 def test_images_of_any_size_and_lens_are_survived(model_path: Path, size: tuple[int, int], focal: float) -> None:
-    service = HeightmapService(model_path)
+    service = service_of(model_path)
     rng = np.random.default_rng(0)
     for state in states(60):
         given = on_time(state.step)

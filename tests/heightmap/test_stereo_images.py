@@ -1,5 +1,7 @@
 """Images of a stereo camera: those that data are made of, and those that robots in roll-outs get."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from samples import ROBOT
@@ -7,7 +9,7 @@ from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M
-from saltus.effects.camera import ViewChain
+from saltus.effects.profile import Profile
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
@@ -17,6 +19,7 @@ from saltus.heightmap.data.stereo_images import SAMPLED, drawn_cameras, stereo_i
 from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
 from saltus.policy.planner import make_planner
+from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import IDEAL_STEREO
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
@@ -32,12 +35,11 @@ def motion() -> list[Trajectory]:
 
 def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
     rng = np.random.default_rng(1)
-    mounts = [random_mount(rng) for _ in motion]
-    views = [(SAMPLED, mount) for mount in mounts]
+    views = [replace(RobotCamera.on(ROBOT, SAMPLED), mount=random_mount(ROBOT, rng)) for _ in motion]
     images, again = (stereo_images(motion, views, np.random.default_rng(2)) for _ in range(2))
     off_mm = []
-    for trajectory, mount, image, same in zip(motion, mounts, images, again, strict=True):
-        true = episode_of(trajectory, MODEL_CAMERA, mount).depth
+    for trajectory, view, image, same in zip(motion, views, images, again, strict=True):
+        true = episode_of(trajectory, replace(view, intrinsics=MODEL_CAMERA)).depth
         assert image.shape == true.shape == (-(-len(trajectory.joint_position) // FRAME_TICKS), 48, 16)
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1
@@ -68,8 +70,8 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     terrains = [courses[0], courses[1], courses[0]]
     rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted", ROBOT))
     stack = TerrainStack(terrains)
-    ideal = IdealCameras(stack, ViewChain())
-    stereo = StereoCameras(stack, ViewChain(), IDEAL_STEREO, np.random.default_rng(0))
+    ideal = IdealCameras(ROBOT, stack, Profile())
+    stereo = StereoCameras(ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0))
     for _ in range(3):
         step = rollout.step()
         true, seen = (cameras.expose(step.truth, step.states.time_s) for cameras in (ideal, stereo))

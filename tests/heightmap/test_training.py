@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main as saltus
@@ -53,7 +54,7 @@ def test_training_lowers_the_error_and_the_release_measures_it(data: Path, tmp_p
     after = release(tmp_path / "b.pt", data, tmp_path / "b.onnx")
     assert after.clean.mae_m < before.clean.mae_m
     assert after.parity < 1e-5
-    assert after.model_id == HeightmapNetwork(tmp_path / "b.onnx").model_id
+    assert after.model_id == HeightmapNetwork(ROBOT, tmp_path / "b.onnx").model_id
     assert after.model_id in (tmp_path / "b.md").read_text()
 
 
@@ -94,7 +95,7 @@ def test_the_command_measures_on_unseen_data_and_says_so(
     files = ["--checkpoint", str(tmp_path / "a.pt"), "--out", str(out.parent)]
     command = ["heightmap", "export", "--data", str(data), *files]
     assert saltus([*command, "--unseen", str(tmp_path / "unseen")]) == 0
-    assert HeightmapNetwork(out).model_id in capsys.readouterr().out
+    assert HeightmapNetwork(ROBOT, out).model_id in capsys.readouterr().out
     card = out.with_suffix(".md").read_text()
     assert f"3 of dataset {dataset_hash(read_manifest(tmp_path / 'unseen'))}, seeds 77" in card
     assert {path.name for path in out.parent.iterdir()} == {
@@ -383,7 +384,7 @@ def test_a_window_gives_what_the_file_gives_tick_by_tick(
     with torch.no_grad():
         estimate, _ = run_window(model, window, torch.zeros(1, 256))
     episode, _ = found(store, window.height[:, 0].numpy())
-    height, half_width = run_episode(HeightmapNetwork(model_path), episode, DeliveryModel())
+    height, half_width = run_episode(HeightmapNetwork(ROBOT, model_path), episode, DeliveryModel())
     np.testing.assert_allclose(estimate.height[:, 0].numpy(), height, atol=1e-4)
     np.testing.assert_allclose(INTERVAL90 * estimate.log_std[:, 0].exp().numpy(), half_width, atol=1e-4)
 

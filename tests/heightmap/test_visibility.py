@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1, rotations
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.visibility import BIN_M, REMEMBERED, UNSEEN, VISIBLE, seen_by_rays, visibility
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.terrain.curriculum import make_terrain
 
@@ -30,12 +31,12 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
     position, quaternion = poses(np.random.default_rng(1), PLACES)
     position[:, 2] += np.maximum(terrain.height_at(position[:, 0], position[:, 1]), 0.0)
     ground = np.arange(-1.0, 6.0, BIN_M)
-    seen = seen_by_rays(terrain, ground, position, quaternion)
+    seen = seen_by_rays(terrain, Mount.of(ROBOT), ground, position, quaternion)
     joints = np.tile(go1.STAND_POSE, (PLACES, 1))
-    depth = EmbreeRenderer(terrain, MODEL_CAMERA, Mount(), legs=False, threads=1).render_batch(
+    depth = EmbreeRenderer(terrain, RobotCamera.on(ROBOT, MODEL_CAMERA, legs=False), threads=1).render_batch(
         position, quaternion, joints
     )
-    origin, rotation = camera_pose(Mount(), position, quaternion)
+    origin, rotation = camera_pose(Mount.of(ROBOT), position, quaternion)
     rays = ray_directions(MODEL_CAMERA)[:, 7:9].mean(1) @ np.swapaxes(np.asarray(rotation), -1, -2)
     hit = np.asarray(origin)[:, None] + depth[:, :, 7:9].mean(-1)[..., None] * rays
     for i in range(PLACES):
@@ -55,10 +56,10 @@ def test_ground_is_visible_then_remembered_and_never_met_before() -> None:
     position[:, 0] = np.linspace(0.0, 3.0, ticks)
     quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
     captured_s = np.where(np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02)
-    view = visibility(terrain, position, quaternion, captured_s)
+    view = visibility(terrain, Mount.of(ROBOT), position, quaternion, captured_s)
     assert (view[:10] == UNSEEN).all()
     assert (view[12:, HEIGHTMAP_X > 0.7] == VISIBLE).all()
     assert (view[12, HEIGHTMAP_X < 0.2] == UNSEEN).all()
     assert (view[-1, HEIGHTMAP_X < 0.0] == REMEMBERED).all()
-    blind = visibility(terrain, position, quaternion, np.minimum(captured_s, 0.5))
+    blind = visibility(terrain, Mount.of(ROBOT), position, quaternion, np.minimum(captured_s, 0.5))
     assert (blind[-1] != VISIBLE).all()

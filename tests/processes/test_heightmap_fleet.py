@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from samples import ROBOT, put_robot
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig, to_toml
@@ -58,7 +59,7 @@ class Robot:
         )
         if self._step % 2 == 0:
             self._frames.put(frame)
-        self._states.put(replace(LevelRobot().states([frame])[0], step=self._step))
+        self._states.put(replace(LevelRobot().states(ROBOT, [frame])[0], step=self._step))
         self._step += 1
         self.listen()
 
@@ -138,7 +139,7 @@ def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(robots:
     run_until(active, "model_refused")
     assert {model for robot in robots for model, _ in robot.answered} == {shipped}
 
-    model_id = give(another_model(tmp_path), tmp_path)
+    model_id = give(another_model(tmp_path), put_robot(tmp_path))
     for robot in active:
         robot.answered.clear()
     run_until(active, "model_swapped")

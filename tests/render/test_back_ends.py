@@ -3,10 +3,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from random_terrain import places, random_terrain
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig, TerrainKind
@@ -14,7 +16,7 @@ from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
 from saltus.render._gl import gl_platform
 from saltus.render.backends import make_renderer, preference, present
-from saltus.render.camera import Mount, camera_pose, ray_directions
+from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
@@ -67,8 +69,9 @@ def camera(request: pytest.FixtureRequest) -> Intrinsics:
 @pytest.fixture(params=KINDS)
 def back_ends(request: pytest.FixtureRequest, camera: Intrinsics) -> Iterator[list[Renderer]]:
     terrain = terrain_of(request.param)
-    rasteriser = make_renderer("pyrender", terrain, camera)
-    yield [make_renderer("embree", terrain, camera), rasteriser, WarpRenderer(terrain, camera, device="cpu")]
+    eye = RobotCamera.on(ROBOT, camera)
+    rasteriser = make_renderer("pyrender", terrain, eye)
+    yield [make_renderer("embree", terrain, eye), rasteriser, WarpRenderer(terrain, eye, device="cpu")]
     rasteriser.close()
 
 
@@ -77,7 +80,7 @@ def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsic
     terrain, count = back_ends[0].terrain, POSES if camera is MODEL_CAMERA else 6
     where = poses(terrain, count, seed=5)
     images = [np.minimum(renderer.render_batch(*where), FAR) for renderer in back_ends]
-    bare = np.minimum(EmbreeRenderer(terrain, camera, legs=False).render_batch(*where), FAR)
+    bare = np.minimum(EmbreeRenderer(terrain, RobotCamera.on(ROBOT, camera, legs=False)).render_batch(*where), FAR)
     legs = images[0] < bare
     assert legs.any(axis=(1, 2)).sum() >= 0.5 * count  # legs in view
     for one, other in itertools.combinations(images, 2):
@@ -92,10 +95,10 @@ def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsic
 
 def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
     """On flat ground every ray's depth is known."""
-    renderer = EmbreeRenderer(terrain_of("flat"), camera, legs=False)
+    renderer = EmbreeRenderer(terrain_of("flat"), RobotCamera.on(ROBOT, camera, legs=False))
     position, quaternion, joints = poses(renderer.terrain, 20, seed=1)
     depth = renderer.render_batch(position, quaternion, joints)
-    origin, rotation = camera_pose(Mount(), position, quaternion)
+    origin, rotation = camera_pose(Mount.of(ROBOT), position, quaternion)
     rays = (ray_directions(camera).reshape(-1, 3) @ rotation.mT).reshape(*depth.shape, 3)
     down = rays[..., 2] < 0.0
     expected = -origin[:, 2, None, None] / np.where(down, rays[..., 2], 1.0)
@@ -114,8 +117,9 @@ def test_straight_down_it_is_as_far_as_the_height_says(terrain: Terrain) -> None
     level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(go1.STAND_POSE, (len(x), 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
+    looking_down = replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb)
     for renderer in (EmbreeRenderer, WarpRenderer):
-        depth = renderer(terrain, one_pixel, plumb, legs=False).render_batch(position, level, joints)
+        depth = renderer(terrain, looking_down).render_batch(position, level, joints)
         np.testing.assert_allclose(
             depth[:, 0, 0], 9.1 - terrain.height_at(x, y), atol=2e-6 if terrain.columns else 2e-5
         )
@@ -123,7 +127,7 @@ def test_straight_down_it_is_as_far_as_the_height_says(terrain: Terrain) -> None
 
 @pytest.mark.parametrize("back_end", ["embree", "pyrender", "warp"])
 def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
-    renderer = make_renderer(back_end, terrain_of("stairs"))
+    renderer = make_renderer(back_end, terrain_of("stairs"), RobotCamera.on(ROBOT))
     where = poses(renderer.terrain, 10, seed=2)
     together = renderer.render_batch(*where)
     for i in range(10):
@@ -135,13 +139,13 @@ def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
 
 def test_a_renderer_that_does_not_exist() -> None:
     with pytest.raises(ConfigError, match="embree"):
-        make_renderer("embre", terrain_of("flat"))
+        make_renderer("embre", terrain_of("flat"), RobotCamera.on(ROBOT))
 
 
 def test_the_fastest_is_taken() -> None:
     """Embree for small images; for large ones a GPU where there is one, else the rasteriser."""
-    assert make_renderer("auto", terrain_of("flat")).name == "embree"
-    large = make_renderer("auto", terrain_of("flat"), D435I)
+    assert make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT)).name == "embree"
+    large = make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT, D435I))
     assert large.name == preference(D435I)[0]
     large.close()
 
@@ -149,10 +153,10 @@ def test_the_fastest_is_taken() -> None:
 def test_auto_takes_the_next_where_a_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "saltus.render.pyrender_osmesa", None)
     monkeypatch.setattr("saltus.render.backends.has_gpu", lambda: False)
-    assert make_renderer("auto", terrain_of("flat"), D435I).name == "embree"
+    assert make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT, D435I)).name == "embree"
     assert "pyrender" not in present()
     with pytest.raises(SaltusError, match="pyrender renderer cannot be loaded"):
-        make_renderer("pyrender", terrain_of("flat"))
+        make_renderer("pyrender", terrain_of("flat"), RobotCamera.on(ROBOT))
 
 
 @pytest.mark.parametrize(("installed", "platform"), [("OSMesa", "osmesa"), ("EGL", "egl"), (None, "osmesa")])
@@ -167,12 +171,13 @@ def test_egl_where_osmesa_is_gone(monkeypatch: pytest.MonkeyPatch, installed: st
 
 ON_EGL = """
 import numpy
-from benchmarks.render import TERRAIN, poses
+from benchmarks.render import ROBOT, TERRAIN, poses
 from saltus.render.backends import make_renderer
+from saltus.render.camera import RobotCamera
 
-robots = poses(60)
+robots, camera = poses(60), RobotCamera.on(ROBOT)
 rays, raster = (
-    numpy.minimum(make_renderer(name, TERRAIN).render_batch(*robots), 5.0) for name in ("embree", "pyrender")
+    numpy.minimum(make_renderer(name, TERRAIN, camera).render_batch(*robots), 5.0) for name in ("embree", "pyrender")
 )
 print((abs(rays - raster) <= 1e-3).mean())
 """
@@ -188,17 +193,18 @@ def test_egl_draws_what_osmesa_draws() -> None:
 BESIDE_MUJOCO = """
 import mujoco, numpy
 from saltus.render.backends import make_renderer
-from saltus import go1
+from saltus.render.camera import RobotCamera
 from saltus.config import TerrainConfig
 from saltus.robots.loading import load_robot
 from saltus.sim.scene import build_spec
 from saltus.terrain.curriculum import make_terrain
 
 terrain = make_terrain(TerrainConfig(terrain="stairs"))
-pose = numpy.array([0.5, 0.0, 0.3]), numpy.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
-camera = make_renderer("pyrender", terrain)
+robot = load_robot("go1")
+pose = numpy.array([0.5, 0.0, 0.3]), numpy.array([1.0, 0.0, 0.0, 0.0]), robot.stand_pose
+camera = make_renderer("pyrender", terrain, RobotCamera.on(robot))
 first = camera.render(*pose)
-model = build_spec(load_robot("go1"), terrain).compile()
+model = build_spec(robot, terrain).compile()
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 video = mujoco.Renderer(model, 48, 64)
@@ -221,10 +227,11 @@ def test_pyrender_and_mujoco_share_a_process() -> None:
 GROWTH = """
 import sys, numpy
 from benchmarks._measuring import own_processes, resident_mb
-from benchmarks.render import TERRAIN, poses
+from benchmarks.render import ROBOT, TERRAIN, poses
 from saltus.render.backends import make_renderer
+from saltus.render.camera import RobotCamera
 
-renderer, robots = make_renderer(sys.argv[1], TERRAIN), poses(100)
+renderer, robots = make_renderer(sys.argv[1], TERRAIN, RobotCamera.on(ROBOT)), poses(100)
 def render(count):
     for _ in range(0, count, 100):
         renderer.render_batch(*robots)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
+from samples import ROBOT
 
 from saltus import go1
 from saltus.cli.main import main
@@ -15,7 +16,7 @@ from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.render.backends import make_renderer
-from saltus.render.camera import Mount
+from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.terrain.curriculum import make_terrain
@@ -38,29 +39,33 @@ def one_line(error: pytest.ExceptionInfo[SaltusError]) -> str:
 )
 def test_camera(back_end: str, name: str, value: float) -> None:
     with pytest.raises(SaltusError) as error:
-        make_renderer(back_end, FLAT, replace(MODEL_CAMERA, **{name: value}))
+        make_renderer(back_end, FLAT, RobotCamera.on(ROBOT, replace(MODEL_CAMERA, **{name: value})))
     assert f"{name} = {value}" in one_line(error)
 
 
 @pytest.mark.parametrize("position", [[0.0, 0.0, 0.0], [0.18, 0.04, -0.05]])
 def test_camera_inside_the_robot(position: list[float]) -> None:
     with pytest.raises(SaltusError) as error:
-        EmbreeRenderer(FLAT, mount=Mount(position=np.array(position)))
+        EmbreeRenderer(
+            FLAT, replace(RobotCamera.on(ROBOT), mount=replace(Mount.of(ROBOT), position=np.array(position)))
+        )
     assert "inside the robot" in one_line(error)
 
 
 @pytest.mark.parametrize(
-    "mount", [Mount(pitch=float("nan")), Mount(position=np.array([np.nan, 0.0, 0.2]))], ids=["pitch", "position"]
+    "mount",
+    [replace(Mount.of(ROBOT), pitch=float("nan")), replace(Mount.of(ROBOT), position=np.array([np.nan, 0.0, 0.2]))],
+    ids=["pitch", "position"],
 )
 def test_mount(mount: Mount) -> None:
     with pytest.raises(SaltusError) as error:
-        EmbreeRenderer(FLAT, mount=mount)
+        EmbreeRenderer(FLAT, replace(RobotCamera.on(ROBOT), mount=mount))
     assert "finite" in one_line(error)
 
 
 @pytest.fixture(params=BACK_ENDS)
 def renderer(request: pytest.FixtureRequest) -> Any:
-    back_end = make_renderer(request.param, FLAT)
+    back_end = make_renderer(request.param, FLAT, RobotCamera.on(ROBOT))
     yield back_end
     back_end.close()
 
@@ -161,7 +166,7 @@ def test_preview_of_a_terrain_that_is_none(
 @pytest.mark.parametrize(
     ("what", "broken", "said"),
     [
-        ("saltus.render.renderer.Mount", lambda: Mount(position=np.zeros(3)), "inside the robot"),
+        ("saltus.render.camera.Mount.of", lambda _: Mount(position=np.zeros(3), pitch=0.5), "inside the robot"),
         ("saltus.render.preview.D435I", replace(D435I, fx=0.0), "fx = 0.0"),
     ],
 )

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
@@ -8,6 +9,7 @@ from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.frame_drop import FrameDrop
 from saltus.render.backends import make_renderer
+from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import CameraProcess
 from saltus.terrain.curriculum import make_terrain
@@ -33,7 +35,9 @@ def truth(step: int) -> GroundTruth:
 
 def camera(*effects: CameraLatency | FrameDrop, seed: int = 0) -> CameraProcess:
     return CameraProcess(
-        PerfectExposure(make_renderer("embree", TERRAIN)), CameraChain(effects), np.random.default_rng(seed)
+        PerfectExposure(make_renderer("embree", TERRAIN, RobotCamera.on(ROBOT))),
+        CameraChain(effects),
+        np.random.default_rng(seed),
     )
 
 
@@ -54,7 +58,7 @@ def test_every_second_step_is_seen_after_the_latency(latency_s: float) -> None:
 
 
 def test_a_frame_is_the_image_at_its_capture_time() -> None:
-    renderer = make_renderer("embree", TERRAIN)
+    renderer = make_renderer("embree", TERRAIN, RobotCamera.on(ROBOT))
     for frame in run(camera(CameraLatency(latency=0.05)), 20).values():
         then = truth(frame.time_ns // STEP_NS)
         expected = renderer.render(then.position_base_in_world, then.quaternion_base_in_world, then.joint_position)

@@ -8,11 +8,13 @@ from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.render.camera import Mount, camera_pose, ray_directions
 from saltus.render.capsules import capsule_depth, capsules_in_camera, draw_capsules
-from saltus.render.legs import Capsules, leg_capsules
+from saltus.render.legs import Capsules, LegShapes
 from saltus.robots.robot import LEGS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.scene import build_spec
 from saltus.terrain.curriculum import make_terrain
+
+SHAPES = LegShapes(ROBOT)
 
 
 def test_links_are_where_the_simulator_has_them() -> None:
@@ -25,7 +27,7 @@ def test_links_are_where_the_simulator_has_them() -> None:
         position = rng.uniform(-1.0, 1.0, 3)
         data.qpos[:] = np.concatenate([position, quaternion_from_roll_pitch_yaw(*rotation), joints])
         mujoco.mj_kinematics(model, data)
-        legs = leg_capsules(joints)
+        legs = SHAPES.capsules(joints)
         base = rotation_matrix(data.qpos[3:7])
         for i, leg in enumerate(LEGS):
             for place, body in ((i, f"{leg}_thigh"), (4 + i, f"{leg}_calf")):
@@ -76,7 +78,7 @@ def test_nothing_is_missed_outside_the_windows(camera: Intrinsics) -> None:
 
 
 def test_the_camera_looks_forward_and_down() -> None:
-    centre, rotation = camera_pose(Mount(), np.array([1.0, 2.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]))
+    centre, rotation = camera_pose(Mount.of(ROBOT), np.array([1.0, 2.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(centre, np.array([1.0, 2.0, 0.3]) + go1.CAMERA_POSITION)
     forward, right, down = rotation[:, 2], rotation[:, 0], rotation[:, 1]
     np.testing.assert_allclose(forward, [np.cos(0.52), 0.0, -np.sin(0.52)])
@@ -85,7 +87,7 @@ def test_the_camera_looks_forward_and_down() -> None:
 
 
 def test_legs_follow_the_camera_frame() -> None:
-    legs = leg_capsules(go1.STAND_POSE)
-    mount = Mount()
+    legs = SHAPES.capsules(go1.STAND_POSE)
+    mount = Mount.of(ROBOT)
     seen = capsules_in_camera(legs, mount.position, mount.rotation)
     np.testing.assert_allclose(seen.start @ mount.rotation.T + mount.position, legs.start, atol=1e-12)

@@ -6,18 +6,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I
 from saltus.errors import SaltusError
-from saltus.render.preview import EFFECTS_VIEW, VIEWS, coloured, effect_stages, poses, write_preview
+from saltus.render.camera import RobotCamera
+from saltus.render.preview import EFFECTS_VIEW, coloured, effect_stages, poses, views, write_preview
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.curriculum import make_terrain
 
 TERRAIN = make_terrain(TerrainConfig(terrain="gap", difficulty=0.3))
+VIEWS = views(ROBOT)
 EFFECTS = StereoConfig().effects
 
 
@@ -27,7 +30,7 @@ def pictures(page: str) -> list[np.ndarray]:
 
 
 def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
-    page = write_preview(TERRAIN, tmp_path / "preview.html").read_text()
+    page = write_preview(ROBOT, TERRAIN, tmp_path / "preview.html").read_text()
     seen = pictures(page)
     assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [(240, 424), (48, 16)] * len(VIEWS)
     assert len(seen) == 2 * len(VIEWS) + len(EFFECTS) + 2
@@ -39,8 +42,8 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
 
 
 def test_every_effect_changes_the_picture() -> None:
-    robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN))
-    depth, hidden = StereoEmbree(TERRAIN, Optics.of(D435I), D435I).render_pair(*robot)
+    robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN, VIEWS))
+    depth, hidden = StereoEmbree(TERRAIN, Optics.of(D435I), RobotCamera.on(ROBOT, D435I)).render_pair(*robot)
     images = [depth, *(image for _, _, image in effect_stages(depth, hidden, StereoConfig()))]
     assert len(images) == 1 + len(EFFECTS)
     changed = [bool((before != after).any()) for before, after in itertools.pairwise(images)]
@@ -59,6 +62,6 @@ def test_nothing_is_grey_invalid_is_black_and_near_is_red() -> None:
 def test_a_folder_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "missing" / "preview.html"
     with pytest.raises(SaltusError, match=r"preview\.html"):
-        write_preview(TERRAIN, path)
+        write_preview(ROBOT, TERRAIN, path)
     assert main(["render", "preview", "--terrain", "gap", "--out", str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

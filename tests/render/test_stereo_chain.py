@@ -6,29 +6,44 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from samples import ROBOT
 from stereo_scenes import flat_wall, wall_and_panel
 
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
-from saltus.errors import SaltusError
 from saltus.go1 import STAND_POSE
+from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.second_view import hidden_from, right_camera, right_mount
-from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_fast import CHUNK, FastStereo
-from saltus.render.stereo_processes import StereoProcesses
+from saltus.render.stereo_embree import StereoEmbree, right_camera
 from saltus.render.stereo_torch import TorchStereo
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import DepthFrame
 
 NATIVE = 5  # sensor pixels for each of the model's, along each axis
+
+TOLERANCE_PX = 1.0  # in disparity: half a sample of the second image on a surface as steep as can be matched
+
+
+def right_mount(mount: Mount, optics: Optics) -> Mount:
+    """Where the right imager sits."""
+    return replace(mount, position=mount.position + mount.rotation @ np.array([optics.baseline_m, 0.0, 0.0]))
+
+
+def hidden_from(depth: Any, right_depth: Any, optics: Optics) -> Any:
+    """Whether the right imager does not see the points of the left image, from its own image by `right_camera`."""
+    width, wide = depth.shape[-1], right_depth.shape[-1]
+    disparity, right = optics.disparity_at_1m / depth, optics.disparity_at_1m / right_depth
+    place = np.round(np.arange(width) + float(wide - width) - disparity / optics.pitch_x)
+    inside = place >= 0.0
+    seen = np.take_along_axis(right, np.where(inside, place, 0.0).astype(int), axis=-1)
+    return inside & (seen > disparity + TOLERANCE_PX)
 
 
 def terrain(kind: Any = "stairs") -> Terrain:
@@ -58,14 +73,17 @@ def test_rays_from_the_right_agree_with_an_image_from_the_right(kind: Any) -> No
     ground = terrain(kind)
     camera = replace(D435I, width=212, height=120, fx=105.66, fy=105.66, cx=106.7, cy=60.0)
     optics = Optics.of(camera, sensor=camera)
-    pair = StereoEmbree(ground, optics, camera)
-    second = EmbreeRenderer(ground, right_camera(camera, optics, nearest_m=0.03), right_mount(pair.mount, optics))
+    pair = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera))
+    right = replace(
+        pair.camera, intrinsics=right_camera(camera, optics, nearest_m=0.03), mount=right_mount(pair.mount, optics)
+    )
+    second = EmbreeRenderer(ground, right)
     robots = poses(12, ground, seed=3)
     depth, hidden = pair.render_pair_batch(*robots)
     by_image = hidden_from(depth, second.render_batch(*robots), optics)
     assert np.any(hidden)
     assert np.mean(hidden != by_image) < 0.003  # columns that a shadow's border runs through
-    np.testing.assert_array_equal(depth, EmbreeRenderer(ground, camera).render_batch(*robots))
+    np.testing.assert_array_equal(depth, EmbreeRenderer(ground, RobotCamera.on(ROBOT, camera)).render_batch(*robots))
 
 
 def test_image_from_the_right_finds_the_shadow_of_a_panel() -> None:
@@ -94,7 +112,7 @@ def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) 
 
 def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
     ground = terrain()
-    return StereoEmbree(ground, optics, camera).render_pair_batch(*poses(70, ground))
+    return StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*poses(70, ground))
 
 
 @pytest.mark.parametrize("config", [UNFILTERED, StereoConfig()], ids=["unfiltered", "filtered"])
@@ -156,7 +174,9 @@ def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
 
 def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
     camera, optics = _native()
-    depth, hidden = StereoEmbree(terrain(), optics, camera).render_pair_batch(*poses(1, terrain(), seed=2))
+    depth, hidden = StereoEmbree(terrain(), optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
+        *poses(1, terrain(), seed=2)
+    )
     stereo = StereoCamera(StereoConfig(), optics)
     image, _ = stereo.step(depth, hidden, np.zeros(1), stereo.init((1,), np.random.default_rng(0)))
     frame = DepthFrame(
@@ -174,69 +194,37 @@ def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
     np.testing.assert_allclose(seen.depth, straight.depth, atol=1e-3)
 
 
-def test_torch_and_threads_give_the_images_of_numpy() -> None:
-    ground = terrain()
-    count = CHUNK + 5
+def test_torch_gives_the_images_of_numpy() -> None:
+    ground, count = terrain(), 40
     robots = poses(count, ground, seed=8)
-    results = []
-    for threads in (1, 2):
-        fast = FastStereo(ground, threads=threads)
-        state = fast.init(count, np.random.default_rng(1))
-        for k in range(3):
-            images, state = fast.step(*robots, 0.02 * k, state)
-        results.append(images)
-    np.testing.assert_array_equal(*results)
-    assert images.shape == (count, MODEL_CAMERA.height, MODEL_CAMERA.width)
-    assert 0.5 < np.mean(model_images(images).valid) <= 1.0
     camera = sampled_model_camera(ROWS, COLUMNS)
     optics = Optics.of(camera)
-    depth, hidden = StereoEmbree(ground, optics, camera).render_pair_batch(*robots)
-    stereo = TorchStereo(StereoConfig(), optics)
-    # the same keys as those of the two chunks
-    rng = np.random.default_rng(1)
-    parts = [StereoCamera(StereoConfig(), optics).init((n,), rng) for n in (CHUNK, 5)]
-    memory: Any = tuple(_joined(a, b) for a, b in zip(*parts, strict=True))
-    memory = map_arrays(torch.from_numpy, memory)
+    depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*robots)
+    by_numpy, by_torch = StereoCamera(StereoConfig(), optics), TorchStereo(StereoConfig(), optics)
+    state: Any = by_numpy.init((count,), np.random.default_rng(1))
+    memory: Any = map_arrays(torch.from_numpy, state)
     for k in range(3):
-        time_s = torch.full((count,), 0.02 * k, dtype=torch.float64)
-        image, memory = stereo.step_pooled(
-            torch.from_numpy(depth), torch.from_numpy(hidden), time_s, memory, ROWS, COLUMNS
-        )
-    assert np.mean(~np.isclose(image.numpy(), images, atol=2e-3)) < 2e-3
-    assert stereo.init(4, rng) is not None
-
-
-def _joined(one: Any, other: Any) -> Any:
-    if isinstance(one, tuple):
-        return tuple(_joined(a, b) for a, b in zip(one, other, strict=True))
-    return None if one is None else np.concatenate([one, other])
+        time_s = np.full(count, 0.02 * k)
+        image, state = by_numpy.step(depth, hidden, time_s, state)
+        tensors = (torch.from_numpy(array) for array in (depth, hidden, time_s))
+        found, memory = by_torch.step_pooled(*tensors, memory, ROWS, COLUMNS)
+    images = pooled(image.depth, ROWS, COLUMNS)
+    assert images.shape == (count, MODEL_CAMERA.height, MODEL_CAMERA.width)
+    assert 0.5 < np.mean(model_images(images).valid) <= 1.0
+    assert np.mean(~np.isclose(found.numpy(), images, atol=2e-3)) < 2e-3
 
 
 def test_cameras_of_one_batch_may_differ() -> None:
-    count = CHUNK + 3
+    count = 67
     sigma = np.where(np.arange(count) % 2 == 0, 0.02, 0.3)
     config = replace(UNFILTERED, disparity_noise=DisparityNoise(sigma=sigma))
-    fast = FastStereo(terrain("flat"), config, legs=False)
-    position, quaternion = np.tile([0.0, 0.0, 0.3], (count, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    images, _ = fast.step(
-        position, quaternion, np.tile(STAND_POSE, (count, 1)), 0.0, fast.init(count, np.random.default_rng(0))
-    )
-    near = images[:, 24:]
+
+    def level_ground(camera: Intrinsics, optics: Optics) -> Any:
+        eye = RobotCamera.on(ROBOT, camera, legs=False)
+        position, quaternion = np.tile([0.0, 0.0, 0.3], (count, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+        joints = np.tile(ROBOT.stand_pose, (count, 1))
+        return StereoEmbree(terrain("flat"), optics, eye).render_pair_batch(position, quaternion, joints)
+
+    near = run(ROWS, COLUMNS, config, level_ground, 1)[0, :, 24:]
     spread = np.std(near - np.mean(near, axis=0), axis=(1, 2))
     assert np.min(spread[sigma > 0.1]) > 3.0 * np.max(spread[sigma < 0.1])
-
-
-def test_processes_give_the_images_of_one() -> None:
-    ground, count = terrain(), 2 * CHUNK + 5
-    robots = poses(count, ground, seed=4)
-    fast = FastStereo(ground)
-    state = fast.init(count, np.random.default_rng(6))
-    several = StereoProcesses(ground, count=count, rng=np.random.default_rng(6), processes=2)
-    try:
-        for k in range(3):
-            images, state = fast.step(*robots, 0.02 * k, state)
-            np.testing.assert_array_equal(several.step(*robots, 0.02 * k), images)
-        with pytest.raises(SaltusError, match="one for each"):
-            several.step(*(pose[1:] for pose in robots), 0.1)
-    finally:
-        several.close()

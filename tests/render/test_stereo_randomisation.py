@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from samples import ROBOT
 
 from saltus.config import from_toml, to_toml
 from saltus.depth import MODEL_CAMERA
@@ -43,7 +44,7 @@ def test_moved_bases_show_one_mount_what_the_drawn_mounts_see() -> None:
     position = rng.normal(0.0, 1.0, (COUNT, 3))
     quaternion = rng.normal(0.0, 1.0, (COUNT, 4))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    mount = Mount()
+    mount = Mount.of(ROBOT)
     centre, rotation = camera_pose(mount, *draw.moved(mount, position, quaternion))
     for i in range(COUNT):
         drawn = Mount(position=mount.position + draw.position[i], pitch=mount.pitch + draw.pitch[i])
@@ -60,12 +61,12 @@ def test_roll_turns_about_the_optical_axis_and_moves_nothing() -> None:
     draw = ANY.draw(COUNT, np.random.default_rng(1))
     draw = replace_roll(replace(draw, pitch=np.zeros(COUNT), position=np.zeros((COUNT, 3))), 0.02)
     base = np.zeros((COUNT, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (COUNT, 1))
-    centre, rotation = camera_pose(Mount(), *draw.moved(Mount(), *base))
-    np.testing.assert_allclose(centre, np.tile(Mount().position, (COUNT, 1)), atol=1e-12)
-    np.testing.assert_allclose(rotation[..., 2], np.tile(Mount().rotation[:, 2], (COUNT, 1)), atol=1e-12)
-    cosine = np.einsum("nij,ij->n", rotation[..., :2], Mount().rotation[:, :2]) / 2.0
+    centre, rotation = camera_pose(Mount.of(ROBOT), *draw.moved(Mount.of(ROBOT), *base))
+    np.testing.assert_allclose(centre, np.tile(Mount.of(ROBOT).position, (COUNT, 1)), atol=1e-12)
+    np.testing.assert_allclose(rotation[..., 2], np.tile(Mount.of(ROBOT).rotation[:, 2], (COUNT, 1)), atol=1e-12)
+    cosine = np.einsum("nij,ij->n", rotation[..., :2], Mount.of(ROBOT).rotation[:, :2]) / 2.0
     np.testing.assert_allclose(cosine, math.cos(0.02), atol=1e-9)
-    assert rotation_matrix(draw.moved(Mount(), *base)[1]).shape == (COUNT, 3, 3)
+    assert rotation_matrix(draw.moved(Mount.of(ROBOT), *base)[1]).shape == (COUNT, 3, 3)
 
 
 def test_stereo_follows_the_strength_and_the_intrinsics_the_scale() -> None:

@@ -1,16 +1,18 @@
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 import warp
+from samples import ROBOT
 
 from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
-from saltus.render.camera import Mount
+from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
@@ -41,7 +43,7 @@ def tensors(arrays: Sequence[Any]) -> list[torch.Tensor]:
 
 
 def test_torch_is_read_as_numpy_is_and_results_are_shared() -> None:
-    caster = WarpRenderer(STAIRS, device="cpu").caster
+    caster = WarpRenderer(STAIRS, RobotCamera.on(ROBOT), device="cpu").caster
     where = robots(50)
     from_numpy, from_torch = caster.cast(*where), caster.cast(*tensors(where))
     differ = ~np.isclose(from_numpy.numpy(), from_torch.numpy(), rtol=0.0, atol=1e-4)
@@ -53,7 +55,10 @@ def test_torch_is_read_as_numpy_is_and_results_are_shared() -> None:
 
 def test_legs_only_come_nearer() -> None:
     where = robots(60)
-    with_legs, without = (WarpRenderer(STAIRS, legs=legs, device="cpu").render_batch(*where) for legs in (True, False))
+    with_legs, without = (
+        WarpRenderer(STAIRS, RobotCamera.on(ROBOT, legs=legs), device="cpu").render_batch(*where)
+        for legs in (True, False)
+    )
     assert (with_legs <= without).all()
     assert (with_legs < without).any()
 
@@ -65,12 +70,13 @@ def test_every_robot_has_a_mount_of_its_own(legs: bool) -> None:
     where = robots(6)
     shift, pitch = rng.uniform(-0.02, 0.02, (6, 3)), rng.uniform(0.4, 0.6, 6)
     each = Mount(position=go1.CAMERA_POSITION + shift, pitch=pitch)
-    caster = WarpRenderer(STAIRS, legs=legs, device="cpu").caster
+    caster = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, legs=legs), device="cpu").caster
     caster.set_mount(each)
     together = caster.cast(*tensors(where)).numpy()
     for i in range(6):
         mount = Mount(position=each.position[i], pitch=float(pitch[i]))
-        alone = WarpRenderer(STAIRS, mount=mount, legs=legs, device="cpu").render_batch(*(a[i : i + 1] for a in where))
+        camera = replace(RobotCamera.on(ROBOT, legs=legs), mount=mount)
+        alone = WarpRenderer(STAIRS, camera, device="cpu").render_batch(*(a[i : i + 1] for a in where))
         differ = ~np.isclose(together[i], alone[0], rtol=0.0, atol=1e-3)
         assert differ.mean() < 0.01  # edges, seen through the rounding of poses
     each.position[2] = 0.0
@@ -83,9 +89,9 @@ def test_every_robot_has_boxes_of_its_own() -> None:
     terrains = [make_terrain(TerrainConfig(terrain="gap", gap_m=0.2 + 0.1 * i)) for i in range(4)]
     boxes = TerrainStack(terrains).boxes(3)
     where = robots(4, terrains[0])
-    together = WarpCaster(boxes, device="cpu").cast(*where).numpy()
+    together = WarpCaster(boxes, RobotCamera.on(ROBOT), device="cpu").cast(*where).numpy()
     for i, terrain in enumerate(terrains):
-        alone = WarpRenderer(terrain, device="cpu").render(*(array[i] for array in where))
+        alone = WarpRenderer(terrain, RobotCamera.on(ROBOT), device="cpu").render(*(array[i] for array in where))
         np.testing.assert_array_equal(together[i], alone)
 
 
@@ -100,7 +106,9 @@ def test_courses_of_training_can_be_seen() -> None:
     level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
-    caster = WarpCaster(courses.boxes(), one_pixel, plumb, legs=False, device="cpu")
+    caster = WarpCaster(
+        courses.boxes(), replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb), device="cpu"
+    )
     depth = caster.cast(*tensors((position, level, np.tile(go1.STAND_POSE, (count, 1)))))
     ground = courses.height_at(*tensors([position[:, :1], position[:, 1:2]]))[:, 0].numpy()
     np.testing.assert_allclose(depth.numpy()[:, 0, 0], 9.1 - ground, atol=1e-5)
@@ -109,8 +117,10 @@ def test_courses_of_training_can_be_seen() -> None:
 def test_a_camera_under_ground_sees_out_as_meshes_let_it() -> None:
     position, quaternion, joints = robots(40)
     position[:, 2] = np.random.default_rng(3).uniform(BOTTOM + 0.2, -0.3, 40)
-    rays = EmbreeRenderer(STAIRS, legs=False).render_batch(position, quaternion, joints)
-    boxes = WarpRenderer(STAIRS, legs=False, device="cpu").render_batch(position, quaternion, joints)
+    rays = EmbreeRenderer(STAIRS, RobotCamera.on(ROBOT, legs=False)).render_batch(position, quaternion, joints)
+    boxes = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, legs=False), device="cpu").render_batch(
+        position, quaternion, joints
+    )
     assert np.isclose(rays, boxes, rtol=0.0, atol=1e-3).mean() > 0.995
 
 
@@ -118,8 +128,8 @@ def test_the_second_view_is_that_of_embree() -> None:
     camera = sampled_model_camera(3, 1)
     optics = Optics.of(camera)
     where = robots(100)
-    depth, hidden = StereoEmbree(STAIRS, optics, camera).render_pair_batch(*where)
-    caster = WarpRenderer(STAIRS, camera, device="cpu").caster
+    depth, hidden = StereoEmbree(STAIRS, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(*where)
+    caster = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, camera), device="cpu").caster
     own_depth, own_hidden = caster.cast_pair(*where, baseline_m=optics.baseline_m)
     assert hidden.any()
     assert np.isclose(own_depth.numpy(), depth, rtol=0.0, atol=1e-3).mean() > 0.999
@@ -128,7 +138,7 @@ def test_the_second_view_is_that_of_embree() -> None:
 
 def test_boxes_for_other_robots_are_refused() -> None:
     center = np.zeros((3, 1, 3))
-    caster = WarpCaster(Boxes(center=center, half_size=center + 1.0), MODEL_CAMERA, device="cpu")
+    caster = WarpCaster(Boxes(center=center, half_size=center + 1.0), RobotCamera.on(ROBOT, MODEL_CAMERA), device="cpu")
     with pytest.raises(SaltusError, match=r"3 robots, poses for 5"):
         caster.cast(*robots(5))
     with pytest.raises(SaltusError, match="boxes"):

@@ -1,11 +1,12 @@
 """What each effect of a camera does to an image or to the camera."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pytest
-from samples import ROBOT, put_robot
+from samples import ROBOT, put_run
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
@@ -23,9 +24,8 @@ from saltus.effects.range_clip import RangeClip
 from saltus.effects.registry import EFFECTS
 from saltus.effects.signals import DepthImage
 from saltus.effects.temporal_smear import TemporalSmear
-from saltus.go1 import CAMERA_PITCH, CAMERA_POSITION, STAND_POSE
 from saltus.render.__main__ import build
-from saltus.render.camera import Mount, moved_camera
+from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.runtime.process import ProcessContext
@@ -34,6 +34,7 @@ from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="step", height_m=0.2))
+CLAIMED = RobotCamera.on(ROBOT)
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 HEIGHT_M = 0.3
 
@@ -53,7 +54,7 @@ def truth(step: int, height_m: float = HEIGHT_M) -> GroundTruth:
         quaternion_base_in_world=LEVEL,
         velocity_base_in_world=np.zeros(3),
         angular_velocity_base=np.zeros(3),
-        joint_position=STAND_POSE,
+        joint_position=ROBOT.stand_pose,
         foot_force=np.zeros(4),
         height=np.zeros(30),
     )
@@ -122,21 +123,23 @@ def test_smear_does_not_mix_what_is_invalid() -> None:
 
 def test_the_view_is_what_the_effects_say() -> None:
     view = ViewChain((CameraFov(scale=1.25), CameraHeight(offset=0.02), CameraPitch(offset=-0.1)))
-    camera, mount = moved_camera(view, MODEL_CAMERA)
-    assert (camera.fx, camera.fy) == pytest.approx((MODEL_CAMERA.fx / 1.25, MODEL_CAMERA.fy / 1.25))
-    np.testing.assert_allclose(mount.position, CAMERA_POSITION + np.array([0.0, 0.0, 0.02]))
-    assert mount.pitch == pytest.approx(CAMERA_PITCH - 0.1)
-    same, there = moved_camera(ViewChain(), MODEL_CAMERA)
-    assert same == MODEL_CAMERA
-    assert (there.position == Mount().position).all()
+    moved = CLAIMED.moved(view)
+    fx, fy = MODEL_CAMERA.fx / 1.25, MODEL_CAMERA.fy / 1.25
+    assert (moved.intrinsics.fx, moved.intrinsics.fy) == pytest.approx((fx, fy))
+    np.testing.assert_allclose(moved.mount.position, ROBOT.camera_position + np.array([0.0, 0.0, 0.02]))
+    assert moved.mount.pitch == pytest.approx(ROBOT.camera_pitch - 0.1)
+    same = CLAIMED.moved(ViewChain())
+    assert same.intrinsics == MODEL_CAMERA
+    assert (same.mount.position == ROBOT.camera_position).all()
 
 
 def test_a_higher_camera_sees_what_a_higher_base_sees() -> None:
     """And reports the intrinsics that are claimed, whatever it really has."""
     view = ViewChain((CameraHeight(offset=0.05), CameraFov(scale=1.1)))
-    camera, mount = moved_camera(view, MODEL_CAMERA)
-    moved = PerfectExposure(EmbreeRenderer(TERRAIN, camera, mount, legs=False), MODEL_CAMERA)
-    other = PerfectExposure(EmbreeRenderer(TERRAIN, camera, legs=False))
+    claimed = replace(CLAIMED, legs=False)
+    camera = claimed.moved(view)
+    moved = PerfectExposure(EmbreeRenderer(TERRAIN, camera), MODEL_CAMERA)
+    other = PerfectExposure(EmbreeRenderer(TERRAIN, replace(claimed, intrinsics=camera.intrinsics)))
     np.testing.assert_allclose(moved.expose(truth(0)), other.expose(truth(0, HEIGHT_M + 0.05)), rtol=1e-5)
     assert moved.intrinsics == MODEL_CAMERA
 
@@ -150,9 +153,9 @@ def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d
     config = RunConfig(
         terrain=TerrainConfig(terrain="step", height_m=0.2), camera=camera, renderer="embree", profile=str(path)
     )
-    process = build(ProcessContext("render", config, put_robot(tmp_path), MemoryBus("robot/0", MemoryHub())))
+    process = build(ProcessContext("render", config, put_run(tmp_path, config), MemoryBus("robot/0", MemoryHub())))
     frame = next(frame for k in range(20) if (frame := process.step(truth(k), 10_000_000 * k)) is not None)
-    moved = EmbreeRenderer(TERRAIN, *moved_camera(load_profile(str(path), ROBOT).view_chain, MODEL_CAMERA))
+    moved = EmbreeRenderer(TERRAIN, CLAIMED.moved(load_profile(str(path), ROBOT).view_chain))
     expected = np.minimum(1.1 * moved.render(*pose_of(truth(0))), 1.2)
     image = model_image(frame)
     near = image.valid & (expected < 1.1)
