@@ -12,7 +12,6 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from saltus.depth import D435I, MILLIMETRE, RANGE_M, Intrinsics, depth_in_millimetres, model_image
-from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -86,7 +85,7 @@ def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
         `path`.
 
     Raises:
-        SaltusError: the file cannot be written.
+        OSError: the file cannot be written.
     """
     shown = views(robot)
     robots = poses(terrain, shown)
@@ -110,10 +109,7 @@ def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
         ]
     )
     style = f"<style>{STYLE.replace('SCALE', _colours_of_scale())}</style>"
-    try:
-        path.write_text(f"<!doctype html><meta charset='utf-8'><title>Camera</title>{style}{page}")
-    except OSError as error:
-        raise SaltusError(f"cannot write {path}: {error.strerror}; does its folder exist?") from error
+    path.write_text(f"<!doctype html><meta charset='utf-8'><title>Camera</title>{style}{page}")
     return path
 
 

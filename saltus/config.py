@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import math
 import tomllib
 import typing
 from collections.abc import Callable
@@ -23,6 +22,9 @@ Renderer = Literal["auto", "embree", "pyrender", "warp"]
 PlannerName = Literal["scripted", "learned"]
 
 Config = TypeVar("Config")
+
+LONGEST_RUN_S = 1e6
+"""Eleven days: as good as without end."""
 
 DEFAULT_ROBOT = "go1"
 """The robot where none is named."""
@@ -92,8 +94,8 @@ class RunConfig:
             raise ConfigError(f"speed = {self.speed:g}: it must be more than 0 and at most 1 (real time)")
         if self.speed < 1.0 and self.pace == "lockstep":
             raise ConfigError(f'speed = {self.speed:g}: a lockstep run has no clock to slow; use pace = "realtime"')
-        if not 0.0 < self.time_limit_s < math.inf:
-            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, and have an end")
+        if not 0.0 < self.time_limit_s <= LONGEST_RUN_S:
+            raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, up to {LONGEST_RUN_S:g}")
         if self.camera == "d435i" and self.renderer not in ("auto", "embree"):
             raise ConfigError(f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree")
 

@@ -1,10 +1,34 @@
-"""How flags look in a help."""
+"""Kinds of flags and commands, and how they look in a help."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
 
 import tyro
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+"""A flag that is off unless it is given; it has no opposite."""
+
+Command = TypeVar("Command")
+Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg(name="")]
+"""The commands of a `Group`, a union of classes that are each annotated with `tyro.conf.subcommand`."""
 
 
 def shown(metavar: str, default: str) -> Any:
     """For the annotation of a flag that is None by default: what it takes, and what holds without it."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
+
+
+AT_LEAST_ONE = tyro.conf.arg(metavar="PATH [PATH ...]", help_behavior_hint="(at least one)")
+"""How the help shows a list of paths that must not be empty, which the command itself refuses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """A command that consists of others."""
+
+    command: Any
+
+    def run(self) -> int:
+        """Runs the chosen one."""
+        code: int = self.command.run()
+        return code

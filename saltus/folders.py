@@ -49,7 +49,9 @@ def ask_for_room(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise SaltusError(f"cannot write into the folder '{folder}' ({error.strerror}): name another one") from error
+        raise SaltusError(
+            f"cannot write into the folder '{folder}' ({error.strerror}): name another with --out"
+        ) from error
 
 
 def another_training(checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> SaltusError:

@@ -16,6 +16,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
+MOST_PROCESSES = 4096  # twice as many cores as the largest computers have
 Listener = Callable[[float], None]
 """Told how much further a task is, in whatever unit."""
 _listener: list[Listener] = []
@@ -45,12 +46,11 @@ def in_order(
         listener: Gets what tasks `tell`, in a thread of its own.
 
     Raises:
-        ConfigError: not even one process.
+        ConfigError: see `check_processes`.
     """
+    check_processes(processes)
     if processes is None:
         processes = len(os.sched_getaffinity(0))
-    if processes < 1:
-        raise ConfigError(f"processes = {processes}: it must be at least 1")
     if processes == 1 or len(tasks) <= 1:
         with _listening(listener):
             yield from map(function, tasks)
@@ -75,6 +75,16 @@ def in_order(
         pool.shutdown(cancel_futures=True)
         mouth.close()
         listening.join()
+
+
+def check_processes(processes: int | None) -> None:
+    """To be called before the work.
+
+    Raises:
+        ConfigError: not even one process, or more than any computer has use for.
+    """
+    if processes is not None and not 1 <= processes <= MOST_PROCESSES:
+        raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 
 
 @contextlib.contextmanager

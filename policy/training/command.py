@@ -31,9 +31,9 @@ class Train:
     A flag wins over --config, --config over the resumed training or the defaults; the defaults below are a GPU's. A
     TOML file names what it changes as the flags do: learning.desired_kl = 0.003.
 
-    Try: saltus policy train --device cpu --minutes 15
-
-    Then: saltus policy train --resume runs/DATE-policy-train/checkpoint.pt --learning.desired-kl 0.003
+    For example:
+      saltus policy train --device cpu --minutes 15
+      saltus policy train --resume runs/DATE-policy-train/checkpoint.pt --learning.desired-kl 0.003
     """
 
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-train")] = None

@@ -5,12 +5,14 @@ import importlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
 from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
 from saltus.errors import SaltusError, nearest_hint
+from saltus.flags import shown
 from saltus.policy.training.command import TRAINING
 
 SOURCE = Path(__file__).resolve().parents[2]
@@ -23,14 +25,15 @@ class Bench:
 
     Each prints its figures; with --json one JSON object is the last line. They are part of a checkout, not of a wheel.
 
-        saltus bench
-        saltus bench qp --help
-        saltus bench qp -- --problems 200 --json
+    For example:
+      saltus bench
+      saltus bench qp --help
+      saltus bench qp -- --problems 200 --json
     """
 
-    name: tyro.conf.Positional[str] = ""
-    """Which benchmark; without a name they are listed."""
-    arguments: tyro.conf.Positional[tuple[str, ...]] = ()
+    name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
+    """Which benchmark."""
+    arguments: Annotated[tyro.conf.Positional[tuple[str, ...]], shown("...", "none")] = ()
     """Flags of the benchmark, after its name or after --."""
 
     def run(self) -> int:

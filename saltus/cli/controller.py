@@ -1,27 +1,20 @@
 """`saltus controller`: run the leg controller and the robot behind it."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Literal
 
 import tyro
-from tyro.conf import subcommand
 
 from saltus.cli.serve import ServeProcess
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve(ServeProcess):
-    """Runs the controller process against a running stack."""
+class Controller(ServeProcess):
+    """The leg controller and the robot behind it: runs their process against a running stack.
+
+    Example: saltus controller serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    """
 
     module = "saltus.controller"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Controller:
-    """The leg controller and the robot behind it: serve."""
-
-    command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[Annotated[Serve, subcommand("serve")]]]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()
+    action: tyro.conf.Positional[Literal["serve"]]
+    """What to do."""

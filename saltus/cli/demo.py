@@ -2,14 +2,14 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-import tyro
 from tqdm import tqdm
 
 from saltus.cli.output import follow, print_json, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.config import Pace, RunConfig
+from saltus.flags import Flag
 from saltus.wire.messages import GroundTruth
 
 if TYPE_CHECKING:
@@ -21,17 +21,20 @@ BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(RunOptions):
-    """Runs the whole stack on one terrain; leaves a recording, a report and a video."""
+    """Runs the whole stack on one terrain; leaves a recording, a report and a video.
+
+    For example:
+      saltus demo
+      saltus demo --terrain gap --gap-m 0.6 --camera d435i --seed 3
+      saltus demo --pace realtime --speed 0.5 --out runs/one --json
+    """
 
     pace: Pace = "lockstep"
-    """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
     time_limit_s: float = 20.0
     """The run ends after this much simulated time."""
     video: bool = True
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
-    out: Path | None = None
-    """Folder for everything, in place of what an earlier run left there; a new one under runs/ where not given."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
@@ -40,7 +43,7 @@ class Demo(RunOptions):
         from saltus.recordings.report import write_report
         from saltus.recordings.summary import summarise
 
-        config = self.config(self.pace, self.time_limit_s)
+        config = self.config(self.time_limit_s)
         directory = run_directory("demo", self.out)
         run_stack(config, directory)
         recording = read_recording(directory / "recording.mcap")

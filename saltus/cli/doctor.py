@@ -4,16 +4,16 @@ import platform
 import re
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import requires
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
 from saltus.cli.output import print_json
 from saltus.errors import SaltusError
+from saltus.flags import Flag, shown
 from saltus.provenance import commit, package_version
 
 if TYPE_CHECKING:
@@ -44,15 +44,15 @@ class Doctor:
     Example: saltus doctor --json
     """
 
-    image: Path | None = None
+    image: Annotated[Path | None, shown("PATH", "none")] = None
     """Write the rendered test image to this PNG file."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print the findings as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints every finding; 0 where nothing that all commands need is wrong, else 1."""
-        if self.image is not None and not self.image.parent.is_dir():
-            raise SaltusError(f"cannot write '{self.image}': there is no folder '{self.image.parent}'")
+        if self.image is not None:
+            _check_image(self.image)
         findings = [*_versions(), *_attempts(self.image)]
         if self.json:
             print_json({"commit": commit(), "findings": [asdict(finding) for finding in findings]})
@@ -62,6 +62,16 @@ class Doctor:
                 cure = "" if finding.ok else f"  -> {finding.cure}"
                 print(f"{word:4} {finding.name:28} {finding.detail}{cure}")
         return 0 if all(finding.ok or finding.optional for finding in findings) else 1
+
+
+def _check_image(path: Path) -> None:
+    if path.suffix != ".png" or path.is_dir():
+        raise SaltusError(f"--image {path}: name a file that ends in .png")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise SaltusError(f"cannot write '{path}': {error.strerror}") from error
 
 
 def _versions() -> list[Finding]:

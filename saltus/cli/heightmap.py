@@ -9,14 +9,14 @@ from typing import Annotated
 import tyro
 from tyro.conf import subcommand
 
-from saltus.cli.flags import Flag, shown
 from saltus.cli.heightmap_data import Collect, Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.heightmap_train import Export, Train
-from saltus.cli.serve import Peer, serve
+from saltus.cli.serve import serve
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import RecordingError, SaltusError
+from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.heightmap.level_robot import LevelRobot
 
 
@@ -24,7 +24,7 @@ from saltus.heightmap.level_robot import LevelRobot
 class Serve:
     """Runs the heightmap service: against a running stack, or on a RealSense recording.
 
-    Examples:
+    For example:
       saltus heightmap serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one --robots robot/0 robot/1
       saltus heightmap serve --recording desk.bag --assume-level --base-height-m 0.3
     """
@@ -38,9 +38,9 @@ class Serve:
     assume_level: Flag = False
     """With --recording: take the robot to stand still and level."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
-    robots: tuple[str, ...] = ()
-    """Prefixes of the robots to serve, e.g. robot/0 robot/1; the one of run.toml where none is given."""
-    peer: Peer = False
+    robots: Annotated[tuple[str, ...], shown("PREFIX [PREFIX ...]", "the one of run.toml")] = ()
+    """Prefixes of the robots to serve, e.g. robot/0 robot/1."""
+    peer: Flag = False
     """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
     prefix: str = RunConfig().prefix
     """With --recording: of the keys."""
@@ -117,27 +117,20 @@ class Give:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heightmap:
+class Heightmap(Group):
     """The heightmap: serve, give, collect, dagger, dataset, train, export, eval, report.
 
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.
     """
 
-    command: Annotated[
-        tyro.conf.OmitSubcommandPrefixes[
-            Annotated[Serve, subcommand("serve")]
-            | Annotated[Give, subcommand("give")]
-            | Annotated[Collect, subcommand("collect")]
-            | Annotated[Dagger, subcommand("dagger")]
-            | Annotated[Dataset, subcommand("dataset")]
-            | Annotated[Train, subcommand("train")]
-            | Annotated[Export, subcommand("export")]
-            | Annotated[Eval, subcommand("eval")]
-            | Annotated[Report, subcommand("report")]
-        ],
-        tyro.conf.arg(name=""),
+    command: Subcommands[
+        Annotated[Serve, subcommand("serve")]
+        | Annotated[Give, subcommand("give")]
+        | Annotated[Collect, subcommand("collect")]
+        | Annotated[Dagger, subcommand("dagger")]
+        | Annotated[Dataset, subcommand("dataset")]
+        | Annotated[Train, subcommand("train")]
+        | Annotated[Export, subcommand("export")]
+        | Annotated[Eval, subcommand("eval")]
+        | Annotated[Report, subcommand("report")]
     ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()

@@ -11,14 +11,14 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from saltus.cli.flags import Flag, shown
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
 from saltus.cli.output import print_json
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import load_profile
-from saltus.errors import ConfigError
+from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
 from saltus.robots.loading import load_robot
+from saltus.workers import check_processes
 
 if TYPE_CHECKING:
     from saltus.heightmap.data.shards import Collection
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from saltus.heightmap.training.train import Progress
 
 DATASET = Path("runs/dataset")
-MOST_PROCESSES = 4096
 Processes = Annotated[int | None, shown("INT", "one for each core")]
 Ray = Annotated[str | None, shown("STR", "none: this computer's cores")]
 
@@ -38,7 +37,7 @@ class OnProcessors(SettingsCommand):
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over it.
 
-    Examples:
+    For example:
       saltus heightmap collect cpu --batches 4 --out runs/dataset
       saltus heightmap collect cpu --model models/heightmap.onnx --loop.learned 1 --seed 1
     """
@@ -57,7 +56,7 @@ class OnProcessors(SettingsCommand):
             from saltus.heightmap.collection import collect
 
         load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
-        _check_processes(self.processes)
+        check_processes(self.processes)
         total = self.settings.batches * self.settings.loop.ticks
         with _CollectionBar(self, total) as progress:
 
@@ -77,7 +76,7 @@ class OnDevice(SettingsCommand):
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.ticks = 300. A flag wins over it.
 
-    Examples:
+    For example:
       saltus heightmap collect gpu --episodes 16384 --predictor models/checkpoints/heightmap.pt
       saltus heightmap collect gpu --loop.learned 0.75 --loop.cameras d435i ideal
     """
@@ -114,27 +113,13 @@ class OnDevice(SettingsCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collect:
+class Collect(Group):
     """Adds a shard of labelled episodes to a dataset, made on processors or on a GPU.
 
     Ctrl-C keeps what was collected by then.
     """
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[
-            Annotated[OnProcessors, subcommand("cpu")] | Annotated[OnDevice, subcommand("gpu")],
-            tyro.conf.arg(name=""),
-        ]
-    ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()
-
-
-def _check_processes(processes: int | None) -> None:
-    if processes is not None and not 1 <= processes <= MOST_PROCESSES:
-        raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
+    command: Subcommands[Annotated[OnProcessors, subcommand("cpu")] | Annotated[OnDevice, subcommand("gpu")]]
 
 
 class _CollectionBar:
@@ -184,7 +169,7 @@ class Dagger(SettingsCommand):
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5. A flag wins over the
     file, the file over the run that goes on, or over the defaults.
 
-    Examples:
+    For example:
       saltus heightmap dagger --rounds 3 --out runs/dagger
       saltus heightmap dagger --start models/checkpoints/heightmap.pt --base runs/dataset --out runs/further
     """
@@ -206,7 +191,7 @@ class Dagger(SettingsCommand):
         with training_packages():
             from saltus.heightmap.training.dagger import Observer, dagger
 
-        _check_processes(self.processes)
+        check_processes(self.processes)
         with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(
@@ -266,7 +251,10 @@ class _Bars:
 
 @dataclass(frozen=True, kw_only=True)
 class Info:
-    """Says what a dataset holds."""
+    """Says what a dataset holds.
+
+    Example: saltus heightmap dataset info runs/dataset
+    """
 
     data: tyro.conf.Positional[Path]
     """Folder of the dataset."""
@@ -293,7 +281,10 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Validate:
-    """Checks every shard of a dataset: its sha256, and shapes and values of its arrays."""
+    """Checks every shard of a dataset: its sha256, and shapes and values of its arrays.
+
+    Example: saltus heightmap dataset validate runs/dataset
+    """
 
     data: tyro.conf.Positional[Path]
     """Folder of the dataset."""
@@ -311,9 +302,12 @@ class Validate:
 
 @dataclass(frozen=True, kw_only=True)
 class Merge:
-    """Joins datasets into a new one."""
+    """Joins datasets into a new one.
 
-    data: tyro.conf.Positional[tuple[Path, ...]]
+    Example: saltus heightmap dataset merge runs/first runs/second --out runs/all
+    """
+
+    data: Annotated[tyro.conf.Positional[tuple[Path, ...]], AT_LEAST_ONE]
     """Folders of the datasets."""
     out: Path
     """Folder to make."""
@@ -328,18 +322,11 @@ class Merge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset:
+class Dataset(Group):
     """Datasets on disk: info, validate, merge."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[
-            Annotated[Info, subcommand("info")]
-            | Annotated[Validate, subcommand("validate")]
-            | Annotated[Merge, subcommand("merge")],
-            tyro.conf.arg(name=""),
-        ]
+    command: Subcommands[
+        Annotated[Info, subcommand("info")]
+        | Annotated[Validate, subcommand("validate")]
+        | Annotated[Merge, subcommand("merge")]
     ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 from tqdm import tqdm
 
-from saltus.cli.flags import Flag, shown
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json
 from saltus.config import Camera
+from saltus.flags import Flag, shown
 from saltus.models import model_id, model_path
 
 COLUMNS = (
@@ -33,7 +33,7 @@ BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 class Eval:
     """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone.
 
-    Examples:
+    For example:
       saltus heightmap eval --runs 20 --baselines
       saltus heightmap eval --heightmap-model runs/heightmap/heightmap.onnx --seed 5 --json
     """

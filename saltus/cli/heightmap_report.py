@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.flags import Flag, shown
 from saltus.cli.output import print_json, run_directory
+from saltus.flags import AT_LEAST_ONE, Flag, shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,9 +17,9 @@ class Report:
     Example: saltus heightmap report runs/one/recording.mcap --model geometric runs/heightmap/heightmap.onnx
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, AT_LEAST_ONE]
     """Recorded runs (.mcap), whole or damaged, with ground truth or without."""
-    model: tuple[str, ...] = ()
+    model: Annotated[tuple[str, ...], shown("MODEL [MODEL ...]", "none")] = ()
     """To compare, on the same depth: paths of ONNX files, "geometric" (deprojection), or "geometric-feet" (the same,
     its map held to the feet that stand)."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-heightmap-report")] = None

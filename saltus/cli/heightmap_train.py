@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 import tyro
 from tqdm import tqdm
 
-from saltus.cli.flags import shown
 from saltus.config import load_changes
 from saltus.errors import SaltusError
+from saltus.flags import shown
 from saltus.folders import differences
 from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, TrainConfig
 
@@ -77,7 +77,7 @@ class Train(SettingsCommand):
     The settings can also stand in a TOML file (--config), those of the network as model.hidden = 128. A flag wins over
     the file, the file over the training that goes on, or over the defaults.
 
-    Examples:
+    For example:
       saltus heightmap train --data runs/dataset
       saltus heightmap train --data runs/all --start models/checkpoints/heightmap.pt --updates 9000 --batch 128
     """

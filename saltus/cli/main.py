@@ -61,7 +61,7 @@ def _run(arguments: Sequence[str]) -> int:
         if list(arguments) == ["--version"]:
             print(f"saltus {package_version('saltus')} ({commit()})")
             return 0
-        return _command(arguments).run()
+        return command_of(arguments).run()
     except Ended:
         raise
     except SaltusError as error:
@@ -82,7 +82,7 @@ def _run(arguments: Sequence[str]) -> int:
         return BAD_INPUT
 
 
-def _command(arguments: Sequence[str]) -> Command:
+def command_of(arguments: Sequence[str]) -> Command:
     """What is to be run; what follows the name of a benchmark is for that benchmark to read."""
     if arguments[:1] == ["bench"] and len(arguments) > 1 and not arguments[1].startswith("-"):
         return Bench(name=arguments[1], arguments=tuple(arguments[2:]))

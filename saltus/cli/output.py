@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from saltus.errors import SaltusError
-from saltus.folders import new_folder
+from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
     from saltus.runtime.stack import Stack
@@ -22,13 +21,10 @@ def run_directory(command: str, out: Path | None) -> Path:
     """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here.
 
     Raises:
-        SaltusError: it cannot be made.
+        SaltusError: it cannot be written into.
     """
     path = out or new_folder(command)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SaltusError(f"cannot make the folder '{path}' ({error.strerror}): name another with --out") from error
+    ask_for_room(path)
     return path
 
 

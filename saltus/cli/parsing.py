@@ -9,9 +9,10 @@ from typing import Any
 
 import tyro
 
-from saltus.errors import SaltusError
+from saltus.errors import SaltusError, nearest_hint
 
 BAD_INPUT = 2
+LARGEST_SEED = 2**63 - 1
 
 
 def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description: str) -> Any:
@@ -59,15 +60,37 @@ def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: st
 
 
 def _check_seeds(command: object) -> None:
-    """Of the command, and of those that it holds: numpy's generators take no negative ones."""
+    """Of the command, and of those that it holds: what numpy's generators and TOML both take."""
     for name, value in vars(command).items():
-        if name in ("seed", "first_seed") and value is not None and value < 0:
-            raise SaltusError(f"{name} = {value}: seeds are not negative")
+        if name in ("seed", "first_seed") and value is not None and not 0 <= value <= LARGEST_SEED:
+            raise SaltusError(f"{name} = {value}: it must be from 0 to {LARGEST_SEED}")
         if name == "command":
             _check_seeds(value)
 
 
 def _one_line(box: str) -> str:
-    """The message of tyro's error box without its frame, title and rules."""
+    """What tyro's error box says, in the words of the other errors: the value, what is allowed, the nearest name."""
     lines = [re.sub(r"[│╭╮╰╯─]+|-{5,}", " ", line).strip() for line in box.splitlines()[1:]]
-    return re.sub(r"\s+", " ", " ".join(line for line in lines if line))
+    text = re.sub(r"\s+", " ", " ".join(line for line in lines if line))
+    if unknown := re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,]+)", text):
+        return _unknown(unknown[1], text)
+    if missing := re.match(r"Missing from (.*?): (.*?) (?:Unrecognized|For full)", text):
+        flags = re.findall(r"--[\w.-]+ (?=[A-Z])\S+", missing[2])
+        return f"{missing[1]} needs {' and '.join(flags) or missing[2]}"
+    if choice := re.match(r"invalid choice '(.*?)' for argument '(.*?)'. Expected one of \((.*?)\)", text):
+        return f"{choice[2]} {choice[1]}: " + nearest_hint(choice[1], re.findall(r"'(.*?)'", choice[3]))
+    if wrong := re.match(r"Error parsing (\S+): .*?(?:\[(.*?)\]|: '(.*?)' )", text):
+        flag, value = wrong[1], wrong[3] or wrong[2].replace("'", "").replace(",", "")
+        kind = re.search(rf"helptext: (?:{re.escape(flag)} )?((?:[A-Z{{][^a-z\s]* )+)", f"{text} ")
+        return f"{flag} {value}: it must be {kind[1].strip() if kind else 'another value'}"
+    return text.split(" For full helptext")[0]
+
+
+def _unknown(word: str, text: str) -> str:
+    """What cannot be understood, and what is like it among what tyro lists."""
+    if commands := re.search(r"Available subcommands: (.*?) For full", text):
+        return f"there is no command '{word}': {nearest_hint(word, [*commands[1].split(', '), '--help', '--version'])}"
+    known = set(re.findall(r"(?<= )--[a-z][\w.-]*(?= [A-Z{\[])", text))
+    if word in known:
+        return f"{word} is a flag of {', '.join(dict.fromkeys(re.findall(r'in (saltus .*?) --help', text)))}"
+    return f"'{word}' is not understood{f': {nearest_hint(word, known)}' if known else ''} (see --help)"

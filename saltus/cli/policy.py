@@ -6,18 +6,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
+from saltus.cli.run_options import Course, CourseOptions
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, check_at_least
+from saltus.config import DEFAULT_ROBOT, Camera, PlannerName
 from saltus.errors import ConfigError, SaltusError
-from saltus.flags import shown
+from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING, Train
+from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 MAX_DIFFERENCE = 1e-5  # of an action's range, between torch and the exported file
@@ -31,12 +32,12 @@ if TYPE_CHECKING:
 class Eval:
     """Runs trials on one terrain, many robots at once, without the bus; leaves a report.
 
-    Try: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
+    Example: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
     """
 
     robot: str = DEFAULT_ROBOT
     """Name, or path of an MJCF or of a folder with a robot.toml."""
-    course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
+    course: CourseOptions = field(default_factory=Course)
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
@@ -62,7 +63,7 @@ class Eval:
     """Write an HTML report."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-eval")] = None
     """Folder for the report."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
@@ -81,8 +82,7 @@ class Eval:
             profile=self.profile,
             plan_delay_s=self.plan_delay_s,
         )
-        if self.processes is not None:
-            check_at_least(self, processes=1)
+        check_processes(self.processes)
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
             result = collect(evaluate(evaluation, self._heights(), planner, self.processes, bar.update))
@@ -118,7 +118,7 @@ class Eval:
 class Export:
     """Exports a checkpoint to the ONNX file that the planner runs.
 
-    Try: saltus policy export --checkpoint runs/DATE-policy-train/checkpoint.pt
+    Example: saltus policy export --checkpoint runs/DATE-policy-train/checkpoint.pt
     """
 
     checkpoint: Path
@@ -143,28 +143,24 @@ class Export:
 
 @dataclass(frozen=True, kw_only=True)
 class Serve(ServeProcess):
-    """Runs the planner process against a running stack."""
+    """Runs the planner process against a running stack.
+
+    Example: saltus policy serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    """
 
     module = "saltus.policy"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Policy:
+class Policy(Group):
     """The motion planner: train, export, eval, serve."""
 
-    command: Annotated[
-        tyro.conf.OmitSubcommandPrefixes[
-            Annotated[Train, subcommand("train")]
-            | Annotated[Export, subcommand("export")]
-            | Annotated[Eval, subcommand("eval")]
-            | Annotated[Serve, subcommand("serve")]
-        ],
-        tyro.conf.arg(name=""),
+    command: Subcommands[
+        Annotated[Train, subcommand("train")]
+        | Annotated[Export, subcommand("export")]
+        | Annotated[Eval, subcommand("eval")]
+        | Annotated[Serve, subcommand("serve")]
     ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()
 
 
 def _print_table(result: "EvaluationResult") -> None:

@@ -9,10 +9,10 @@ import tyro
 from tqdm import tqdm
 from tyro.conf import subcommand
 
-from saltus.cli.flags import Flag, shown
-from saltus.cli.output import print_json
+from saltus.cli.output import print_json, run_directory
 from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ConfigError
+from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
@@ -33,10 +33,7 @@ class Find:
       saltus real2sim find logs/monday --no-report --json
     """
 
-    runs: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]],
-        tyro.conf.arg(metavar="LOG [LOG ...]", help_behavior_hint="(at least one)"),
-    ]
+    runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], AT_LEAST_ONE]
     """Folders of run logs. Those that claim the same rig are read as one log."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for the results."""
@@ -225,7 +222,7 @@ def _described(experiment: "Experiment", robot: "Robot") -> dict[str, object]:
 class Demo:
     """Hides an effect in a simulated robot, finds it in a log, adds it to the simulator and looks again.
 
-    For example: saltus real2sim demo --seed 3
+    Example: saltus real2sim demo --seed 3
     """
 
     robot: str = DEFAULT_ROBOT
@@ -244,8 +241,7 @@ class Demo:
         from saltus.real2sim.reporting.words import sentence
         from saltus.robots.loading import load_robot
 
-        directory = self.out or new_folder("real2sim-demo")
-        ask_for_room(directory)
+        directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:
             shown = demonstrate(load_robot(self.robot), directory, seed=self.seed, progress=bar.at)
         print(f"hidden:\n{profile_to_toml(shown.hidden)}")
@@ -267,18 +263,12 @@ class Demo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Real2sim:
+class Real2sim(Group):
     """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[
-            Annotated[Find, subcommand("find")]
-            | Annotated[Apply, subcommand("apply")]
-            | Annotated[Experiments, subcommand("experiments")]
-            | Annotated[Demo, subcommand("demo")]
-        ]
+    command: Subcommands[
+        Annotated[Find, subcommand("find")]
+        | Annotated[Apply, subcommand("apply")]
+        | Annotated[Experiments, subcommand("experiments")]
+        | Annotated[Demo, subcommand("demo")]
     ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()

@@ -3,24 +3,29 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from saltus import config
 from saltus.cli.output import run_directory
 from saltus.config import RunConfig
+from saltus.flags import shown
 
 DRAIN_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """Records a running stack until Ctrl-C or until its router is gone."""
+    """Records a running stack until Ctrl-C or until its router is gone.
+
+    Example: saltus record --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    """
 
     endpoint: str
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Path
     """Folder with the run's run.toml, robot.toml and terrain.toml."""
-    out: Path | None = None
-    """Folder for the recording; a new one under runs/ where it is not given."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-record")] = None
+    """Folder for the recording."""
 
     def run(self) -> int:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""

@@ -7,19 +7,23 @@ from typing import Annotated
 import tyro
 from tyro.conf import subcommand
 
-from saltus.cli.output import print_json
+from saltus.cli.output import print_json, run_directory
+from saltus.cli.run_options import Course, CourseOptions
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT, TerrainConfig
-from saltus.errors import SaltusError
+from saltus.config import DEFAULT_ROBOT
+from saltus.flags import Flag, Group, Subcommands, shown
 
 
 @dataclass(frozen=True, kw_only=True)
 class Preview:
-    """Writes what the camera sees: true depth, its effects one by one, the model's image, a point cloud."""
+    """Writes what the camera sees: true depth, its effects one by one, the model's image, a point cloud.
 
-    course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
-    out: Path = Path("preview.html")
-    """The HTML file to write."""
+    Example: saltus render preview --terrain stairs
+    """
+
+    course: CourseOptions = field(default_factory=Course)
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-preview")] = None
+    """Folder for preview.html."""
 
     def run(self) -> int:
         """Writes the file and says where it is."""
@@ -27,21 +31,24 @@ class Preview:
         from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
-        write_preview(load_robot(DEFAULT_ROBOT), make_terrain(self.course), self.out)
-        print(self.out)
+        robot, terrain = load_robot(DEFAULT_ROBOT), make_terrain(self.course)
+        print(write_preview(robot, terrain, run_directory("render-preview", self.out) / "preview.html"))
         return 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Estimates the noise of a real stereo camera from a recording of a scene at rest."""
+    """Estimates the noise of a real stereo camera from a recording of a scene at rest.
+
+    Example: saltus render fit wall.bag
+    """
 
     recording: Annotated[Path, tyro.conf.Positional]
     """A RealSense recording (.bag) or a recorded run (.mcap), without post-filters."""
-    out: Path = Path("stereo.toml")
-    """The parameters, with what each rests on; the plot of measured against model lies beside it as .html."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """The last line is JSON."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
+    """Folder for stereo.toml, the parameters with what each rests on, and stereo.html, measurements and model."""
+    json: Flag = False
+    """Print the parameters as one JSON object on the last line."""
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
@@ -49,17 +56,14 @@ class Fit:
         from saltus.render.fit_plot import write_fit_plot
 
         result = fit(load_frames(self.recording))
-        plot = self.out.with_suffix(".html")
-        try:
-            self.out.write_text(result.to_toml())
-            write_fit_plot(result, plot)
-        except OSError as error:
-            raise SaltusError(f"cannot write {error.filename}: {error.strerror}; does its folder exist?") from error
+        folder = run_directory("render-fit", self.out)
+        (folder / "stereo.toml").write_text(result.to_toml())
+        write_fit_plot(result, folder / "stereo.html")
         estimates = vars(result.parameters)
         for name, found in estimates.items():
             value = f"{found.value:.4g} +- {found.error:.2g}" if found.testable else "untestable"
             print(f"{name:16} {value:22} {found.note}".rstrip())
-        print(self.out, plot)
+        print(f"{folder}: stereo.toml, stereo.html")
         if self.json:
             print_json({name: vars(found) for name, found in estimates.items()})
         return 0
@@ -67,23 +71,20 @@ class Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class Serve(ServeProcess):
-    """Runs the camera process against a running stack."""
+    """Runs the camera process against a running stack.
+
+    Example: saltus render serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    """
 
     module = "saltus.render"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Render:
+class Render(Group):
     """The depth camera: preview, fit, serve."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[
-            Annotated[Preview, subcommand("preview")]
-            | Annotated[Fit, subcommand("fit")]
-            | Annotated[Serve, subcommand("serve")]
-        ]
+    command: Subcommands[
+        Annotated[Preview, subcommand("preview")]
+        | Annotated[Fit, subcommand("fit")]
+        | Annotated[Serve, subcommand("serve")]
     ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from saltus.cli.flags import Flag, shown
 from saltus.cli.output import finite, print_json
 from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError
+from saltus.flags import Flag, shown
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, HeightmapStatus, RobotState
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class Replay:
     """Runs the heightmap service on the depth of a recording again and compares with what was recorded.
 
-    Examples:
+    For example:
       saltus replay runs/one/recording.mcap
       saltus replay desk.bag --assume-level --base-height-m 0.3
     """

@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
+from saltus.flags import Flag, Group, Subcommands, shown
 
 if TYPE_CHECKING:
     from saltus.robots.mjcf import Derivation
@@ -27,14 +28,16 @@ WORDS = {
 class Show:
     """Says what was derived of a robot, from where, and what is missing.
 
-    Example: `saltus robot show path/to/robot.xml robot.toml`.
+    For example:
+      saltus robot show go1
+      saltus robot show my_robot.xml my_robot.toml
     """
 
     robot: Annotated[str, tyro.conf.Positional]
     """Name of a shipped robot, an MJCF, or a folder with a robot.toml."""
-    toml: Annotated[Path | None, tyro.conf.Positional] = None
+    toml: Annotated[Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")] = None
     """What the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a shipped robot has all)."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print the robot as one JSON object on the last line."""
 
     def run(self) -> int:
@@ -51,7 +54,10 @@ class Show:
 
 @dataclass(frozen=True, kw_only=True)
 class List:
-    """Names the robots that Saltus ships."""
+    """Names the robots that Saltus ships.
+
+    Example: saltus robot list
+    """
 
     def run(self) -> int:
         """Prints a name a line; 0."""
@@ -62,16 +68,10 @@ class List:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCommand:
+class RobotCommand(Group):
     """What a robot is to Saltus: show, list."""
 
-    command: tyro.conf.OmitSubcommandPrefixes[
-        tyro.conf.OmitArgPrefixes[Annotated[Show, subcommand("show")] | Annotated[List, subcommand("list")]]
-    ]
-
-    def run(self) -> int:
-        """Runs the chosen command."""
-        return self.command.run()
+    command: Subcommands[Annotated[Show, subcommand("show")] | Annotated[List, subcommand("list")]]
 
 
 def _lines(derivation: "Derivation") -> list[str]:

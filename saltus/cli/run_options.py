@@ -1,4 +1,4 @@
-"""What a run of the whole stack is told, by `demo` and `up` alike."""
+"""What commands say of a terrain and of a run."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,19 +6,40 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.flags import shown
 from saltus.config import DEFAULT_ROBOT, Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.flags import shown
+
+BY_DIFFICULTY = "; or by the difficulty"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course(TerrainConfig):
+    """The terrain. A size that is given wins over the difficulty."""
+
+    difficulty: Annotated[float | None, shown("FLOAT", "none")] = None
+    steps: Annotated[int | None, shown("INT", "14 stairs, 8 stones")] = None
+    rise_m: Annotated[float | None, shown("FLOAT", f"0.2{BY_DIFFICULTY}")] = None
+    run_m: Annotated[float | None, shown("FLOAT", "0.25")] = None
+    stone_m: Annotated[float | None, shown("FLOAT", "0.5")] = None
+    gap_m: Annotated[float | None, shown("FLOAT", f"0.3 between stones, 0.8 alone{BY_DIFFICULTY}")] = None
+    gap_max_m: Annotated[float | None, shown("FLOAT", "none, all are alike")] = None
+    height_m: Annotated[float | None, shown("FLOAT", f"0.6{BY_DIFFICULTY}")] = None
+
+
+CourseOptions = tyro.conf.OmitArgPrefixes[Course]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Flags of a run."""
+    """What a run of the whole stack is told, by `demo` and `up` alike."""
 
-    course: tyro.conf.OmitArgPrefixes[TerrainConfig] = field(default_factory=TerrainConfig)
+    course: CourseOptions = field(default_factory=Course)
     robot: str = DEFAULT_ROBOT
     """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     seed: int = 0
     """Seed of everything that is drawn."""
+    pace: Pace
+    """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
     speed: float = 1.0
     """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
     camera: Camera = "ideal"
@@ -34,7 +55,10 @@ class RunOptions:
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
 
-    def config(self, pace: Pace, time_limit_s: float) -> RunConfig:
+    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    """Folder for everything, in place of what an earlier run left there."""
+
+    def config(self, time_limit_s: float) -> RunConfig:
         """The configuration of the run, checked: what is wrong with it is said before anything starts.
 
         Raises:
@@ -55,7 +79,7 @@ class RunOptions:
         if heightmap is not None:
             HeightmapNetwork(robot, Path(heightmap))
         config = RunConfig(
-            robot=self.robot, terrain=self.course, seed=self.seed, pace=pace, camera=self.camera,
+            robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
             renderer=self.renderer, profile=self.profile, planner=self.planner, policy_model=policy,
             heightmap_model=heightmap, speed=self.speed, time_limit_s=time_limit_s,
         )  # fmt: skip

@@ -29,13 +29,15 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
     Raises:
         RecordingError: not a readable bag, or one without a depth stream or its intrinsics.
     """
+    if not path.is_file():
+        raise RecordingError(f"cannot read the RealSense recording {path}: there is no such file")
     try:
         with Reader(path) as reader:
             yield from _frames(reader, path)
     except RecordingError:
         raise
     except OSError as error:
-        raise RecordingError(f"cannot read RealSense recording {path}: {error.strerror}") from error
+        raise RecordingError(f"cannot read the RealSense recording {path}: {error}") from error
     except Exception as error:  # damaged bytes fail in many ways; all mean the same
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(f"{path} is no RealSense recording, or damaged: {reason}") from error

@@ -9,6 +9,8 @@ from saltus.robots.robot import Robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder, shipped_robots
 from saltus.robots.supplement import load_supplement
 
+MODEL_SUFFIXES = (".xml", ".mjcf")  # MuJoCo knows no format by another one
+
 
 def load_robot(name_or_path: str) -> Robot:
     """A robot by name, or from a folder with a robot.toml, from such a file, or from an MJCF alone.
@@ -32,7 +34,7 @@ def derive_robot(name_or_path: str, supplement: Path | None = None) -> Derivatio
         path = path / SUPPLEMENT_FILE
     if path.suffix == ".toml":
         supplement, path = supplement or path, _model_of(path)
-    if not path.is_file():
+    if path.suffix not in MODEL_SUFFIXES or not path.is_file():
         known = shipped_robots()
         raise ConfigError(
             f"no robot '{name_or_path}': {nearest_hint(name_or_path, known)}; or give an MJCF or a folder"

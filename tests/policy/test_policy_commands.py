@@ -35,25 +35,3 @@ def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
     checkpoint, out = tmp_path / "run/checkpoint.pt", tmp_path / "exported"
     assert main(["policy", "export", "--checkpoint", str(checkpoint), "--out", str(out)]) == 0
     assert ModelFile(out / "policy.onnx").field("iteration") == 1
-
-
-@pytest.mark.parametrize(
-    ("flags", "hint"),
-    [
-        (["eval", "--planner", "learnt"], "learned"),
-        (["eval", "--planner", "scripted", "--policy-model", "policy.onnx"], "--planner learned"),
-        (["eval", "--planner", "learned", "--policy-model", "missing.onnx"], "missing.onnx"),
-        (["eval", "--terrain", "stairs", "--gap-max-m", "0.3"], "gap_max_m"),
-        (["eval", *STONES[:-1], "2.0"], "gap_max_m"),
-        (["export", "--checkpoint", "missing.pt"], "missing.pt"),
-        (["export", "--checkpoint", __file__], "no checkpoint"),
-        (["export", "--checkpoint", str(SHIPPED), "--out", "/proc/nowhere"], "cannot write"),
-        (["export", "--checkpoint", str(SHIPPED), "--out", "policy.onnx"], "name a folder"),
-    ],
-    ids=str,
-)
-def test_bad_input_is_one_line_that_helps(flags: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["policy", *flags]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert hint in captured.err

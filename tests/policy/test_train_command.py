@@ -174,51 +174,6 @@ def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: 
     assert "Traceback" not in error
 
 
-@pytest.mark.parametrize(
-    ("flags", "hint"),
-    [
-        (["--minutes", "-1"], "minutes = -1"),
-        (["--minutes", "nan"], "minutes = nan"),
-        (["--minutes", "inf"], "minutes = inf"),
-        (["--robots", "0"], "robots = 0"),
-        (["--robots", "99999999999"], "robots = 99999999999"),
-        (["--robots", "many"], "--robots"),
-        (["--seed", "-1"], "seed = -1"),
-        (["--iterations", "0"], "iterations = 0"),
-        (["--evaluate-minutes", "nan"], "evaluate_minutes = nan"),
-        (["--resume", "missing.pt"], "missing.pt"),
-        (["--resume", "{junk}"], "no checkpoint"),
-        (["--resume", "{folder}"], "checkpoint"),
-        (["--config", "missing.toml"], "missing.toml"),
-        (["--config", "{junk}"], "not valid TOML"),
-        (["--config", "{unknown}"], "desired_kl"),
-        (["--out", "{junk}"], "cannot write into the folder"),
-        (["--out", "/proc/nowhere"], "cannot write into the folder"),
-        (["--profile", "nobody"], "nobody"),
-        (["--learning.gamma", "nan"], "gamma = nan"),
-        (["--learning.desired-kl", "-0.1"], "desired_kl = -0.1"),
-        (["--learning.minibatches", "100000"], "minibatches"),
-        (["--env.curriculum.flat", "0"], "shares"),
-        (["--env.randomisation.friction", "1.0", "0.5"], "friction"),
-        (["--env.bounds.low", "0", "1"], "entries"),
-        (["--minuts", "3"], "--minutes"),
-    ],
-    ids=str,
-)
-def test_nonsense_is_one_line_before_the_work(
-    flags: list[str], hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "junk").write_bytes(b"\x80nothing\xff")
-    (tmp_path / "unknown.toml").write_text("[learning]\ndesired_klm = 1.0\n")
-    known = {"junk": tmp_path / "junk", "unknown": tmp_path / "unknown.toml", "folder": tmp_path}
-    assert train(*(flag.format(**known) for flag in flags)) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert hint in captured.err
-    assert not (tmp_path / "runs").exists()
-
-
 def test_networks_of_another_size_do_not_go_on(resumed: Path, tmp_path: Path) -> None:
     command = parse(["--resume", str(resumed), "--learning.hidden", "4", "--out", str(tmp_path / "run")])
     with pytest.raises(SaltusError, match=r"learning.hidden = \(4,\): the networks of .* have \(16, 8\)"):

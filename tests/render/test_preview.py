@@ -5,13 +5,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from samples import ROBOT
 
-from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I
-from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
 from saltus.render.preview import EFFECTS_VIEW, coloured, effect_stages, poses, views, write_preview
 from saltus.render.stereo.camera import StereoConfig
@@ -57,11 +54,3 @@ def test_nothing_is_grey_invalid_is_black_and_near_is_red() -> None:
     assert invalid == [0, 0, 0]
     assert near[2] > 100 > max(near[:2])
     assert far[2] < far[0]
-
-
-def test_a_folder_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "missing" / "preview.html"
-    with pytest.raises(SaltusError, match=r"preview\.html"):
-        write_preview(ROBOT, TERRAIN, path)
-    assert main(["render", "preview", "--terrain", "gap", "--out", str(path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1

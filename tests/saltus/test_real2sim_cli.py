@@ -14,20 +14,6 @@ from saltus.real2sim.patch import Applicability, Patch
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.recordings.run_log import read_run_log
 
-BAD = {
-    "no command": (["real2sim"], "find"),
-    "no such log": (["real2sim", "find", "missing"], "missing"),
-    "no log": (["real2sim", "find"], "run log"),
-    "unknown profile of find": (["real2sim", "find", "missing", "--profile", "g1"], "go1"),
-    "no such patch": (["real2sim", "apply", "missing.toml", "--profile", "mine"], "missing.toml"),
-    "unknown experiment": (["real2sim", "experiments", "--run", "joint_chrip"], "joint_chirp"),
-    "list and run": (["real2sim", "experiments", "--list", "--run", "drop"], "--list"),
-    "negative latency": (["real2sim", "experiments", "--run", "drop", "--camera-latency", "-1"], "--camera-latency"),
-    "latency not a number": (["real2sim", "experiments", "--run", "drop", "--camera-latency", "nan"], "0 to 1 s"),
-    "negative seed": (["real2sim", "find", "missing", "--seed", "-1"], "seed"),
-    "out is below a file": (["real2sim", "experiments", "--run", "drop", "--out", "/dev/null/log"], "/dev/null/log"),
-}
-
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,16 +31,6 @@ def patch(tmp_path: Path) -> Path:
     path = tmp_path / "patch.toml"
     path.write_text(Patch(effects=(friction,), evidence=(), range=Applicability()).to_toml())
     return path
-
-
-@pytest.mark.parametrize("case", BAD, ids=str)
-def test_bad_input_is_one_line_that_helps_and_exit_code_2(case: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments, hint = BAD[case]
-    assert main(arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert captured.err.startswith("saltus: ")
-    assert hint in captured.err
 
 
 def test_the_list_of_experiments_says_what_each_shows(capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,18 +71,6 @@ def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
     with pytest.raises(ConfigError, match="mine"):
         load_profile("mien", ROBOT)
-
-
-@pytest.mark.parametrize("command", ["find", "apply", "experiments", "demo"])
-def test_the_help_shows_an_example_and_what_holds_without_a_flag(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["real2sim", command, "--help"])
-    said = capsys.readouterr().out
-    assert ended.value.code == 0
-    assert said.count(f"saltus real2sim {command} ") >= 2, "beside the usage"
-    assert "None" not in said
 
 
 def test_an_experiment_is_not_written_over_a_run_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

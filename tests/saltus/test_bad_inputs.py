@@ -1,0 +1,287 @@
+"""Bad inputs to all commands: one line that names the value and what is allowed, code 2, nothing written, nothing lost.
+
+The heightmap's datasets and full disks are in tests/heightmap/test_bad_inputs.py, run logs in
+tests/real2sim/test_bad_logs.py, benchmarks in tests/benchmarks/test_bench.py.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from samples import put_robot
+
+from saltus.cli.main import main
+from saltus.config import RunConfig, TerrainConfig, to_toml
+from saltus.resources import resource
+from saltus.runtime.process import TERRAIN_FILE
+from saltus.terrain.curriculum import make_terrain
+
+POLICY = resource("models/checkpoints/policy.pt")
+HUGE = "99999999999999999999999"
+BAD = {
+    # the command line itself
+    "": "demo",
+    "dem": "did you mean 'demo'?",
+    "--verson": "did you mean '--version'?",
+    "demo --sead 3": "did you mean '--seed'?",
+    "demo stairs": "'stairs'",
+    "demo --json maybe": "'maybe'",
+    "demo --seed": "--seed",
+    "up --time-limit-s 3": "flag of saltus demo",
+    "policy train --minuts 3": "did you mean '--minutes'?",
+    "heightmap": "collect",
+    "heightmap evl": "did you mean 'eval'?",
+    "heightmap collect": "gpu",
+    "heightmap collect gpuu": "did you mean 'gpu'?",
+    "heightmap dataset": "merge",
+    "real2sim": "find",
+    "real2sim fid logs": "did you mean 'find'?",
+    "robot": "show",
+    "render": "preview",
+    "policy": "train",
+    "controller": "--endpoint STR and --run-dir PATH",
+    "controller serv --endpoint x --run-dir run": "did you mean 'serve'?",
+    # a run
+    "demo --seed -1": "seed = -1",
+    "demo --seed three": "--seed three: it must be INT",
+    "demo --seed 1e400": "--seed 1e400: it must be INT",
+    f"demo --seed {HUGE}": "from 0 to",
+    "demo --speed 0 --pace realtime": "speed = 0",
+    "demo --speed nan --pace realtime": "speed = nan",
+    "demo --speed 2 --pace realtime": "at most 1",
+    "demo --speed 0.5": 'pace = "realtime"',
+    "demo --time-limit-s 0": "time_limit_s = 0",
+    "demo --time-limit-s nan": "time_limit_s = nan",
+    "demo --time-limit-s inf": "up to 1e+06",
+    "demo --time-limit-s 1e300": "up to 1e+06",
+    "demo --terrain stair": "did you mean 'stairs'?",
+    "demo --terrain missing.toml": "missing.toml",
+    "demo --terrain junk.toml": "junk.toml",
+    "demo --terrain empty.toml": "empty.toml",
+    "demo --steps 0": "from 1 to 100",
+    "demo --steps 99999999999": "from 1 to 100",
+    "demo --steps 1.5": "--steps 1.5: it must be INT",
+    "demo --rise-m -1": "rise_m = -1",
+    "demo --rise-m nan": "from 0 to 0.375",
+    "demo --gap-m 0.5": "steps, rise_m, run_m",
+    "demo --terrain gap --gap-m inf": "from 0.01 to 1.4",
+    "demo --terrain stepping_stones --gap-m 0.5 --gap-max-m 0.1": "gap_max_m = 0.1",
+    "demo --terrain stepping_stones --stone-m 1e300": "from 0.1 to 2",
+    "demo --layout-seed -1": "layout_seed = -1",
+    "demo --difficulty 2": "from 0 to 1",
+    "demo --difficulty nan": "difficulty = nan",
+    "demo --profile g1": "did you mean 'go1'?",
+    "demo --profile junk.toml": "junk.toml",
+    "demo --profile folder.toml": "folder.toml",
+    "demo --profile missing.toml": "missing.toml",
+    "demo --profile /proc/self/mem": "/proc/self/mem",
+    "demo --camera d435": "did you mean 'd435i'?",
+    "demo --camera d435i --renderer pyrender": "embree",
+    "demo --out file": "--out",
+    "demo --out file/below": "file/below",
+    "demo --out /proc/nowhere": "/proc/nowhere",
+    "demo --robot go3": "did you mean 'go1'?",
+    "demo --robot junk.xml": "junk.xml",
+    "demo --policy-model junk.onnx": "junk.onnx",
+    "demo --planner scripted --policy-model junk.onnx": "--planner learned",
+    "up --heightmap-model missing.onnx": "missing.onnx",
+    "up --seed x": "--seed x: it must be INT",
+    "up --pace lockstep --speed 0.5": 'pace = "realtime"',
+    "up --speed -1": "speed = -1",
+    "up --terrain moon": "stairs",
+    "up --profile nosuch": "go1",
+    "up --out file": "'file'",
+    "record": "--endpoint STR and --run-dir PATH",
+    "record --endpoint tcp/127.0.0.1:1 --run-dir missing": "missing/run.toml",
+    "record --endpoint tcp/127.0.0.1:1 --run-dir file": "file/run.toml",
+    "record --endpoint tcp/127.0.0.1:1 --run-dir junk": "junk/run.toml",
+    "record --endpoint tcp/127.0.0.1:1 --run-dir mistyped": "did you mean 'seed'?",
+    "record --endpoint tcp/127.0.0.1:1 --run-dir half": "half/robot.toml",
+    "record --endpoint nonsense --run-dir run": "nonsense",
+    "controller serve --endpoint x --run-dir missing": "missing/run.toml",
+    "policy serve --endpoint x --run-dir junk": "junk/run.toml",
+    "render serve --endpoint x --run-dir mistyped": "did you mean 'seed'?",
+    # recordings
+    "replay": "PATH",
+    "replay missing.mcap": "missing.mcap",
+    "replay folder.mcap": "folder.mcap",
+    "replay empty.mcap": "empty.mcap",
+    "replay junk.mcap": "junk.mcap",
+    "replay file": "file is not a recording",
+    "replay missing.bag --assume-level": "no such file",
+    "replay folder.bag": "folder.bag",
+    "replay empty.bag --assume-level": "empty.bag",
+    "replay junk.bag": "junk.bag",
+    "replay junk.mcap --base-height-m nan": "from 0.05 to 2",
+    "replay junk.mcap --base-height-m -1": "base_height_m = -1",
+    "replay junk.mcap --camera-pitch-deg 1e9": "from -90.0 to 90.0",
+    "render fit missing.bag": "missing.bag",
+    "render fit junk.bag": "junk.bag",
+    "render fit empty.mcap": "empty.mcap",
+    "render fit folder": "neither",
+    "render fit file": "neither",
+    "render preview --out file": "'file'",
+    "render preview --out /proc/nowhere": "/proc/nowhere",
+    "render preview --terrain stairs --rise-m nan": "rise_m = nan",
+    "render preview --terrain step --height-m inf": "height_m = inf",
+    "heightmap report": "at least one",
+    "heightmap report missing.mcap": "missing.mcap",
+    "heightmap report empty.mcap": "empty.mcap",
+    "heightmap report folder": "folder",
+    "heightmap serve": "--endpoint and --run-dir",
+    "heightmap serve --recording folder --assume-level": "folder",
+    "heightmap serve --endpoint x --run-dir missing": "missing/run.toml",
+    # robots and installation
+    "robot show": "a shipped robot",
+    "robot show go3": "did you mean 'go1'?",
+    "robot show missing.xml": "missing.xml",
+    "robot show junk.xml": "junk.xml",
+    "robot show empty.xml": "empty.xml",
+    "robot show folder": "folder/robot.toml",
+    "robot show junk.toml": "junk.toml",
+    "robot show go1 missing.toml": "missing.toml",
+    "robot show go1 folder": "folder",
+    "robot show /proc/self/mem": "/proc/self/mem",
+    "doctor --image missing/picture.png": "missing",
+    "doctor --image folder": ".png",
+    "doctor --image picture.xyz": ".png",
+    "doctor --image /proc/self/fdinfo/picture.png": "/proc/self/fdinfo",
+    # models and trainings
+    "policy eval --trials 0": "from 1 to 100000",
+    "policy eval --trials 99999999999": "from 1 to 100000",
+    "policy eval --trials nan": "--trials nan: it must be INT",
+    f"policy eval --seed {HUGE}": "from 0 to",
+    "policy eval --plan-delay-s inf": "from 0 to 0.1",
+    "policy eval --processes 0": "from 1 to 4096",
+    "policy eval --processes 99999999": "from 1 to 4096",
+    "policy eval --planner learnt": "did you mean 'learned'?",
+    "policy eval --planner scripted --policy-model junk.onnx": "--planner learned",
+    "policy eval --policy-model missing.onnx": "missing.onnx",
+    "policy eval --policy-model junk.onnx": "junk.onnx",
+    "policy eval --policy-model empty.onnx": "empty.onnx",
+    "policy eval --policy-model folder": "folder",
+    "policy eval --terrain stairs --gap-max-m 0.3": "gap_max_m",
+    "policy eval --terrain stepping_stones --gap-max-m 2.0": "gap_max_m",
+    "policy eval --heightmap none": "true-exact",
+    "policy eval --out file": "'file'",
+    "policy export --checkpoint missing.pt": "missing.pt",
+    "policy export --checkpoint junk.pt": "no checkpoint",
+    "policy export --checkpoint folder.pt": "folder.pt",
+    f"policy export --checkpoint {POLICY} --out /proc/nowhere": "/proc/nowhere",
+    f"policy export --checkpoint {POLICY} --out policy.onnx": "name a folder",
+    "policy train --minutes -1": "minutes = -1",
+    "policy train --minutes nan": "minutes = nan",
+    "policy train --minutes inf": "have an end",
+    "policy train --robots 0": "robots = 0",
+    "policy train --robots 99999999999": "from 1 to",
+    "policy train --robots many": "--robots many: it must be INT",
+    "policy train --seed -1": "seed = -1",
+    "policy train --iterations 0": "iterations = 0",
+    "policy train --evaluate-minutes nan": "evaluate_minutes = nan",
+    "policy train --resume missing.pt": "missing.pt",
+    "policy train --resume junk.pt": "no checkpoint",
+    "policy train --resume folder": "folder",
+    "policy train --config missing.toml": "missing.toml",
+    "policy train --config junk.toml": "not valid TOML",
+    "policy train --config unknown.toml": "did you mean 'desired_kl'?",
+    "policy train --out file": "cannot write into the folder",
+    "policy train --profile nobody": "nobody",
+    "policy train --device gpu": "cpu",
+    "policy train --learning.gamma nan": "gamma = nan",
+    "policy train --learning.desired-kl -0.1": "desired_kl = -0.1",
+    "policy train --device cpu --learning.minibatches 100000": "minibatches",
+    "policy train --device cpu --env.curriculum.flat 0": "shares",
+    "policy train --env.randomisation.friction 1.0 0.5": "friction",
+    "policy train --env.bounds.low 0 1": "entries",
+    "heightmap give missing.onnx --run-dir run": "missing.onnx",
+    "heightmap give junk.onnx --run-dir run": "junk.onnx.sha256",
+    "heightmap give junk.onnx --run-dir folder": "robot.toml",
+    "heightmap collect cpu --batches 0": "batches = 0",
+    "heightmap collect cpu --batches nan": "--batches nan: it must be INT",
+    "heightmap collect cpu --profile nosuch": "nosuch",
+    "heightmap collect cpu --processes -1": "from 1 to 4096",
+    "heightmap collect cpu --config junk.toml": "junk.toml",
+    "heightmap collect cpu --out file": "file",
+    "heightmap collect cpu --predictor a.pt": "--predictor",
+    "heightmap collect gpu --episodes -1": "episodes = -1",
+    "heightmap collect gpu --loop.ticks 59": "ticks = 59",
+    "heightmap collect gpu --loop.hardest nan": "hardest = nan",
+    "heightmap collect gpu --loop.cameras d435": "d435",
+    "heightmap collect gpu --device tpu": "cpu",
+    "heightmap dagger --rounds 0": "rounds = 0",
+    "heightmap dagger --loop.robots 0": "robots = 0",
+    "heightmap dagger --loop.courses 33": "courses = 33",
+    "heightmap dataset info missing": "missing",
+    "heightmap dataset info folder": "manifest.json",
+    "heightmap dataset merge --out folder": "nothing to merge",
+    "heightmap dataset merge folder": "--out PATH",
+    "heightmap train --data folder": "manifest.json",
+    "heightmap train --updates -1": "updates = -1",
+    "heightmap train --learning-rate nan": "learning_rate = nan",
+    "heightmap train --model.channels 1 2": "--model.channels",
+    "heightmap train --model.channels 1 2 x": "--model.channels 1 2 x: it must be INT INT INT",
+    "heightmap train --delivery late": "nominal",
+    "heightmap export --checkpoint junk.pt": "junk.pt",
+    "heightmap export --out model.onnx": "name a folder",
+    "heightmap eval --runs 0": "runs = 0",
+    "heightmap eval --time-limit-s 0.1": "time_limit_s = 0.1",
+    "heightmap eval --baselines geometrik": "did you mean 'geometric'?",
+    # run logs and patches
+    "real2sim find": "at least one",
+    "real2sim find missing": "missing",
+    "real2sim find file": "a folder with meta.json",
+    "real2sim find folder": "meta.json",
+    "real2sim find folder --profile g1": "did you mean 'go1'?",
+    "real2sim find folder --seed -1": "seed = -1",
+    "real2sim apply missing.toml --profile mine": "missing.toml",
+    "real2sim apply junk.toml --profile mine": "junk.toml",
+    "real2sim apply empty.toml --profile mine": "saltus-patch/1",
+    "real2sim apply folder.toml --profile mine": "folder.toml",
+    "real2sim apply empty.toml": "--profile NAME",
+    "real2sim experiments --run joint_chrip": "did you mean 'joint_chirp'?",
+    "real2sim experiments --list --run drop": "--list",
+    "real2sim experiments --run drop --camera-latency -1": "--camera-latency",
+    "real2sim experiments --run drop --camera-latency nan": "0 to 1 s",
+    "real2sim experiments --run drop --out /dev/null/log": "/dev/null/log",
+    "real2sim demo --seed -1": "seed = -1",
+    "real2sim demo --out file": "'file'",
+    "bench nosuch": "qp",
+}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with all that is named above; what is named missing is."""
+    root = tmp_path_factory.mktemp("place")
+    junk = np.random.default_rng(0).bytes(3000)
+    for suffix in ("mcap", "bag", "onnx", "pt", "toml", "xml"):
+        (root / f"empty.{suffix}").touch()
+        (root / f"junk.{suffix}").write_bytes(junk)
+        (root / f"folder.{suffix}").mkdir()
+    (root / "file").write_text("kept")
+    (root / "unknown.toml").write_text("[learning]\ndesired_klm = 1.0\n")
+    contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig()).encode()}
+    for name, content in contents.items():
+        (root / name).mkdir()
+        (root / name / "run.toml").write_bytes(content)
+    put_robot(root / "run")
+    (root / "run" / TERRAIN_FILE).write_text(make_terrain(TerrainConfig()).to_toml())
+    (root / "folder").mkdir()
+    return root
+
+
+def files(place: Path) -> dict[Path, bytes | None]:
+    return {path: path.read_bytes() if path.is_file() else None for path in place.rglob("*")}
+
+
+@pytest.mark.parametrize("words", BAD, ids=str)
+def test_bad_input(words: str, place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.delenv("SALTUS_PROFILES", raising=False)
+    before = files(place)
+    assert main(words.split()) == 2
+    said = capfd.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert said.err.startswith("saltus: ")
+    assert BAD[words] in said.err
+    assert files(place) == before
