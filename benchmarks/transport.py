@@ -39,13 +39,14 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import ENVIRONMENT
-from saltus.runtime.process import PEER_FLAG, RUN_FILE
-from saltus.runtime.stack import open_router
+from saltus.runtime.process import PEER_FLAG
+from saltus.runtime.run_folder import RUN_FILE
 from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
 from saltus.wire.messages import DepthFrame, Floats, Message, PlanStatus, RobotState
+from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "bench"

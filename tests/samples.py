@@ -10,7 +10,7 @@ from saltus.effects.profile import load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.runtime.process import ROBOT_FILE, TERRAIN_FILE
+from saltus.runtime.run_folder import ROBOT_FILE, TERRAIN_FILE
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import messages, schemas
 from saltus.wire.messages import Message

@@ -14,7 +14,7 @@ from saltus.errors import ModelError
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.robots.robot import Robot
-from saltus.runtime.process import ROBOT_FILE
+from saltus.runtime.run_folder import ROBOT_FILE
 
 FILE = "heightmap.onnx"
 """Name of the file below the folder of a run; its checksum lies beside it, and the service's answer."""

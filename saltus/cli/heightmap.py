@@ -25,14 +25,17 @@ class Serve:
     """Runs the heightmap service: against a running stack, or on a RealSense recording.
 
     For example:
-      saltus heightmap serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one --robots robot/0 robot/1
+      saltus router --out runs/one
+      saltus heightmap serve --run-dir runs/one --robots robot/0 robot/1
       saltus heightmap serve --recording desk.bag --assume-level --base-height-m 0.3
     """
 
-    endpoint: Annotated[str | None, shown("STR", "a router of its own, with --recording; else it is needed")] = None
+    endpoint: Annotated[
+        str | None, shown("STR", "the one that the folder names; with --recording a router of its own")
+    ] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Annotated[Path | None, shown("PATH", "none, with --recording; else it is needed")] = None
-    """Folder with the run's run.toml."""
+    """Folder of the run: of `saltus up` or `saltus router`."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
     """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
     assume_level: Flag = False
@@ -49,8 +52,8 @@ class Serve:
         """Runs until it is told to stop, or until the recording ends."""
         if self.recording is not None:
             return self._serve_recording(self.recording)
-        if self.endpoint is None or self.run_dir is None:
-            raise SaltusError("heightmap serve needs --endpoint and --run-dir, or --recording")
+        if self.run_dir is None:
+            raise SaltusError("heightmap serve needs --run-dir (see saltus router), or --recording")
         robots = ("--robots", *self.robots) if self.robots else ()
         return serve("saltus.heightmap", self.run_dir, self.endpoint, *robots, peer=self.peer)
 
@@ -61,8 +64,8 @@ class Serve:
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.robots.loading import load_robot
-        from saltus.runtime.stack import open_router
         from saltus.wire.messages import HeightmapStatus
+        from saltus.wire.router import open_router
         from saltus.wire.zenoh_bus import ZenohBus
 
         frames = list(read_realsense(recording))

@@ -19,6 +19,7 @@ from saltus.cli.record import Record
 from saltus.cli.render import Render
 from saltus.cli.replay import Replay
 from saltus.cli.robot import RobotCommand
+from saltus.cli.router import Router
 from saltus.cli.signals import Ended, ending_by_signals, raise_again
 from saltus.cli.up import Up
 from saltus.errors import SaltusError
@@ -27,6 +28,7 @@ from saltus.provenance import commit, package_version
 Command = (
     Annotated[Demo, subcommand("demo")]
     | Annotated[Up, subcommand("up")]
+    | Annotated[Router, subcommand("router")]
     | Annotated[Doctor, subcommand("doctor")]
     | Annotated[Record, subcommand("record")]
     | Annotated[Replay, subcommand("replay")]

@@ -5,15 +5,15 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from saltus.config import RunConfig, load
-from saltus.flags import Flag
+from saltus.flags import Flag, shown
 
 END_S = 5.0  # a robot lands and stands within 1.5 s
 
 
-def serve(module: str, run_dir: Path, endpoint: str, *more: str, peer: bool) -> int:
+def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bool) -> int:
     """Runs `python -P -m module` against a router and returns its exit code.
 
     Ctrl-C and the signals that end a command end it too, cleanly.
@@ -21,10 +21,12 @@ def serve(module: str, run_dir: Path, endpoint: str, *more: str, peer: bool) -> 
     Raises:
         ConfigError: the folder holds no run.
     """
-    from saltus.runtime.process import PEER_FLAG, RUN_FILE
+    from saltus.runtime.process import PEER_FLAG
+    from saltus.runtime.run_folder import RUN_FILE, endpoint_of
 
     load(RunConfig, run_dir / RUN_FILE)
 
+    endpoint = endpoint or endpoint_of(run_dir)
     links = [PEER_FLAG] if peer else []
     command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
     with subprocess.Popen(command) as process:
@@ -45,10 +47,10 @@ class ServeProcess:
     module: ClassVar[str]
     """Whose `__main__` is run."""
 
-    endpoint: str
-    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     run_dir: Path
-    """Folder with the run's run.toml."""
+    """Folder of the run: of `saltus up` or `saltus router`."""
+    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
+    """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     peer: Flag = False
     """Link to the other processes directly; the router must be on this machine, not behind a tunnel."""
 

@@ -53,6 +53,7 @@ from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
+from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
@@ -64,11 +65,6 @@ ROUTER_LOST_S = 2.0
 LINKED_S = 0.3
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody."""
 EXIT_ERROR = 2
-RUN_FILE = "run.toml"
-ROBOT_FILE = "robot.toml"
-"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it."""
-TERRAIN_FILE = "terrain.toml"
-"""The terrain, box by box."""
 PEER_FLAG = "--peer"
 
 

@@ -7,7 +7,6 @@ calls `poll` at 10 Hz or more, or `wait`.
 import contextlib
 import json
 import signal
-import socket
 import statistics
 import time
 from collections import deque
@@ -15,23 +14,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
-import zenoh
-
-from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.recordings.recorder import Recorder
-from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
-from saltus.runtime.process import PEER_FLAG, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
+from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
+from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
+from saltus.wire.router import open_router, write_client
 from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
@@ -55,7 +51,6 @@ POLL_S = 0.01
 RECORDED_AT_A_TIME = 20
 """Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
 ANSWER_TIMEOUT_S = 0.1
-PORT_ATTEMPTS = 5
 SUPERVISOR = "supervisor"
 RECORDING_FILE = "recording.mcap"
 
@@ -66,7 +61,7 @@ class Stack:
     Args:
         run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in. All
             limits below are in the clock of this run.
-        run_dir: Gets `run.toml`, `robot.toml`, `terrain.toml`, `recording.mcap` and `logs/<process>.log`.
+        run_dir: Gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`.
         programs: The process table; tests bring their own.
 
     Raises:
@@ -139,9 +134,7 @@ class Stack:
         logs.mkdir(parents=True, exist_ok=True)
         for old in logs.glob("*.log"):
             old.unlink()
-        (self.run_dir / RUN_FILE).write_text(config.to_toml(self.config))
-        (self.run_dir / ROBOT_FILE).write_text(self.robot.to_toml())
-        (self.run_dir / TERRAIN_FILE).write_text(self.terrain.to_toml())
+        write_run(self.run_dir, self.config, self.robot, self.terrain)
         try:
             self._open()
             self._start_all()
@@ -178,6 +171,7 @@ class Stack:
     def _open(self) -> None:
         self.endpoint, router = open_router()
         self._resources.callback(router.close)
+        write_client(self.run_dir / CLIENT_FILE, self.endpoint)
         self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
@@ -357,25 +351,6 @@ class Stack:
             time.sleep(POLL_S)
         for child in group:
             child.kill()
-
-
-def open_router() -> tuple[str, Any]:
-    """Opens a Zenoh router on a free port of loopback; returns its endpoint and its session.
-
-    Raises:
-        StackError: no port could be had.
-    """
-    for _ in range(PORT_ATTEMPTS):
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-        settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
-        settings.insert_json5("listen/endpoints", f'["{endpoint}"]')
-        try:
-            return endpoint, zenoh.open(settings)
-        except zenoh.ZError as error:  # somebody else took the port in between
-            last = error
-    raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
 
 
 def loopback_round_trip(messages: int = 50) -> float:

@@ -18,7 +18,7 @@ from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.resources import resource
-from saltus.runtime.process import ROBOT_FILE
+from saltus.runtime.run_folder import ROBOT_FILE
 
 JUNK = np.random.default_rng(0).bytes(3000)
 BROKEN: dict[str, bytes | None] = {"missing": None, "empty": b"", "junk": JUNK, "text": b"hello\n"}

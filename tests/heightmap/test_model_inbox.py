@@ -22,7 +22,7 @@ from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
-from saltus.runtime.process import ROBOT_FILE
+from saltus.runtime.run_folder import ROBOT_FILE
 
 PATIENCE_S = 60.0
 

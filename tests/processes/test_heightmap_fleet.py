@@ -21,10 +21,10 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.model_inbox import FILE, give
 from saltus.model_file import ModelFile, put_model
 from saltus.resources import resource
-from saltus.runtime.process import RUN_FILE
-from saltus.runtime.stack import open_router
+from saltus.runtime.run_folder import RUN_FILE
 from saltus.runtime.ticker import Ticker
 from saltus.wire.messages import DepthFrame, HeightmapStatus
+from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 ROBOTS = ("fleet/0", "fleet/1", "fleet/2")

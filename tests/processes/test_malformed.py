@@ -15,16 +15,17 @@ import zenoh
 from samples import message_of
 
 from saltus.clock import RunClock
-from saltus.config import RunConfig, TerrainConfig, to_toml
+from saltus.config import RunConfig, TerrainConfig
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
-from saltus.runtime.process import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
-from saltus.runtime.stack import PROGRAMS, open_router
+from saltus.runtime.run_folder import write_run
+from saltus.runtime.stack import PROGRAMS
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, schemas
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Done, Message
+from saltus.wire.router import open_router
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
 
@@ -112,9 +113,7 @@ class Victim:
             speed=speed,
         )
         self.clock = RunClock.of(config)
-        (directory / RUN_FILE).write_text(to_toml(config))
-        (directory / ROBOT_FILE).write_text(load_robot(config.robot).to_toml())
-        (directory / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
+        write_run(directory, config, load_robot(config.robot), make_terrain(config.terrain))
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}

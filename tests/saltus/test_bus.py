@@ -13,12 +13,12 @@ from samples import message_of
 
 from saltus.errors import MessageError, StackError
 from saltus.resources import resource
-from saltus.runtime.stack import open_router
 from saltus.wire import codec
 from saltus.wire.bus import RING, Bell, Bus, Latest, Sample
 from saltus.wire.codec import Envelope
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done
+from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "robot/0"

@@ -11,10 +11,11 @@ import pytest
 from saltus import clock as clock_module
 from saltus.config import RunConfig, to_toml
 from saltus.errors import ModelError
-from saltus.runtime.process import EXIT_ERROR, RUN_FILE, ProcessContext, run_process
-from saltus.runtime.stack import open_router
+from saltus.runtime.process import EXIT_ERROR, ProcessContext, run_process
+from saltus.runtime.run_folder import RUN_FILE
 from saltus.wire.bus import Latest
 from saltus.wire.memory_bus import MemoryBus
+from saltus.wire.router import open_router
 
 
 class FakeTime:

@@ -1,0 +1,54 @@
+"""`saltus router`: what services, recorders and one's own programs connect to."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from saltus.cli.output import run_directory
+from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
+from saltus.flags import shown
+
+LOOK_S = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Router:
+    """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
+
+    The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
+    read. Times in messages are those of this computer's monotonic clock.
+
+    For example:
+      saltus router --out runs/mine
+      saltus heightmap serve --run-dir runs/mine
+      saltus record --run-dir runs/mine
+    """
+
+    robot: str = DEFAULT_ROBOT
+    """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
+    prefix: str = RunConfig().prefix
+    """Of the keys."""
+    endpoint: str = "tcp/127.0.0.1:7447"
+    """Where it listens."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
+    """Folder."""
+
+    def run(self) -> int:
+        """Runs until Ctrl-C."""
+        from saltus.robots.loading import load_robot
+        from saltus.runtime.run_folder import CLIENT_FILE, write_run
+        from saltus.terrain.curriculum import make_terrain
+        from saltus.wire.router import open_router, write_client
+
+        robot, terrain = load_robot(self.robot), TerrainConfig(terrain="flat")
+        config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, pace="realtime")
+        directory = run_directory("router", self.out)
+        endpoint, router = open_router(self.endpoint)
+        with contextlib.closing(router):
+            write_run(directory, config, robot, make_terrain(terrain))
+            write_client(directory / CLIENT_FILE, endpoint)
+            print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)
+            while True:
+                time.sleep(LOOK_S)

@@ -1,0 +1,56 @@
+"""The folder of a run: what all who take part in it read."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from saltus import config
+from saltus.config import RunConfig
+from saltus.robots.robot import Robot
+from saltus.terrain.terrain import Terrain
+from saltus.wire.router import read_client
+
+RUN_FILE = "run.toml"
+ROBOT_FILE = "robot.toml"
+"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it."""
+TERRAIN_FILE = "terrain.toml"
+"""The terrain, box by box."""
+CLIENT_FILE = "client.json5"
+"""The configuration of Zenoh with which any program joins the run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFolder:
+    """What a folder of a run says."""
+
+    config: RunConfig
+    robot: Robot
+    terrain: Terrain
+
+
+def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terrain) -> None:
+    """Writes the files of a run that is about to begin."""
+    (run_dir / RUN_FILE).write_text(config.to_toml(run_config))
+    (run_dir / ROBOT_FILE).write_text(robot.to_toml())
+    (run_dir / TERRAIN_FILE).write_text(terrain.to_toml())
+
+
+def read_run(run_dir: Path) -> RunFolder:
+    """Reads them.
+
+    Raises:
+        ConfigError: one cannot be read.
+    """
+    return RunFolder(
+        config=config.load(RunConfig, run_dir / RUN_FILE),
+        robot=config.load(Robot, run_dir / ROBOT_FILE),
+        terrain=config.load(Terrain, run_dir / TERRAIN_FILE),
+    )
+
+
+def endpoint_of(run_dir: Path) -> str:
+    """Endpoint of the run's router.
+
+    Raises:
+        StackError: the folder does not name one.
+    """
+    return read_client(run_dir / CLIENT_FILE)

@@ -1,0 +1,115 @@
+"""A robot without Saltus joins `saltus router`, and reads from the bus what Saltus reads."""
+
+import contextlib
+import json
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saltus.cli.main import main
+from saltus.robots.loading import load_robot
+from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
+from saltus.wire import schemas
+from saltus.wire.messages import Heightmap, HeightmapStatus
+from saltus.wire.zenoh_bus import ZenohBus
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_robot.py"
+SALTUS = [sys.executable, "-P", "-m", "saltus.cli.main"]
+PATIENCE_S = 60.0
+
+
+@contextlib.contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    """A command that is ended as a service manager ends it."""
+    with subprocess.Popen([*SALTUS, *command], stdout=subprocess.PIPE, text=True) as process:
+        yield process
+        process.terminate()
+        assert process.wait(PATIENCE_S) == -signal.SIGTERM
+
+
+@pytest.fixture
+def run_dir(tmp_path: Path) -> Iterator[Path]:
+    """The folder of a router with a heightmap service."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with running("router", "--out", str(tmp_path), "--endpoint", endpoint) as router:
+        assert router.stdout is not None
+        assert router.stdout.readline().startswith(f"router at {endpoint}")
+        with ZenohBus(endpoint_of(tmp_path), "robot/0") as bus:
+            status = bus.latest("status", "heightmap")
+            with running("heightmap", "serve", "--run-dir", str(tmp_path)):
+                assert status.wait(PATIENCE_S) is not None
+                yield tmp_path
+
+
+def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> None:
+    built_in: dict[int, Heightmap] = {}
+    told = run_dir / "told.jsonl"
+    command = [sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "3", "--json"]
+    with ZenohBus(endpoint_of(run_dir), "robot/0") as bus, told.open("w") as file:
+        heightmaps = bus.latest("heightmap/heightmap")
+        with subprocess.Popen(command, stdout=file) as robot:
+            while robot.poll() is None:
+                sample = heightmaps.wait(0.01)
+                if sample is not None:
+                    built_in[sample.message.step] = sample.message
+        assert robot.returncode == 0
+    own = {row["step"]: row for row in map(json.loads, told.read_text().splitlines())}
+    both = own.keys() & built_in.keys()
+    assert len(both) > 20
+    for step in both:
+        for name in ("x", "height", "half_width_90"):
+            np.testing.assert_allclose(own[step][name], getattr(built_in[step], name), rtol=0.0, atol=1e-6)
+        assert own[step]["status"] == built_in[step].status
+    seen = [row for row in own.values() if row["status"] == HeightmapStatus.OK]
+    assert seen
+    ahead = np.array(seen[-1]["x"]) > 0.5
+    np.testing.assert_allclose(np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01)  # level ground below the feet
+
+
+def test_the_example_has_todays_messages() -> None:
+    definitions = runpy.run_path(str(EXAMPLE))["DEFINITIONS"]
+    assert definitions == {name: schemas.DEFINITIONS[name] for name in definitions}
+
+
+def test_a_router_says_what_runs(run_dir: Path) -> None:
+    run = read_run(run_dir)
+    assert run.robot == load_robot(run.config.robot)
+    assert run.config.pace == "realtime"
+    assert (run_dir / CLIENT_FILE).stat().st_mode & 0o777 == 0o600
+    before_ns = time.monotonic_ns()
+    with ZenohBus(endpoint_of(run_dir), run.config.prefix) as bus:
+        sample = bus.latest("status", "heightmap").wait(PATIENCE_S)
+    assert sample is not None
+    assert sample.message.time_ns >= before_ns - 10**9  # the run's clock is that of the machine
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["router", "--endpoint", "nonsense"], "nonsense"),
+        (["router", "--robot", "nobody"], "no robot 'nobody'"),
+        (["heightmap", "serve"], "--run-dir"),
+        (["heightmap", "serve", "--run-dir", "FOLDER"], "client.json5"),
+        (["policy", "serve", "--run-dir", "FOLDER"], "client.json5"),
+        (["record", "--run-dir", "FOLDER"], "run.toml"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_joined_is_said_in_one_line(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([argument.replace("FOLDER", str(tmp_path)) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("saltus: ")
+    assert error.count("\n") == 1
+    assert said in error
