@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from benchmarks._command import progress
 from benchmarks._pictures import Pictured, save, subplots
-from saltus import go1
 from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.constants import PHYSICS_DT
@@ -96,8 +95,8 @@ def run(kd: float, frequency_hz: float, seconds: float) -> Trace:
     robot = MujocoRobot(model, make_terrain(TerrainConfig(terrain="flat")), Trial(), profile)
     model = replace(model, gains=replace(model.gains, stance_kd=kd))
     law, estimator = LegController(model), Estimator(model)
-    law_state, estimate = law.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
-    gait, rows = standing((), go1.STAND_POSE), []
+    law_state, estimate = law.init((), model.stand_pose), estimator.init((), model.stand_pose)
+    gait, rows = standing((), model.stand_pose), []
     for tick in range(round((STAND_S + seconds) / PHYSICS_DT)):
         measured = robot.read().measurement
         estimate = estimator.step(measured, gait.trusted, estimate)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
-from saltus import go1
 from saltus.action import Action
 from saltus.config import DEFAULT_ROBOT
 from saltus.controller.estimator import Estimator
@@ -77,7 +76,7 @@ class Benchmark(Command):
         """The whole step of one robot, of a batch, and the estimator beside it."""
         controller, estimator = LegController(ROBOT), Estimator(ROBOT)
         plans, robots = random_robots(rng, (self.ticks,))
-        state, estimate = controller.init((), go1.STAND_POSE), estimator.init((), go1.STAND_POSE)
+        state, estimate = controller.init((), ROBOT.stand_pose), estimator.init((), ROBOT.stand_pose)
         one, filtering = Stopwatch(), Stopwatch()
         for k in range(self.ticks):
             sensed = row(robots, k)
@@ -111,7 +110,7 @@ def random_robots(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pla
         ),
         angular_velocity_base=uniform(-4.0, 4.0, 3),
         acceleration_base=np.zeros((*batch, 3)) + np.array([0.0, 0.0, 9.81]),
-        joint_position=go1.STAND_POSE + uniform(-0.4, 0.4, 12),
+        joint_position=ROBOT.stand_pose + uniform(-0.4, 0.4, 12),
         joint_velocity=uniform(-10.0, 10.0, 12),
         velocity_base_in_world=uniform(-2.0, 2.0, 3),
         base_height=uniform(0.15, 0.45),

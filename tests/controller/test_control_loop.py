@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from samples import PROFILE, ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import FIRST_STAND_S, ControlLoop
@@ -72,7 +71,7 @@ def test_stands_for_three_seconds_without_plans():
     state = robot.state
     assert modes == [ControllerMode.STAND]
     assert not robot.take_trunk_contact()
-    assert state.position_base_in_world[2] == pytest.approx(go1.STAND_HEIGHT, abs=0.02)
+    assert state.position_base_in_world[2] == pytest.approx(ROBOT.stand_height, abs=0.02)
     assert np.linalg.norm(state.velocity_base_in_world) < 0.02
     estimate = loop.state(0, 0)
     assert estimate.base_height == pytest.approx(state.position_base_in_world[2], abs=0.01)

@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 import torch
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator, EstimatorState
-from saltus.kinematics import foot_kinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import Sensed
 
@@ -18,11 +16,11 @@ HEIGHT = 0.25
 def walking(ticks, robots, feet_slip=0.0):
     """Bodies that glide level at `VELOCITY` while their feet stand, in exact measurements."""
     rng = np.random.default_rng(9)
-    joints = go1.STAND_POSE + rng.uniform(-0.1, 0.1, (robots, 12))
+    joints = ROBOT.stand_pose + rng.uniform(-0.1, 0.1, (robots, 12))
     yaw = rng.uniform(-3.0, 3.0, robots)
     quaternion = quaternion_from_roll_pitch_yaw(0.0 * yaw, 0.0 * yaw, yaw)
     rotation = rotation_matrix(quaternion)
-    foot, jacobian = foot_kinematics(joints)
+    foot, jacobian = KINEMATICS.position_and_jacobian(joints)
     foot_velocity = -((VELOCITY + feet_slip) @ rotation)  # what a foot at rest does in the base frame
     velocity = np.linalg.solve(jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1)))
     measured = Sensed(
@@ -32,7 +30,7 @@ def walking(ticks, robots, feet_slip=0.0):
         joint_position=joints,
         joint_velocity=velocity.reshape(robots, 12),
     )
-    height = go1.FOOT_RADIUS - foot[..., 2]
+    height = ROBOT.foot_radius - foot[..., 2]
     return [measured] * ticks, height
 
 
@@ -54,7 +52,7 @@ def test_falls_freely_without_trusted_legs():
     for _ in range(100):
         state = estimator.step(flying, np.zeros((1, 4), dtype=bool), state)
     np.testing.assert_allclose(state.velocity_base_in_world, [[0.0, 0.0, -9.81 * 0.2]], atol=1e-9)
-    np.testing.assert_allclose(state.base_height, [go1.STAND_HEIGHT - 9.81 * 0.2**2 / 2], atol=0.003)
+    np.testing.assert_allclose(state.base_height, [ROBOT.stand_height - 9.81 * 0.2**2 / 2], atol=0.003)
 
 
 def test_a_foot_that_flies_is_hardly_believed_but_no_error_lasts():

@@ -6,7 +6,6 @@ import torch
 from samples import ROBOT
 
 from benchmarks.qp import row
-from saltus import go1
 from saltus.action import Action, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.law import LegController
@@ -69,8 +68,8 @@ def test_commands_are_finite_and_within_the_drives(draw):
         command, state, diagnostics = LAW.step(plan, sensed, state, mode)
         for name in COMMAND:
             assert np.isfinite(getattr(command, name)).all()
-        assert (np.abs(command.torque) <= go1.TORQUE_LIMIT).all()
-        assert (np.abs(command.velocity) <= go1.SPEED_LIMIT).all()
+        assert (np.abs(command.torque) <= ROBOT.torque_limit).all()
+        assert (np.abs(command.velocity) <= ROBOT.speed_limit).all()
         swinging = np.repeat(~diagnostics.gait.contact, 3, axis=-1)
         assert (command.torque[swinging] == 0.0).all()
 
@@ -111,7 +110,7 @@ def test_standing_goes_from_the_present_pose_to_the_standing_pose(draw):
         command, state, _ = LAW.step(plan, sensed, state, ControllerMode.STAND)
         positions.append(command.position)
     np.testing.assert_allclose(positions[0], sensed.joint_position, atol=1e-4)
-    np.testing.assert_allclose(positions[-1], go1.STAND_POSE, atol=1e-12)
+    np.testing.assert_allclose(positions[-1], ROBOT.stand_pose, atol=1e-12)
     assert np.abs(np.diff(positions, axis=0)).max() < 0.002
     assert (command.kp == 100.0).all()
     assert (command.kd == 3.0).all()

@@ -6,7 +6,6 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
-from saltus import go1
 from saltus.controller.signals import Body, Plan, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.robots.robot import Robot
@@ -63,7 +62,7 @@ def test_a_level_robot_at_rest_carries_its_weight():
     body = observe(standing_state(ROBOT), KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
     force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
-    np.testing.assert_allclose(force[:, 2].sum(), go1.MASS * 9.81, rtol=2e-3)
+    np.testing.assert_allclose(force[:, 2].sum(), ROBOT.mass * 9.81, rtol=2e-3)
     np.testing.assert_allclose(force[:, :2].sum(axis=0), 0.0, atol=0.1)
     torque = STANCE.torque(body, force.reshape(12)).reshape(4, 3)
     assert (torque[:, 2] > 0.0).all()  # knees are stretched
@@ -73,7 +72,7 @@ def test_torques_do_the_work_of_the_forces_and_keep_the_limits(problems):
     body, qp = problems
     force = SOLVER.solve(qp)
     torque = STANCE.torque(body, force)
-    assert (np.abs(torque) <= go1.TORQUE_LIMIT).all()
+    assert (np.abs(torque) <= ROBOT.torque_limit).all()
     small = 0.02 * force
     velocity = np.random.default_rng(4).normal(size=(PROBLEMS, 4, 3))
     foot_velocity = (body.jacobian @ velocity[..., None])[..., 0] @ body.base_in_yaw.mT

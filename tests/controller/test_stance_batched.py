@@ -5,7 +5,6 @@ import pytest
 import torch
 from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
 from saltus.controller.stance_batched import BatchedSolver, invert
@@ -27,7 +26,7 @@ def demands(count, seed):
             quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
             angular_velocity_base=rng.normal(0.0, 2.0, (count, 3)),
             joint_position=np.clip(
-                go1.STAND_POSE + rng.normal(0.0, 0.35, (count, 12)), go1.JOINT_LOWER, go1.JOINT_UPPER
+                ROBOT.stand_pose + rng.normal(0.0, 0.35, (count, 12)), ROBOT.joint_lower, ROBOT.joint_upper
             ),
             velocity_base_in_world=rng.normal(0.0, 1.0, (count, 3)),
         ),

@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.controller.signals import observe
 from saltus.controller.swing import SwingConfig, SwingLegs
-from saltus.kinematics import foot_position
 
 SWING = SwingLegs(ROBOT, SwingConfig())
 ROBOTS = 200
@@ -53,19 +51,19 @@ def test_targets_keep_every_clip(robots):
     plan, sensed, body = robots
     target = SWING.joint_target(body, path(body, sensed, 0.3) + plan.foot_residual, sensed.joint_position)
     assert (np.abs(target - sensed.joint_position) <= 0.5 + 1e-12).all()
-    near = (sensed.joint_position > go1.JOINT_LOWER) & (sensed.joint_position < go1.JOINT_UPPER)
-    assert (target[near] >= np.broadcast_to(go1.JOINT_LOWER, target.shape)[near]).all()
-    assert (target[near] <= np.broadcast_to(go1.JOINT_UPPER, target.shape)[near]).all()
+    near = (sensed.joint_position > ROBOT.joint_lower) & (sensed.joint_position < ROBOT.joint_upper)
+    assert (target[near] >= np.broadcast_to(ROBOT.joint_lower, target.shape)[near]).all()
+    assert (target[near] <= np.broadcast_to(ROBOT.joint_upper, target.shape)[near]).all()
 
 
 def test_reachable_targets_are_reached(robots):
     _, sensed, body = robots
     nearby = body.foot_yaw + np.random.default_rng(6).uniform(-0.01, 0.01, body.foot_yaw.shape)
-    foot = foot_position(SWING.joint_target(body, nearby, sensed.joint_position)) @ body.base_in_yaw.mT
+    foot = KINEMATICS.position(SWING.joint_target(body, nearby, sensed.joint_position)) @ body.base_in_yaw.mT
     wanted = nearby @ body.base_in_yaw
     inside = (wanted[..., 2] > -0.4) & (wanted[..., 2] < -0.1)
     joints = SWING.joint_target(body, nearby, sensed.joint_position).reshape(ROBOTS, 4, 3)
-    limits = (joints > go1.JOINT_LOWER.reshape(4, 3) + 2e-3) & (joints < go1.JOINT_UPPER.reshape(4, 3) - 2e-3)
+    limits = (joints > ROBOT.joint_lower.reshape(4, 3) + 2e-3) & (joints < ROBOT.joint_upper.reshape(4, 3) - 2e-3)
     kept = inside & limits.all(axis=-1)
     assert kept.mean() > 0.5
     np.testing.assert_allclose(foot[kept], nearby[kept], atol=1e-9)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.controller.signals import Body, observe
 from saltus.controller.swing import SwingConfig, SwingLegs
-from saltus.kinematics import foot_position
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state
@@ -20,21 +18,21 @@ LIFT = ACTIONS.index("front_residual_z")
 
 def body(pitch: float) -> Body:
     """A robot with its legs in the standing pose."""
-    flat, legs = np.zeros(1), go1.STAND_POSE[None]
+    flat, legs = np.zeros(1), ROBOT.stand_pose[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
     return observe(replace(standing_state(ROBOT), quaternion_base_in_world=level, joint_position=legs), KINEMATICS)
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:
     """Height of a front sole over the ground of the feet in stance, after the joints have followed their target."""
-    robot, swing, joints = body(pitch), SwingLegs(ROBOT, SwingConfig()), go1.STAND_POSE[None]
+    robot, swing, joints = body(pitch), SwingLegs(ROBOT, SwingConfig()), ROBOT.stand_pose[None]
     height = np.array([base_height])
     path = swing.nominal_path(robot, robot.foot_yaw, np.full((1, 4), 0.6), np.array([0.2]), height)
     for _ in range(12):  # a tick moves a joint's target by 0.5 rad at most
         joints = swing.joint_target(robot, path + np.array([0.05, 0.0, lift]), joints)
     rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(np.zeros(1), np.array([pitch]), np.zeros(1)))
-    foot = foot_position(joints) @ rotation.mT
-    return float(base_height + foot[0, 0, 2] - go1.FOOT_RADIUS)
+    foot = KINEMATICS.position(joints) @ rotation.mT
+    return float(base_height + foot[0, 0, 2] - ROBOT.foot_radius)
 
 
 def test_a_foot_can_be_brought_onto_the_highest_step() -> None:
@@ -45,7 +43,7 @@ def test_a_foot_can_be_brought_onto_the_highest_step() -> None:
 @pytest.mark.parametrize("lift", [0.4, 0.5, 0.6])
 def test_no_sole_within_reach_comes_higher_than_its_lift(lift: float, pitch: float) -> None:
     for base_height in (0.3, 0.4, 0.5, 0.6):
-        assert highest_sole(lift, base_height, pitch) < lift - go1.FOOT_RADIUS + 0.005
+        assert highest_sole(lift, base_height, pitch) < lift - ROBOT.foot_radius + 0.005
 
 
 def test_outputs_of_one_are_the_bounds() -> None:

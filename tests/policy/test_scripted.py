@@ -9,7 +9,6 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.planner import bounding
-from saltus import go1
 from saltus.action import Action
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.observation import Observation, observe
@@ -42,7 +41,7 @@ def observations(rng: np.random.Generator, count: int = COUNT) -> Observation:
     return observed(
         quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),
         angular_velocity_base=rng.uniform(-6.0, 6.0, (count, 3)),
-        joint_position=go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12)),
+        joint_position=ROBOT.stand_pose + rng.uniform(-0.4, 0.4, (count, 12)),
         velocity_base_in_world=rng.uniform(-1.0, 2.0, (count, 3)),
         base_height=rng.uniform(0.15, 0.4, count),
         leg_contact=np.repeat(contact, 2, axis=-1),
@@ -119,9 +118,9 @@ def test_a_foot_in_mid_swing_clears_a_step_on_its_way(rise: float, progress: flo
     observation = bounding(ROBOT, base_height, (False, True), (progress, 0.7))
     heights = np.where(HEIGHTMAP_X > 0.25, rise, 0.0) - base_height
     # where the rear feet stand they feel the ground exactly where the heightmap has it
-    heights = heights + base_height + observation.foot[2, 2] - go1.FOOT_RADIUS
+    heights = heights + base_height + observation.foot[2, 2] - ROBOT.foot_radius
     action = ScriptedPlanner(ROBOT).step(observation, heights)
-    sole = -base_height + action.foot_residual_front[2] - go1.FOOT_RADIUS  # the nominal swing is at -base_height
+    sole = -base_height + action.foot_residual_front[2] - ROBOT.foot_radius  # the nominal swing is at -base_height
     assert sole >= heights[HEIGHTMAP_X < 0.4].max() + 0.02
 
 
@@ -142,7 +141,7 @@ def _landing_x(planner: ScriptedPlanner, observation: Observation) -> float:
     p = planner.parameters
     speed, frequency = float(observation.velocity[0]), float(p.stepping_frequency_hz)
     remaining = (1.0 - float(observation.progress[0])) * 0.6 / frequency
-    return float(go1.HIP_ANCHOR[0, 0] + 0.5 * speed * 0.4 / frequency + p.front_landing_x + speed * remaining)
+    return float(ROBOT.hip_anchor[0, 0] + 0.5 * speed * 0.4 / frequency + p.front_landing_x + speed * remaining)
 
 
 def test_reading_a_profile() -> None:

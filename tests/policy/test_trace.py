@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.policy.evaluation.trace import STEP_S, Failure, Trace, failure_of
 from saltus.terrain.curriculum import make_terrain
@@ -19,11 +18,11 @@ FELL = Outcome(success=False, cause="trunk_contact", time_s=1.0, distance_m=1.0,
 def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> Trace:
     """A robot whose feet stay on the ground at x."""
     flags = np.ones((STEPS, 4), dtype=np.bool_)
-    foot = np.broadcast_to([x, 0.0, go1.FOOT_RADIUS], (STEPS, 4, 3)).copy()
+    foot = np.broadcast_to([x, 0.0, ROBOT.foot_radius], (STEPS, 4, 3)).copy()
     return Trace(
-        pose=np.tile([x, 0.0, go1.STAND_HEIGHT, 1.0, 0.0, 0.0, 0.0], (STEPS, 1)),
-        joint_position=np.tile(go1.STAND_POSE, (STEPS, 1)),
-        heights=np.full((STEPS, 30), -go1.STAND_HEIGHT),
+        pose=np.tile([x, 0.0, ROBOT.stand_height, 1.0, 0.0, 0.0, 0.0], (STEPS, 1)),
+        joint_position=np.tile(ROBOT.stand_pose, (STEPS, 1)),
+        heights=np.full((STEPS, 30), -ROBOT.stand_height),
         foot=foot,
         stance=flags & stance,
         loaded=flags & loaded,
@@ -70,4 +69,4 @@ def test_landings_are_where_feet_begin_to_bear() -> None:
     trace = standing(loaded=False)
     trace.loaded[40:60, 1] = True
     trace.loaded[80:, 2] = True
-    assert trace.landings.tolist() == [[0.0, go1.FOOT_RADIUS]] * 2
+    assert trace.landings.tolist() == [[0.0, ROBOT.foot_radius]] * 2

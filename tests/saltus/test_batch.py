@@ -5,7 +5,6 @@ import pytest
 from random_terrain import random_terrain
 from samples import PROFILE, ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.chain import ActuatorChain
@@ -28,7 +27,7 @@ def command_for(rng: np.random.Generator, count: int) -> JointCommand:
     one = np.ones((count, 12))
     torque = rng.normal(0.0, 2.0, (count, 12))
     return JointCommand(
-        position=go1.STAND_POSE + rng.normal(0.0, 0.1, (count, 12)),
+        position=ROBOT.stand_pose + rng.normal(0.0, 0.1, (count, 12)),
         velocity=0 * one,
         kp=50 * one,
         kd=one,

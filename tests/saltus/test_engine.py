@@ -3,7 +3,6 @@ import pytest
 import torch
 from samples import ROBOT
 
-from saltus import go1
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.warp import WarpEngine
@@ -35,7 +34,7 @@ def prepared(engine, pitch=0.0, yaw=0.0):
     qpos.zero_()
     qvel.zero_()
     qpos[:, 3] = 1.0
-    qpos[:, 7:] = torch.tensor(go1.STAND_POSE)
+    qpos[:, 7:] = torch.tensor(ROBOT.stand_pose)
     qpos[:, 2] = torch.tensor([0.29, 0.39, 0.34])
     torch.as_tensor(engine.warmstart).zero_()
     torch.as_tensor(engine.trunk_wrench)[:, 4] = 1.0
@@ -47,7 +46,7 @@ def run(engine, steps):
     ctrl = torch.as_tensor(engine.ctrl)
     states, touches = [], []
     for _ in range(steps):
-        ctrl[:] = 60.0 * (torch.tensor(go1.STAND_POSE) - qpos[:, 7:]) - 2.0 * qvel[:, 6:]
+        ctrl[:] = 60.0 * (torch.tensor(ROBOT.stand_pose) - qpos[:, 7:]) - 2.0 * qvel[:, 6:]
         engine.step()
         states.append(torch.cat([qpos, qvel], 1).double().clone().numpy())
         touches.append(torch.as_tensor(engine.touching()).clone().numpy())

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from samples import PROFILE, ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
@@ -20,13 +19,13 @@ from saltus.wire.messages import JointCommand
 ONE = np.ones(12)
 
 
-def pd(position: np.ndarray = go1.STAND_POSE, kp: float = 100.0, kd: float = 4.0) -> JointCommand:
+def pd(position: np.ndarray = ROBOT.stand_pose, kp: float = 100.0, kd: float = 4.0) -> JointCommand:
     return JointCommand(position=position, velocity=0.0 * ONE, kp=kp * ONE, kd=kd * ONE, torque=0.0 * ONE)
 
 
 def random_commands(count: int, seed: int = 0) -> list[JointCommand]:
     rng = np.random.default_rng(seed)
-    return [pd(go1.STAND_POSE + rng.normal(0.0, 0.2, 12), kp=40.0, kd=1.0) for _ in range(count)]
+    return [pd(ROBOT.stand_pose + rng.normal(0.0, 0.2, 12), kp=40.0, kd=1.0) for _ in range(count)]
 
 
 def run(plant: Plant, commands: list[JointCommand]) -> list[PlantState]:
@@ -45,9 +44,9 @@ def test_it_stands(kind: str, payload_kg: float) -> None:
     plant.reset()
     for _ in range(1000):
         state = plant.step(pd())
-    weight = (go1.MASS + payload_kg) * GRAVITY
+    weight = (ROBOT.mass + payload_kg) * GRAVITY
     assert state.foot_force.sum() == pytest.approx(weight, rel=0.01)
-    sinking = go1.FOOT_RADIUS - state.foot_position_in_world[:, 2]
+    sinking = ROBOT.foot_radius - state.foot_position_in_world[:, 2]
     assert np.all((sinking > 0.0) & (sinking < 0.003))
     assert np.linalg.norm(state.velocity_base_in_world) < 0.01
     np.testing.assert_allclose(np.linalg.norm(state.acceleration_base), GRAVITY, rtol=0.02)
@@ -60,7 +59,7 @@ def test_reset_puts_the_feet_just_above_the_ground(kind: str, x: float) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind))
     state = Plant(ROBOT, terrain).reset(position_x=x, yaw=0.05)
     feet = state.foot_position_in_world
-    above = feet[:, 2] - go1.FOOT_RADIUS - terrain.height_at(feet[:, 0], feet[:, 1])
+    above = feet[:, 2] - ROBOT.foot_radius - terrain.height_at(feet[:, 0], feet[:, 1])
     assert np.all(above > 0.0)
     assert not state.foot_force.any()
     if kind == "flat":
@@ -163,7 +162,7 @@ def test_leg_points_are_a_leg() -> None:
     for command in random_commands(30):
         state = plant.step(command)
     points = plant.leg_points_in_world()
-    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=1), axis=-1), go1.THIGH_LENGTH)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=1), axis=-1), ROBOT.thigh_length)
     np.testing.assert_allclose(points[:, 2], state.foot_position_in_world)
 
 

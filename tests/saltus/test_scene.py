@@ -1,16 +1,14 @@
 import mujoco
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
-from saltus.kinematics import foot_position
 from saltus.robots.robot import JOINTS, LEGS
 from saltus.sim import scene
 from saltus.terrain import flat, stairs
 
-POSES = np.random.default_rng(0).uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (20, 12))
+POSES = np.random.default_rng(0).uniform(ROBOT.joint_lower, ROBOT.joint_upper, (20, 12))
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +26,12 @@ def in_the_air(model: mujoco.MjModel, pose: np.ndarray) -> mujoco.MjData:
 @pytest.mark.parametrize("payload_kg", [0.0, 0.4, 1.5])
 def test_mass_is_the_published_one_and_the_payload(payload_kg: float) -> None:
     model = scene.build_spec(ROBOT, flat.make(), payload_kg=payload_kg).compile()
-    assert model.body_mass.sum() == pytest.approx(go1.MASS + payload_kg, abs=1e-9)
-    assert pytest.approx(12.743, abs=1e-3) == go1.MASS
+    assert model.body_mass.sum() == pytest.approx(ROBOT.mass + payload_kg, abs=1e-9)
+    assert pytest.approx(12.743, abs=1e-3) == ROBOT.mass
 
 
 def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
-    np.testing.assert_allclose(model.dof_armature[6:], go1.ARMATURE)
+    np.testing.assert_allclose(model.dof_armature[6:], ROBOT.armature)
     assert not model.dof_armature[:6].any()
     assert not model.dof_damping.any()
     assert not model.dof_frictionloss.any()
@@ -42,7 +40,7 @@ def test_the_robot_is_ideal(model: mujoco.MjModel) -> None:
     assert model.opt.timestep == PHYSICS_DT
     assert [model.joint(i).name for i in range(1, 13)] == list(JOINTS)
     assert [model.actuator(i).name for i in range(12)] == list(JOINTS)
-    np.testing.assert_allclose(model.jnt_range[1:], np.stack([go1.JOINT_LOWER, go1.JOINT_UPPER], axis=-1))
+    np.testing.assert_allclose(model.jnt_range[1:], np.stack([ROBOT.joint_lower, ROBOT.joint_upper], axis=-1))
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -50,12 +48,12 @@ def test_feet_are_where_the_kinematics_say(model: mujoco.MjModel, pose: np.ndarr
     data = in_the_air(model, pose)
     mujoco.mj_kinematics(model, data)
     feet = np.stack([data.geom(f"{leg}_foot").xpos for leg in LEGS])
-    np.testing.assert_allclose(feet - data.qpos[:3], foot_position(pose), atol=1e-9)
+    np.testing.assert_allclose(feet - data.qpos[:3], KINEMATICS.position(pose), atol=1e-9)
 
 
 @pytest.mark.parametrize("joint", range(12))
 def test_positive_torque_accelerates_a_joint_forward(model: mujoco.MjModel, joint: int) -> None:
-    data = in_the_air(model, go1.STAND_POSE)
+    data = in_the_air(model, ROBOT.stand_pose)
     data.ctrl[joint] = 1.0
     mujoco.mj_forward(model, data)
     assert data.qacc[6 + joint] > 0.0

@@ -7,7 +7,6 @@ import pytest
 from random_terrain import random_terrain
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X, LINE, HeightGrid
@@ -28,7 +27,7 @@ def frames(kind: str, count: int = 2, *, heightmap: bool = True, x: float = 1.0,
     turn = quaternion_from_roll_pitch_yaw(np.zeros(()), np.zeros(()), np.asarray(yaw))
     pose = np.tile(np.concatenate([[x, 0.0, 0.285], turn]), (len(time_s), 1))
     height = np.tile(terrain.height_at(x + HEIGHTMAP_X, 0.0) - 0.285, (len(time_s), 1))
-    joints = np.tile(go1.STAND_POSE, (len(time_s), 1))
+    joints = np.tile(ROBOT.stand_pose, (len(time_s), 1))
     shown = height if heightmap else np.full_like(height, np.nan)
     return np.stack(list(render_run(ROBOT, terrain, time_s, pose, joints, LINE, shown, size=SIZE)))
 

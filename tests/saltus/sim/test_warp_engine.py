@@ -6,7 +6,6 @@ import pytest
 import torch
 from samples import ROBOT
 
-from saltus import go1
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
 from saltus.sim.warp import WarpEngine
@@ -28,7 +27,7 @@ def put_in_the_air(engine: Engine) -> None:
     qpos.zero_()
     qvel.zero_()
     qpos[:, 2], qpos[:, 3] = 5.0, 1.0
-    qpos[:, 7:] = torch.tensor(go1.STAND_POSE)
+    qpos[:, 7:] = torch.tensor(ROBOT.stand_pose)
     qvel[:, 6:] = torch.linspace(-3.0, 3.0, COUNT * 12).reshape(COUNT, 12)
     torch.as_tensor(engine.warmstart).zero_()
     torch.as_tensor(engine.ctrl).zero_()
@@ -74,7 +73,7 @@ def test_joints_without_more_have_the_inertia_of_their_rotors(engines: tuple[Eng
     assert isinstance(exact, BatchEngine)
     model = exact.model
     data = mujoco.MjData(model)
-    data.qpos[:] = [0.0, 0.0, 5.0, 1.0, 0.0, 0.0, 0.0, *go1.STAND_POSE]
+    data.qpos[:] = [0.0, 0.0, 5.0, 1.0, 0.0, 0.0, 0.0, *ROBOT.stand_pose]
     data.qvel[6:] = np.linspace(-3.0, 3.0, COUNT * 12)[:12]
     for _ in range(3):
         mujoco.mj_step(model, data)
