@@ -152,6 +152,7 @@ class ScriptedPlanner:
         self._landing_limit = float(robot.landing_reach[0])
         self._candidates = Constant(CANDIDATES * size.length)
         self._lift_margin = LIFT_MARGIN * size.length
+        self._slope_range = SLOPE_FROM * size.length, SLOPE_TO * size.length
         self._mass, self._foot_radius = robot.mass, robot.foot_radius
         self._hip_x: list[float] = robot.hip_anchor[:, 0].tolist()
         # The controller's model of the body: its inertia, and the greatest acceleration of a pair of feet.
@@ -164,7 +165,7 @@ class ScriptedPlanner:
         ground = _filled(heights, observation.base_height)
         offset = self._offset(observation, ground)[..., None]
         heights, ground = heights + offset, ground + offset
-        incline = slope(ground, SLOPE_FROM, SLOPE_TO)
+        incline = slope(ground, *self._slope_range)
         velocity_z, pitch_rate = self._body(observation, incline)
         same = 0.0 * observation.pitch  # spreads a number over the batch
         action = Action(

@@ -12,7 +12,7 @@ from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
-from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, figure_html, numbers_table, page
+from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, course_title, figure_html, numbers_table, page
 from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
@@ -36,8 +36,9 @@ def write_evaluation_report(
     shown = result.trials[:SHOWN]
     terrains = courses_of(evaluation.course, result.seeds[:SHOWN])
     alike = f"of the first {len(shown)} trials" if len(shown) < len(result.trials) else "of all trials"
+    course = html.escape(course_title(terrains[0]))
     parts = [
-        f"<h1>{result.successes} of {len(result.trials)} trials succeeded: {html.escape(_course(terrains[0]))}</h1>",
+        f"<h1>{result.successes} of {len(result.trials)} trials succeeded: {course}</h1>",
         _numbers(table),
         f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
         figure_html(_placement(shown, terrains), first=True),
@@ -62,11 +63,6 @@ def _provenance(evaluation: Evaluation, table: dict[str, Any]) -> str:
     lines = [f"{name} = {table[name]}" for name in named if table[name] is not None]
     lines += [f"{kind} model = {name}" for kind, name in table["models"].items()]
     return "\n".join([f"commit = {commit()}", *lines, to_toml(evaluation)])
-
-
-def _course(terrain: Terrain) -> str:
-    sizes = ", ".join(f"{name} = {value:g}" for name, value in terrain.params.items())
-    return f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
 
 
 def _numbers(table: dict[str, Any]) -> str:

@@ -132,13 +132,18 @@ def _provenance(summary: RunSummary, config: RunConfig) -> str:
 
 
 def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
-    sizes = ", ".join(_size(name, value) for name, value in terrain.params.items())
-    where = f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
+    where = course_title(terrain)
     speed = f" at {config.speed:g} of real time" if config.speed < 1.0 else ""
     run = f"seed {config.seed}, {config.pace}{speed}"
     if summary.success:
         return f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
     return f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
+
+
+def course_title(terrain: Terrain) -> str:
+    """A terrain in words: its kind and its sizes."""
+    sizes = ", ".join(_size(name, value) for name, value in terrain.params.items())
+    return f"{terrain.kind.replace('_', ' ')} ({sizes})" if sizes else terrain.kind
 
 
 def _size(name: str, value: float) -> str:
