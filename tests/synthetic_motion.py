@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from samples import KINEMATICS, ROBOT
 
-from saltus import go1, rotations
+from saltus import rotations
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
@@ -41,19 +41,19 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: TerrainKind) -> Traj
     time_s = TICK_S * np.arange(ticks)
     x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
     bob = rng.uniform(0.01, 0.05) * np.sin(2.0 * np.pi * (rng.uniform() + time_s / rng.uniform(0.3, 0.6)))
-    z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + go1.STAND_HEIGHT + bob
+    z = np.maximum(terrain.height_at(x, np.zeros_like(x)), 0.0) + ROBOT.stand_height + bob
     position = np.stack([x, np.full_like(x, rng.uniform(-0.3, 0.3)), z], axis=-1)
     pitch = rng.uniform(0.0, 0.2) * np.sin(2.0 * np.pi * time_s / rng.uniform(0.3, 0.6))
     zero = np.zeros_like(x)
     quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, pitch, zero + rng.uniform(-0.1, 0.1))
-    joints = np.tile(go1.STAND_POSE, (ticks, 1))
+    joints = np.tile(ROBOT.stand_pose, (ticks, 1))
     features = proprioception(
         KINEMATICS,
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.stack([zero, np.gradient(pitch, TICK_S), zero], axis=-1),
         joint_position=joints,
         velocity_base_in_world=np.gradient(position, TICK_S, axis=0),
-        base_height=bob + go1.STAND_HEIGHT,
+        base_height=bob + ROBOT.stand_height,
         leg_trusted=np.ones((ticks, 4), np.bool_),
     )
     return Trajectory(

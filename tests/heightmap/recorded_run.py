@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from samples import ROBOT
 
-from saltus import go1, rotations
+from saltus import rotations
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics, depth_in_millimetres
 from saltus.grid import HEIGHTMAP_X
@@ -63,7 +63,7 @@ def glide(
     position = np.stack([x, zero, z], axis=-1)
     velocity = np.gradient(position, 0.01, axis=0)
     quaternion = rotations.quaternion_from_roll_pitch_yaw(zero, 0.06 * np.sin(2 * np.pi * time_s / 0.3), zero)
-    joints = np.tile(go1.STAND_POSE, (steps, 1))
+    joints = np.tile(ROBOT.stand_pose, (steps, 1))
     images = EmbreeRenderer(ground, RobotCamera.on(ROBOT, camera, legs=False), threads=1).render_batch(
         position[::2], quaternion[::2], joints[::2]
     )
@@ -110,7 +110,7 @@ def _state(step: int, quaternion: np.ndarray, velocity: np.ndarray, joints: np.n
     return RobotState(
         time_ns=10 * MS * step, step=step, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros(3),
         acceleration_base=np.array([0.0, 0.0, 9.81]), joint_position=joints, joint_velocity=np.zeros(12),
-        joint_torque=np.zeros(12), velocity_base_in_world=velocity, base_height=go1.STAND_HEIGHT, leg_contact=contact,
+        joint_torque=np.zeros(12), velocity_base_in_world=velocity, base_height=ROBOT.stand_height, leg_contact=contact,
         leg_progress=np.full(4, 4 * part % 1), leg_trusted=np.zeros(4, np.bool_), cycle=step // CYCLE,
         mode=ControllerMode.RUN, depth_due=-1,
     )  # fmt: skip

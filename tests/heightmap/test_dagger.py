@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus import go1
 from saltus.cli.main import main
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
@@ -164,7 +163,7 @@ def test_each_planner_leads_its_share(learned: float, name: PlannerName) -> None
         standing_state(ROBOT),
         quaternion_base_in_world=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
         angular_velocity_base=rng.normal(size=(count, 3)),
-        joint_position=np.tile(go1.STAND_POSE, (count, 1)),
+        joint_position=np.tile(ROBOT.stand_pose, (count, 1)),
         velocity_base_in_world=rng.normal(size=(count, 3)),
         base_height=rng.uniform(0.25, 0.3, count),
         leg_contact=np.tile([True, True, False, False], (count, 1)),

@@ -6,9 +6,9 @@ import torch
 from heightmap_inputs import states
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from samples import KINEMATICS
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1, kinematics, rotations
+from saltus import rotations
 from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception, proprioception_of
 from saltus.robots.robot import LEGS
 
@@ -21,7 +21,7 @@ def build(roll: float, pitch: float, yaw: float, **changes: np.ndarray) -> np.nd
     values: dict[str, np.ndarray] = {
         "quaternion_base_in_world": quaternion,
         "angular_velocity_base": np.zeros(3),
-        "joint_position": go1.STAND_POSE,
+        "joint_position": ROBOT.stand_pose,
         "velocity_base_in_world": np.zeros(3),
         "base_height": np.asarray(0.27),
         "leg_trusted": np.ones(4, np.bool_),
@@ -40,7 +40,7 @@ def test_roll_and_pitch_come_back_and_yaw_has_no_effect(roll: float, pitch: floa
 
 def test_standing_feet_are_below_the_hips() -> None:
     vector = build(0.0, 0.0, 0.7)
-    for leg, (x, _, z) in zip(LEGS, kinematics.foot_position(go1.STAND_POSE), strict=True):
+    for leg, (x, _, z) in zip(LEGS, KINEMATICS.position(ROBOT.stand_pose), strict=True):
         assert vector[INDEX[f"{leg}_foot_x"]] == pytest.approx(x, abs=1e-6)
         assert vector[INDEX[f"{leg}_foot_z"]] == pytest.approx(z, abs=1e-6)
 
@@ -48,9 +48,9 @@ def test_standing_feet_are_below_the_hips() -> None:
 @pytest.mark.parametrize("leg", range(4))
 def test_a_leg_that_is_not_trusted_says_nothing(leg: int) -> None:
     trusted = np.arange(4) != leg
-    moved = go1.STAND_POSE.copy()
+    moved = ROBOT.stand_pose.copy()
     moved[3 * leg : 3 * leg + 3] = [0.3, 1.2, -2.0]
-    vector, other = (build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q) for q in (go1.STAND_POSE, moved))
+    vector, other = (build(0.1, 0.2, 0.3, leg_trusted=trusted, joint_position=q) for q in (ROBOT.stand_pose, moved))
     np.testing.assert_array_equal(vector, other)
     assert vector[INDEX[f"{LEGS[leg]}_foot_z"]] == 0.0
     assert vector[INDEX[f"{LEGS[leg]}_trusted"]] == 0.0
@@ -93,7 +93,7 @@ def test_tensors_give_the_same_vector() -> None:
     values = {
         "quaternion_base_in_world": rotations.quaternion_from_roll_pitch_yaw(*rng.uniform(-1.0, 1.0, (3, 50))),
         "angular_velocity_base": rng.normal(size=(50, 3)),
-        "joint_position": rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (50, 12)),
+        "joint_position": rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper, (50, 12)),
         "velocity_base_in_world": rng.normal(size=(50, 3)),
         "base_height": rng.uniform(0.1, 0.5, 50),
         "leg_trusted": rng.uniform(size=(50, 4)) < 0.5,
@@ -115,7 +115,7 @@ def test_a_message_gives_the_same_vector() -> None:
         values = {
             "quaternion_base_in_world": row,
             "angular_velocity_base": rng.normal(size=3),
-            "joint_position": rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER),
+            "joint_position": rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper),
             "velocity_base_in_world": rng.normal(size=3),
             "leg_trusted": rng.uniform(size=4) < 0.5,
         }

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_run import LATENCY_NS, MS, Glide, glide
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1, kinematics, rotations
+from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
 from saltus.grid import HEIGHTMAP_X
@@ -125,8 +125,8 @@ def test_silence_is_told_and_a_long_pause_forgets(step_run: Glide) -> None:
 
 
 def test_standing_feet_take_away_vertical_drift() -> None:
-    foot_height = kinematics.foot_position(go1.STAND_POSE)[:, 2].mean()
-    run = glide(FLAT, height_m=go1.FOOT_RADIUS - foot_height)
+    foot_height = KINEMATICS.position(ROBOT.stand_pose)[:, 2].mean()
+    run = glide(FLAT, height_m=ROBOT.foot_radius - foot_height)
     drift = np.array([0.0, 0.0, -0.05])
     standing = np.ones(4, np.bool_)
     drifting = [

@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
-from saltus import go1, kinematics, rotations
+from saltus import rotations
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames
@@ -35,7 +35,7 @@ def test_a_stand_in_stands_on_the_ground(height_m: float, pitch_deg: float) -> N
         ROBOT, [f for f in [on_time(5)] if f]
     )
     rotation = rotations.rotation_matrix(state.quaternion_base_in_world)
-    feet = kinematics.foot_position(state.joint_position) @ rotation.T
-    np.testing.assert_allclose(feet[:, 2], go1.FOOT_RADIUS - height_m, atol=1e-3)
-    camera_axis = rotation @ [np.cos(go1.CAMERA_PITCH), 0.0, -np.sin(go1.CAMERA_PITCH)]
+    feet = KINEMATICS.position(state.joint_position) @ rotation.T
+    np.testing.assert_allclose(feet[:, 2], ROBOT.foot_radius - height_m, atol=1e-3)
+    camera_axis = rotation @ [np.cos(ROBOT.camera_pitch), 0.0, -np.sin(ROBOT.camera_pitch)]
     assert np.rad2deg(np.arcsin(-camera_axis[2])) == pytest.approx(pitch_deg, abs=1e-6)

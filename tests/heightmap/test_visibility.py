@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1, rotations
+from saltus import rotations
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.grid import HEIGHTMAP_X
@@ -32,7 +32,7 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
     position[:, 2] += np.maximum(terrain.height_at(position[:, 0], position[:, 1]), 0.0)
     ground = np.arange(-1.0, 6.0, BIN_M)
     seen = seen_by_rays(terrain, Mount.of(ROBOT), ground, position, quaternion)
-    joints = np.tile(go1.STAND_POSE, (PLACES, 1))
+    joints = np.tile(ROBOT.stand_pose, (PLACES, 1))
     depth = EmbreeRenderer(terrain, RobotCamera.on(ROBOT, MODEL_CAMERA, legs=False), threads=1).render_batch(
         position, quaternion, joints
     )
@@ -52,7 +52,7 @@ def test_what_a_ray_hits_is_met_and_what_is_met_is_hit(kind: TerrainKind) -> Non
 def test_ground_is_visible_then_remembered_and_never_met_before() -> None:
     terrain = make_terrain(TerrainConfig(terrain="flat"))
     ticks = 200
-    position = np.tile([0.0, 0.0, go1.STAND_HEIGHT], (ticks, 1))
+    position = np.tile([0.0, 0.0, ROBOT.stand_height], (ticks, 1))
     position[:, 0] = np.linspace(0.0, 3.0, ticks)
     quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
     captured_s = np.where(np.arange(ticks) < 10, -np.inf, np.floor(0.5 * (np.arange(ticks) - 10)) * 0.02)

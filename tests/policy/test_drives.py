@@ -3,7 +3,6 @@ import pytest
 import torch
 from samples import PROFILE, ROBOT
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
@@ -52,4 +51,6 @@ def test_gain_and_friction_of_a_profile_act_and_what_needs_a_memory_is_said_to_b
     at_rest, _ = drives.step(command, zero, zero, line, np.zeros(1), np.ones(1))
     np.testing.assert_allclose(at_rest, 8.0)
     slow, _ = drives.step(command, zero, -1e-3 * one, line, np.zeros(1), np.ones(1))
-    assert np.all((slow > 8.0) & ((slow - 8.0) * PHYSICS_DT < 1.001e-3 * go1.ARMATURE)), "friction turns no joint round"
+    assert np.all((slow > 8.0) & ((slow - 8.0) * PHYSICS_DT < 1.001e-3 * ROBOT.armature)), (
+        "friction turns no joint round"
+    )

@@ -10,7 +10,6 @@ import pytest
 from random_terrain import places, random_terrain
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig, TerrainKind
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.errors import ConfigError, SaltusError
@@ -41,9 +40,9 @@ def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floa
     position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
-    joints = go1.STAND_POSE + rng.uniform(-0.4, 0.4, (count, 12))
+    joints = ROBOT.stand_pose + rng.uniform(-0.4, 0.4, (count, 12))
     ahead = joints.reshape(count, 4, 3)[: count - count // 6]
-    ahead[..., 0] = go1.SIDE * rng.uniform(-0.86, -0.65, ahead.shape[:2])
+    ahead[..., 0] = ROBOT.side * rng.uniform(-0.86, -0.65, ahead.shape[:2])
     ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
     ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
     return position, quaternion, joints
@@ -114,7 +113,7 @@ def test_depth_is_that_of_the_ground(camera: Intrinsics) -> None:
 def test_straight_down_it_is_as_far_as_the_height_says(terrain: Terrain) -> None:
     x, y = places(terrain, 300, seed=4)
     position = np.stack([x, y, np.full(len(x), 9.0)], axis=-1)
-    level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(go1.STAND_POSE, (len(x), 1))
+    level, joints = np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.tile(ROBOT.stand_pose, (len(x), 1))
     plumb = Mount(position=np.array([0.0, 0.0, 0.1]), pitch=0.5 * np.pi)
     one_pixel = Intrinsics(width=1, height=1, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
     looking_down = replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb)

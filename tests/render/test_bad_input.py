@@ -10,7 +10,6 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from samples import ROBOT
 
-from saltus import go1
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA
@@ -22,7 +21,7 @@ from saltus.render.renderer import Renderer
 from saltus.terrain.curriculum import make_terrain
 
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
-POSE = np.array([0.0, 0.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]), go1.STAND_POSE
+POSE = np.array([0.0, 0.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose
 BACK_ENDS = ("embree", "pyrender", "warp")
 
 

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, depth_in_millimetres
 from saltus.effects.camera import CameraChain
@@ -27,7 +26,7 @@ def truth(step: int) -> GroundTruth:
         quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
         velocity_base_in_world=np.zeros(3),
         angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
+        joint_position=ROBOT.stand_pose,
         foot_force=np.zeros(4),
         height=np.zeros(30),
     )

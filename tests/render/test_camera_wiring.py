@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROBOT
 from stage import Stage
 
-from saltus import go1
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.render.__main__ import body
 from saltus.wire.messages import DepthFrame, Done, GroundTruth
@@ -21,7 +21,7 @@ def truth(step: int, time_ns: int) -> GroundTruth:
         quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
         velocity_base_in_world=np.zeros(3),
         angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
+        joint_position=ROBOT.stand_pose,
         foot_force=np.zeros(4),
         height=np.zeros(30),
     )

@@ -3,7 +3,6 @@
 import numpy as np
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_in_millimetres, model_image
 from saltus.render.backends import make_renderer
@@ -20,11 +19,11 @@ def truth(step: int) -> GroundTruth:
     return GroundTruth(
         time_ns=step * 10_000_000,
         step=step,
-        position_base_in_world=np.array([0.6 + 0.01 * step, 0.0, go1.STAND_HEIGHT]),
+        position_base_in_world=np.array([0.6 + 0.01 * step, 0.0, ROBOT.stand_height]),
         quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
         velocity_base_in_world=np.zeros(3),
         angular_velocity_base=np.zeros(3),
-        joint_position=go1.STAND_POSE,
+        joint_position=ROBOT.stand_pose,
         foot_force=np.zeros(4),
         height=np.zeros(30),
     )

@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
 from saltus.render.camera import Mount, camera_pose, ray_directions
@@ -22,7 +21,7 @@ def test_links_are_where_the_simulator_has_them() -> None:
     model = build_spec(ROBOT, make_terrain(TerrainConfig(terrain="flat"))).compile()
     data = mujoco.MjData(model)
     for _ in range(50):
-        joints = rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER)
+        joints = rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper)
         rotation = rng.uniform(-0.5, 0.5, 3)
         position = rng.uniform(-1.0, 1.0, 3)
         data.qpos[:] = np.concatenate([position, quaternion_from_roll_pitch_yaw(*rotation), joints])
@@ -79,7 +78,7 @@ def test_nothing_is_missed_outside_the_windows(camera: Intrinsics) -> None:
 
 def test_the_camera_looks_forward_and_down() -> None:
     centre, rotation = camera_pose(Mount.of(ROBOT), np.array([1.0, 2.0, 0.3]), np.array([1.0, 0.0, 0.0, 0.0]))
-    np.testing.assert_allclose(centre, np.array([1.0, 2.0, 0.3]) + go1.CAMERA_POSITION)
+    np.testing.assert_allclose(centre, np.array([1.0, 2.0, 0.3]) + ROBOT.camera_position)
     forward, right, down = rotation[:, 2], rotation[:, 0], rotation[:, 1]
     np.testing.assert_allclose(forward, [np.cos(0.52), 0.0, -np.sin(0.52)])
     np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
@@ -87,7 +86,7 @@ def test_the_camera_looks_forward_and_down() -> None:
 
 
 def test_legs_follow_the_camera_frame() -> None:
-    legs = SHAPES.capsules(go1.STAND_POSE)
+    legs = SHAPES.capsules(ROBOT.stand_pose)
     mount = Mount.of(ROBOT)
     seen = capsules_in_camera(legs, mount.position, mount.rotation)
     np.testing.assert_allclose(seen.start @ mount.rotation.T + mount.position, legs.start, atol=1e-12)

@@ -12,7 +12,6 @@ from stereo_scenes import flat_wall, wall_and_panel
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
-from saltus.go1 import STAND_POSE
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.background import Background
@@ -65,7 +64,7 @@ def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
         ],
         axis=-1,
     )
-    return position, quaternion, STAND_POSE + rng.normal(0.0, 0.4, (count, 12))
+    return position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (count, 12))
 
 
 @pytest.mark.parametrize("kind", ["stairs", "stepping_stones", "step", "gap"])

@@ -10,7 +10,6 @@ import torch
 from samples import ROBOT
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
@@ -62,7 +61,7 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
     pair = StereoEmbree(terrain, Optics.of(camera), RobotCamera.on(ROBOT, camera))
-    depth, hidden = pair.render_pair_batch(position, quaternion, go1.STAND_POSE + rng.normal(0.0, 0.4, (COUNT, 12)))
+    depth, hidden = pair.render_pair_batch(position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (COUNT, 12)))
     return pair.optics, torch.from_numpy(depth), torch.from_numpy(hidden)
 
 

@@ -7,7 +7,6 @@ import pytest
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
-from saltus.go1 import STAND_POSE
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.model_view import sampled_model_camera
@@ -44,7 +43,7 @@ def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> Non
     limits = np.array([0.6, 1.0, np.pi] if wild else [0.2, 0.3, 0.6])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-limits, limits, (COUNT, 3)).T)
     pair = StereoEmbree(ground, OPTICS, RobotCamera.on(ROBOT, CAMERA, legs=False))
-    depth, hidden = pair.render_pair_batch(position, quaternion, np.tile(STAND_POSE, (COUNT, 1)))
+    depth, hidden = pair.render_pair_batch(position, quaternion, np.tile(ROBOT.stand_pose, (COUNT, 1)))
     depth = np.minimum(depth, FARTHEST_M)
     origin, rotation = camera_pose(pair.mount, position, quaternion)
     right = origin + OPTICS.baseline_m * rotation[..., 0]

@@ -8,7 +8,6 @@ import torch
 import warp
 from samples import ROBOT
 
-from saltus import go1
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.errors import SaltusError
@@ -35,7 +34,7 @@ def robots(count: int, terrain: Terrain = STAIRS, seed: int = 0) -> tuple[Floats
     position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.6], (count, 3))
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
-    return position, quaternion, rng.uniform(go1.JOINT_LOWER, go1.JOINT_UPPER, (count, 12))
+    return position, quaternion, rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper, (count, 12))
 
 
 def tensors(arrays: Sequence[Any]) -> list[torch.Tensor]:
@@ -69,7 +68,7 @@ def test_every_robot_has_a_mount_of_its_own(legs: bool) -> None:
     rng = np.random.default_rng(3)
     where = robots(6)
     shift, pitch = rng.uniform(-0.02, 0.02, (6, 3)), rng.uniform(0.4, 0.6, 6)
-    each = Mount(position=go1.CAMERA_POSITION + shift, pitch=pitch)
+    each = Mount(position=ROBOT.camera_position + shift, pitch=pitch)
     caster = WarpRenderer(STAIRS, RobotCamera.on(ROBOT, legs=legs), device="cpu").caster
     caster.set_mount(each)
     together = caster.cast(*tensors(where)).numpy()
@@ -109,7 +108,7 @@ def test_courses_of_training_can_be_seen() -> None:
     caster = WarpCaster(
         courses.boxes(), replace(RobotCamera.on(ROBOT, one_pixel, legs=False), mount=plumb), device="cpu"
     )
-    depth = caster.cast(*tensors((position, level, np.tile(go1.STAND_POSE, (count, 1)))))
+    depth = caster.cast(*tensors((position, level, np.tile(ROBOT.stand_pose, (count, 1)))))
     ground = courses.height_at(*tensors([position[:, :1], position[:, 1:2]]))[:, 0].numpy()
     np.testing.assert_allclose(depth.numpy()[:, 0, 0], 9.1 - ground, atol=1e-5)
 

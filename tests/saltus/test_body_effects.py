@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.effects.body import BodyChain
 from saltus.effects.effect import Effect
@@ -33,7 +32,7 @@ BODY: tuple[Effect[Any], ...] = (
 def stand(shape: tuple[int, ...] = ()) -> JointCommand:
     full = np.full((*shape, 12), 1.0)
     return JointCommand(
-        position=go1.STAND_POSE * full, velocity=0.0 * full, kp=100.0 * full, kd=2.0 * full, torque=0.0 * full
+        position=ROBOT.stand_pose * full, velocity=0.0 * full, kp=100.0 * full, kd=2.0 * full, torque=0.0 * full
     )
 
 
@@ -57,7 +56,7 @@ def test_a_batch_takes_body_effects_as_a_single_plant_does(effect: Effect[Any]) 
 @pytest.mark.parametrize("mass", [-1.0, 0.5, 2.0])
 def test_feet_carry_the_payload(mass: float) -> None:
     total = settled(PayloadMass(mass=mass)).state.foot_force.sum()
-    assert total == pytest.approx((go1.MASS + mass) * GRAVITY, rel=0.01)
+    assert total == pytest.approx((ROBOT.mass + mass) * GRAVITY, rel=0.01)
 
 
 def test_feet_below_the_centre_of_mass_carry_more() -> None:
@@ -70,7 +69,7 @@ def test_feet_below_the_centre_of_mass_carry_more() -> None:
 
 def test_soft_ground_gives_way() -> None:
     claimed, soft = (
-        go1.FOOT_RADIUS - settled(*effects).state.foot_position_in_world[:, 2]
+        ROBOT.foot_radius - settled(*effects).state.foot_position_in_world[:, 2]
         for effects in ((), (ContactCompliance(time_constant=0.02),))
     )
     assert np.all(soft > 4.0 * claimed)
@@ -115,6 +114,6 @@ def test_robots_of_a_batch_have_their_own_bodies_and_a_reset_empties_their_imu()
     )
     for _ in range(400):
         state = batch.step(stand((2,)))
-    np.testing.assert_allclose(state.foot_force.sum(axis=1), (go1.MASS + mass) * GRAVITY, rtol=0.02)
+    np.testing.assert_allclose(state.foot_force.sum(axis=1), (ROBOT.mass + mass) * GRAVITY, rtol=0.02)
     batch.reset(np.array([1]))
     np.testing.assert_allclose(batch.imu.quaternion_base_in_world[1], batch.state.quaternion_base_in_world[1])

@@ -25,7 +25,6 @@ from saltus.effects.signals import DepthImage, Drive, HeightQuery
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
-from saltus.go1 import REDUCTION, TORQUE_LIMIT
 from saltus.wire.messages import JointCommand
 
 ZERO = np.zeros(12)
@@ -71,17 +70,17 @@ def test_only_the_whole_packet_delays_the_feedback() -> None:
 def test_the_go1s_dynamometer_curve() -> None:
     saturation = TorqueSaturation(curve=CURVE).fitted(ROBOT)
     for asked, given in CURVE:
-        scale = REDUCTION / 6.33
+        scale = ROBOT.reduction / 6.33
         np.testing.assert_allclose(saturation.delivered(asked * scale), given * scale, rtol=1e-12)
         np.testing.assert_allclose(saturation.delivered(-asked * scale), -given * scale, rtol=1e-12)
-    np.testing.assert_allclose(saturation.delivered(TORQUE_LIMIT)[:3], [17.24, 17.24, 25.86], atol=5e-3)
+    np.testing.assert_allclose(saturation.delivered(ROBOT.torque_limit)[:3], [17.24, 17.24, 25.86], atol=5e-3)
 
 
 @pytest.mark.parametrize(("knee", "plateau"), [(14.2, 17.2), (10.0, 12.0), (20.0, 20.5)])
 def test_knee_and_plateau_mean_what_they_say(knee: float, plateau: float) -> None:
     saturation = TorqueSaturation(knee=knee, plateau=(plateau, plateau, 1.5 * plateau) * 4).fitted(ROBOT)
     np.testing.assert_allclose(saturation.delivered(np.full(12, knee)), 0.95 * knee)
-    np.testing.assert_allclose(saturation.delivered(TORQUE_LIMIT), np.tile([plateau, plateau, 1.5 * plateau], 4))
+    np.testing.assert_allclose(saturation.delivered(ROBOT.torque_limit), np.tile([plateau, plateau, 1.5 * plateau], 4))
 
 
 @pytest.mark.parametrize(
@@ -107,14 +106,14 @@ def test_torque_speed_limit_only_along_the_motion() -> None:
         for sign in (1.0, -1.0):
             along, _ = limit.apply(drive(sign * 100.0, sign * velocity), 0.0, None)
             against, _ = limit.apply(drive(-sign * 100.0, sign * velocity), 0.0, None)
-            np.testing.assert_allclose(along.torque, sign * share * TORQUE_LIMIT, atol=1e-12)
-            np.testing.assert_allclose(against.torque, -sign * TORQUE_LIMIT)
+            np.testing.assert_allclose(along.torque, sign * share * ROBOT.torque_limit, atol=1e-12)
+            np.testing.assert_allclose(against.torque, -sign * ROBOT.torque_limit)
 
 
 def test_one_joint_may_have_no_limit() -> None:
     limit = TorqueSpeedLimit(corner=0.0, no_load=(30.0,) * 11 + (float("inf"),)).fitted(ROBOT)
     out, _ = limit.apply(drive(1e4, 15.0), 0.0, None)
-    np.testing.assert_allclose(out.torque, [*(0.5 * TORQUE_LIMIT[:11]), 1e4])
+    np.testing.assert_allclose(out.torque, [*(0.5 * ROBOT.torque_limit[:11]), 1e4])
 
 
 def test_lag_answers_a_step_exponentially() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus import go1
 from saltus.constants import PHYSICS_DT
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
@@ -39,7 +38,7 @@ SENSING: tuple[Effect[Any], ...] = (
 ALL = (*RESISTING, *SENSING, Backlash(width=0.02), BatterySag(loss_at_end=0.3, duration_s=1.0))
 
 
-def command(position: Any = go1.STAND_POSE, kp: float = 40.0, kd: float = 1.0) -> JointCommand:
+def command(position: Any = ROBOT.stand_pose, kp: float = 40.0, kd: float = 1.0) -> JointCommand:
     return JointCommand(position=position + ZERO, velocity=ZERO, kp=ZERO + kp, kd=ZERO + kd, torque=ZERO)
 
 
@@ -48,7 +47,7 @@ def swings(effects: tuple[Effect[Any], ...], steps: int = 150) -> tuple[np.ndarr
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain(effects), held=True)
     true, measured = [], []
     for k in range(steps):
-        state = plant.step(command(go1.STAND_POSE + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT)))
+        state = plant.step(command(ROBOT.stand_pose + 0.2 * np.sin(2.0 * np.pi * 3.0 * k * PHYSICS_DT)))
         true.append(plant.data.qpos[7:].copy())
         measured.append(state.joint_position)
     return np.array(true), np.array(measured)
@@ -76,7 +75,7 @@ def test_dry_friction_holds_a_leg() -> None:
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain((CoulombFriction(torque=5.0),)), held=True)
     for _ in range(200):
         plant.step(command(kp=0.0, kd=0.0))
-    np.testing.assert_allclose(plant.data.qpos[7:], go1.STAND_POSE, atol=1e-3)
+    np.testing.assert_allclose(plant.data.qpos[7:], ROBOT.stand_pose, atol=1e-3)
 
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
@@ -86,7 +85,7 @@ def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
     batch, single = BatchPlant(ROBOT, GROUND, 2, chain=chain, threads=1), Plant(ROBOT, GROUND, chain=chain)
     together = np.broadcast_to(np.zeros(12), (2, 12))
     for k in range(20):
-        target = go1.STAND_POSE + 0.1 * np.sin(0.3 * k)
+        target = ROBOT.stand_pose + 0.1 * np.sin(0.3 * k)
         told = command(target)
         both = JointCommand(**{f: getattr(told, f) + together for f in ("position", "velocity", "kp", "kd", "torque")})
         state, alone = batch.step(both), single.step(told)
@@ -100,7 +99,7 @@ def test_training_feels_friction() -> None:
     speed = []
     for friction in (0.0, 0.5):
         engine = BatchEngine(ROBOT, 1, 1, threads=1)
-        engine.qpos[:] = np.concatenate([[0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0], go1.STAND_POSE])
+        engine.qpos[:] = np.concatenate([[0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0], ROBOT.stand_pose])
         engine.qvel[:, 6:] = 5.0
         engine.set_joints(*(np.full((1, 12), value) for value in (friction, 0.1 * friction, 0.0)))
         for _ in range(10):
@@ -155,4 +154,4 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
     for start in (20, 40, 60):
         assert sum(torques[start : start + 20]) == pytest.approx(20 * torques[start + 19])
         crossing = np.sum(np.array(torques[start : start + 20]) == 0.0) * PHYSICS_DT
-        assert crossing == pytest.approx(np.sqrt(2.0 * 0.02 * go1.ARMATURE[0] / 0.5), abs=2.0 * PHYSICS_DT)
+        assert crossing == pytest.approx(np.sqrt(2.0 * 0.02 * ROBOT.armature[0] / 0.5), abs=2.0 * PHYSICS_DT)
