@@ -44,9 +44,9 @@ class Router:
 
         robot, terrain = load_robot(self.robot), TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, pace="realtime")
-        directory = run_directory("router", self.out)
         endpoint, router = open_router(self.endpoint)
         with contextlib.closing(router):
+            directory = run_directory("router", self.out)
             write_run(directory, config, robot, make_terrain(terrain))
             write_client(directory / CLIENT_FILE, endpoint)
             print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saltus.cli.main import main
 from saltus.robots.loading import load_robot
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
 from saltus.wire import schemas
@@ -91,25 +90,3 @@ def test_a_router_says_what_runs(run_dir: Path) -> None:
         sample = bus.latest("status", "heightmap").wait(PATIENCE_S)
     assert sample is not None
     assert sample.message.time_ns >= before_ns - 10**9  # the run's clock is that of the machine
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["router", "--endpoint", "nonsense"], "nonsense"),
-        (["router", "--robot", "nobody"], "no robot 'nobody'"),
-        (["heightmap", "serve"], "--run-dir"),
-        (["heightmap", "serve", "--run-dir", "FOLDER"], "client.json5"),
-        (["policy", "serve", "--run-dir", "FOLDER"], "client.json5"),
-        (["record", "--run-dir", "FOLDER"], "run.toml"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_joined_is_said_in_one_line(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([argument.replace("FOLDER", str(tmp_path)) for argument in arguments]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("saltus: ")
-    assert error.count("\n") == 1
-    assert said in error
