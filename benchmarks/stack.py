@@ -34,7 +34,7 @@ class Benchmark(Command):
 
 def control_rate_hz(recording: Recording) -> float:
     """Ticks that the control loop ran per second, from its first and last sign of life."""
-    statuses = [m for _, _, m in recording.messages("status/controller") if isinstance(m, ProcessStatus)]
+    statuses = recording.of(ProcessStatus, "status/controller")
     if len(statuses) < 2:
         return float("nan")
     first, last = statuses[0], statuses[-1]

@@ -110,9 +110,9 @@ def read_run(recording: Recording) -> Run:
         if isinstance(frame, DepthFrame):
             arrivals.append(arrival_ns)
             frames.append(frame)
-    states = {m.step: m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)}
-    truths = {m.step: m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)}
-    recorded = {m.step: m for _, _, m in recording.messages("heightmap/heightmap") if isinstance(m, Heightmap)}
+    states = {m.step: m for m in recording.of(RobotState)}
+    truths = {m.step: m for m in recording.of(GroundTruth)}
+    recorded = {m.step: m for m in recording.of(Heightmap)}
     missing = (
         *_missing("robot states", list(states)),
         *_missing("heightmaps", list(recorded)),

@@ -92,7 +92,7 @@ class Replay:
         if self.assume_level:
             heightmaps = self._standing(recording.robot, model, frames)
             return {**start, **_profile(heightmaps)}, heightmaps
-        states = [state for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
+        states = recording.of(RobotState)
         if not states:
             raise RecordingError(f"{self.recording} has no robot state{lost}: add --assume-level")
         heightmaps = replay_frames(HeightmapNetwork(recording.robot, model), frames, states, arrivals)
@@ -126,8 +126,8 @@ def _print_profile(heightmap: Heightmap) -> None:
 
 def _differences(recording: "Recording", heightmaps: list[Heightmap]) -> dict[str, Any]:
     """Replayed heightmaps beside the recorded ones, and both beside the truth."""
-    recorded = {m.step: m for _, _, m in recording.messages("heightmap/heightmap") if isinstance(m, Heightmap)}
-    truths = {m.step: m.height for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)}
+    recorded = {m.step: m for m in recording.of(Heightmap)}
+    truths = {m.step: m.height for m in recording.of(GroundTruth)}
     pairs = [(m, recorded[m.step]) for m in heightmaps if m.step in recorded]
     differences = [np.abs(np.asarray(new.height) - old.height) for new, old in pairs]
     return {

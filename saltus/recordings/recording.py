@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar, cast
 
 import numpy as np
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
@@ -31,6 +31,8 @@ from saltus.wire.bus import topic_of
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS
+
+Kind = TypeVar("Kind", bound=Message)
 
 RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "controller/state")
@@ -104,6 +106,11 @@ class Recording:
                 yield arrival_ns, envelope, codec.decode(row.message, payload)
             except MessageError as error:
                 raise RecordingError(f"{self.path}: {topic} was written by another version: {error}") from error
+
+    def of(self, kind: type[Kind], topic: str | None = None) -> list[Kind]:
+        """All messages of a type, in order of arrival; of one sender where there is more than one ("status/render")."""
+        found = topic or next(name for name, row in TOPICS.items() if row.message is kind)
+        return [cast(Kind, message) for _, _, message in self.messages(found)]
 
     def payloads(self, topic: str) -> Iterator[tuple[int, Envelope, bytes]]:
         """Like `messages`, but not decoded."""

@@ -59,8 +59,8 @@ class RunData:
 
 def collect(recording: Recording) -> RunData:
     """Joins the messages of a recording by step."""
-    states = {m.step: m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)}
-    truths = {m.step: m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)}
+    states = {m.step: m for m in recording.of(RobotState)}
+    truths = {m.step: m for m in recording.of(GroundTruth)}
     steps = sorted(states.keys() & truths.keys())
     start = states[steps[0]].time_ns if steps else 0
     return RunData(
@@ -70,8 +70,8 @@ def collect(recording: Recording) -> RunData:
         quaternion=np.array([truths[k].quaternion_base_in_world for k in steps]).reshape(-1, 4),
         states=[states[k] for k in steps],
         truths=[truths[k] for k in steps],
-        heightmaps={m.step: m for _, _, m in recording.messages("heightmap/heightmap") if isinstance(m, Heightmap)},
-        plans={m.step: m for _, _, m in recording.messages("policy/plan") if isinstance(m, MotionPlan)},
+        heightmaps={m.step: m for m in recording.of(Heightmap)},
+        plans={m.step: m for m in recording.of(MotionPlan)},
     )
 
 
@@ -282,7 +282,7 @@ def _timing_table(summary: RunSummary) -> str:
 
 
 def _event_table(recording: Recording, start_ns: int) -> str:
-    events = [message for _, _, message in recording.messages("event") if isinstance(message, Event)]
+    events = recording.of(Event)
     if not events:
         return "<p>none</p>"
     rows = "".join(

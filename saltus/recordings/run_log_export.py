@@ -29,11 +29,11 @@ def export_run_log(recording: Recording, directory: Path) -> None:
 
 
 def _collect(recording: Recording) -> RunLog:
-    logs = [m for _, _, m in recording.messages("controller/joints") if isinstance(m, JointLog)]
+    logs = recording.of(JointLog)
     if not logs:
         raise RecordingError(f"{recording.path} has no joint data (controller/joints)")
-    states = [m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)]
-    truths = [m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)]
+    states = recording.of(RobotState)
+    truths = recording.of(GroundTruth)
     frames = [(t, m) for t, _, m in recording.messages("camera/depth") if isinstance(m, DepthFrame)]
     imu = [(*m.quaternion_base_in_world, *m.angular_velocity_base, *m.acceleration_base) for m in states]
     base = [(*m.position_base_in_world, *m.quaternion_base_in_world, *m.velocity_base_in_world) for m in truths]

@@ -89,30 +89,19 @@ def _digest(recording: Recording) -> str:
 
 def heightmap_error(recording: Recording) -> float:
     """Mean absolute error of the predicted heights [m] while running on a heightmap of status OK."""
-    running = {
-        state.step
-        for _, _, state in recording.messages("controller/state")
-        if isinstance(state, RobotState) and state.mode == ControllerMode.RUN
-    }
-    truth = {
-        message.step: message.height
-        for _, _, message in recording.messages("plant/truth")
-        if isinstance(message, GroundTruth)
-    }
+    running = {state.step for state in recording.of(RobotState) if state.mode == ControllerMode.RUN}
+    truth = {message.step: message.height for message in recording.of(GroundTruth)}
     errors = [
         np.abs(np.asarray(message.height) - truth[message.step])
-        for _, _, message in recording.messages("heightmap/heightmap")
-        if isinstance(message, Heightmap)
-        and message.status == HeightmapStatus.OK
-        and message.step in running
-        and message.step in truth
+        for message in recording.of(Heightmap)
+        if message.status == HeightmapStatus.OK and message.step in running and message.step in truth
     ]
     return float(np.mean(errors)) if errors else float("nan")
 
 
 def _reasons(recording: Recording) -> list[str]:
     """What stopped a robot that ran, and whether the computer was too slow, one phrase each."""
-    events = [event for _, _, event in recording.messages("event") if isinstance(event, Event)]
+    events = recording.of(Event)
     run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=None)
     stops = [event for event in events if event.code in STOP_CODES and run_ns is not None and event.time_ns > run_ns]
     reasons = [f"the robot stopped: {stop.detail}" for stop in stops[:1]]
@@ -121,8 +110,8 @@ def _reasons(recording: Recording) -> list[str]:
 
 def _outcome(recording: Recording) -> dict[str, Any]:
     """The trial's outcome as the controller announced it."""
-    for _, _, event in recording.messages("event"):
-        if isinstance(event, Event) and event.code in OUTCOME_CODES:
+    for event in recording.of(Event):
+        if event.code in OUTCOME_CODES:
             outcome: dict[str, Any] = json.loads(event.detail)
             return outcome
     return {}
@@ -130,10 +119,7 @@ def _outcome(recording: Recording) -> dict[str, Any]:
 
 def _rejected(recording: Recording) -> dict[str, int]:
     """Rejected messages by "process: topic/reason", from the last status of every process."""
-    last: dict[str, dict[str, int]] = {}
-    for _, _, status in recording.messages("status"):
-        if isinstance(status, ProcessStatus):
-            last[status.process] = status.rejected
+    last = {status.process: status.rejected for status in recording.of(ProcessStatus)}
     total: Counter[str] = Counter()
     for process, rejected in last.items():
         total.update({f"{process}: {key}": count for key, count in rejected.items()})

@@ -80,7 +80,7 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
         default=0,
     )
     told = next((arrival for arrival in _complaints(recording, process) if arrival > last_ns), None)
-    states = [message for _, _, message in recording.messages("controller/state") if isinstance(message, RobotState)]
+    states = recording.of(RobotState)
     return FaultResult(
         process=process,
         running_s=after_s,
@@ -135,7 +135,7 @@ def _complaints(recording: Recording, process: str) -> Iterable[int]:
 
 def _upright(recording: Recording) -> bool:
     """Whether the robot stands, upright and at rest, in the last half second."""
-    truths = [message for _, _, message in recording.messages("plant/truth") if isinstance(message, GroundTruth)][-50:]
+    truths = recording.of(GroundTruth)[-50:]
     _, x, y, _ = np.array([truth.quaternion_base_in_world for truth in truths]).T
     height = -np.array([truth.height for truth in truths])[:, 10]  # the point under the base
     speed = np.linalg.norm([truth.velocity_base_in_world for truth in truths], axis=1)

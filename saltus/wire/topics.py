@@ -5,8 +5,14 @@ from dataclasses import dataclass
 from saltus.wire import messages
 from saltus.wire.messages import Message
 
+CAMERA_LATENCY_S = 0.050  # exposure to arrival; paper, "real-to-sim" (a sine of body height against the image)
+CAMERA_PERIOD_S = 0.020  # 50 Hz
+# A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it was trained with:
+# 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
+MAX_EXTRA_AGE_S = 0.100
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Topic:
     """One row of the table."""
 
@@ -15,10 +21,10 @@ class Topic:
     message: type[Message]
     publisher: str
     """The process that may publish it; "*" where every process does, each under `name/<process>`."""
-    rate_hz: float
-    nominal_age_s: float
+    rate_hz: float = 100.0
+    nominal_age_s: float = 0.0
     """Age (now - capture time) of a message that is on time, when it is used."""
-    max_extra_age_s: float
+    max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
     recorded: bool = True
 
@@ -33,87 +39,15 @@ class Topic:
         return self.nominal_age_s + self.max_extra_age_s
 
 
-CAMERA_LATENCY_S = 0.050  # exposure to arrival; paper, "real-to-sim" (a sine of body height against the image)
-CAMERA_PERIOD_S = 0.020  # 50 Hz
-# A policy that tolerates 8 cm of horizontal shift at 1.4 m/s tolerates 57 ms beyond the delay it was trained with:
-# 50 ms more is degraded, 100 ms more (ten periods of the consumer) is lost.
-MAX_EXTRA_AGE_S = 0.100
-
-TOPICS: dict[str, Topic] = {
-    topic.name: topic
-    for topic in (
-        Topic(
-            name="camera/depth",
-            message=messages.DepthFrame,
-            publisher="render",
-            rate_hz=50.0,
-            nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="controller/state",
-            message=messages.RobotState,
-            publisher="controller",
-            rate_hz=100.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="heightmap/heightmap",
-            message=messages.Heightmap,
-            publisher="heightmap",
-            rate_hz=100.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="policy/plan",
-            message=messages.MotionPlan,
-            publisher="policy",
-            rate_hz=100.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="controller/joints",
-            message=messages.JointLog,
-            publisher="controller",
-            rate_hz=100.0,
-            nominal_age_s=0.010,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="plant/truth",
-            message=messages.GroundTruth,
-            publisher="controller",
-            rate_hz=100.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=MAX_EXTRA_AGE_S,
-        ),
-        Topic(
-            name="done",
-            message=messages.Done,
-            publisher="*",
-            rate_hz=100.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=1.0,
-            recorded=False,
-        ),
-        Topic(
-            name="event",
-            message=messages.Event,
-            publisher="*",
-            rate_hz=0.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=1.0,
-        ),
-        Topic(
-            name="status",
-            message=messages.ProcessStatus,
-            publisher="*",
-            rate_hz=2.0,
-            nominal_age_s=0.0,
-            max_extra_age_s=1.0,
-        ),
-    )
-}
+_ROWS = (
+    Topic("camera/depth", messages.DepthFrame, "render", 50.0, nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S),
+    Topic("controller/state", messages.RobotState, "controller"),
+    Topic("heightmap/heightmap", messages.Heightmap, "heightmap"),
+    Topic("policy/plan", messages.MotionPlan, "policy"),
+    Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
+    Topic("plant/truth", messages.GroundTruth, "controller"),
+    Topic("done", messages.Done, "*", max_extra_age_s=1.0, recorded=False),
+    Topic("event", messages.Event, "*", 0.0, max_extra_age_s=1.0),
+    Topic("status", messages.ProcessStatus, "*", 2.0, max_extra_age_s=1.0),
+)
+TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}

@@ -45,7 +45,7 @@ def test_recording_and_report_are_there_and_whole(folder: Path) -> None:
     recording = read_recording(folder / "recording.mcap")
     assert recording.complete
     assert recording.lost == []
-    steps = [state.step for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
+    steps = [state.step for state in recording.of(RobotState)]
     assert steps == list(range(len(steps)))
     report = (folder / "report.html").read_text()
     assert "<html" in report

@@ -69,5 +69,5 @@ def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(
     assert demo.wait(timeout=20.0 / speed) == code
     recording = read_recording(tmp_path / "recording.mcap")
     assert recording.complete
-    modes = [state.mode for _, _, state in recording.messages("controller/state") if isinstance(state, RobotState)]
+    modes = [state.mode for state in recording.of(RobotState)]
     assert modes[-1] in (ControllerMode.STAND, ControllerMode.STOPPED)

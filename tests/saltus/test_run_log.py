@@ -31,13 +31,13 @@ def directory(recording: Recording, tmp_path: Path) -> Path:
 
 def test_export_reads_back_to_the_bit(recording: Recording, directory: Path) -> None:
     log = read_run_log(directory)
-    rows = [m for _, _, m in recording.messages("controller/joints") if isinstance(m, JointLog)]
+    rows = recording.of(JointLog)
     np.testing.assert_array_equal(log.joints.q, np.concatenate([m.position for m in rows]))
     assert log.joints.tau_est is not None
     np.testing.assert_array_equal(log.joints.tau_est, np.concatenate([m.torque_estimated for m in rows]))
     np.testing.assert_allclose(np.diff(log.joints.time_s), 0.002, atol=1e-9)
-    states = [m for _, _, m in recording.messages("controller/state") if isinstance(m, RobotState)]
-    truths = [m for _, _, m in recording.messages("plant/truth") if isinstance(m, GroundTruth)]
+    states = recording.of(RobotState)
+    truths = recording.of(GroundTruth)
     assert log.imu is not None
     assert log.base is not None
     assert log.feet is not None
@@ -52,7 +52,7 @@ def test_depth_is_in_millimetres_and_what_is_not_measured_is_zero(recording: Rec
     assert depth is not None
     assert depth.capture_s is not None
     assert depth.depth_mm.dtype == np.uint16
-    frames = [m for _, _, m in recording.messages("camera/depth") if isinstance(m, DepthFrame)]
+    frames = recording.of(DepthFrame)
     for image, frame in zip(depth.depth_mm, frames, strict=True):
         np.testing.assert_array_equal(image, np.where(frame.depth == 65535, 0, frame.depth))
     assert (depth.arrival_s >= depth.capture_s).all()
