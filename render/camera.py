@@ -78,7 +78,7 @@ class RobotCamera:
     def moved(self, view: ViewChain) -> "RobotCamera":
         """The camera as it really is, for this one that is claimed, by effects on its place and how wide it looks."""
         position, pitch = np.asarray(self.mount.position), np.asarray(self.mount.pitch)
-        true = view.moved(CameraView(position=position, pitch=pitch, tangent_scale=np.asarray(1.0)))
+        true = view.apply(CameraView(position=position, pitch=pitch, tangent_scale=np.asarray(1.0)))
         wider, claimed = float(true.tangent_scale), self.intrinsics
         return replace(
             self,

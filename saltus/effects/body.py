@@ -1,19 +1,16 @@
-"""What a profile says of the robot's body and of the ground under it: the effects on the model, in their order."""
+"""The robot's body and the ground under it, as effects change them."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.effects.order import Chain
 
 NOMINAL_FRICTION = 0.8
 """Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
 NOMINAL_CONTACT_TIME_CONSTANT_S = 0.005
 """Of the contacts that the model claims: nearly as stiff as a time step of 2 ms allows (the engine wants two)."""
-
-BODY_ORDER = ("payload_mass", "com_offset", "base_inertia", "foot_friction", "contact_compliance")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,18 +30,6 @@ class BodyModel:
     """Coefficient of sliding friction between robot and terrain, shape (...)."""
     contact_time_constant: Array
     """Of the contacts, which are critically damped [s], shape (...)."""
-
-
-@dataclass(frozen=True)
-class BodyChain(Chain):
-    """The effects on the model."""
-
-    order: ClassVar[tuple[str, ...]] = BODY_ORDER
-    owner: ClassVar[str] = "a body"
-
-    def apply(self, model: BodyModel) -> BodyModel:
-        """The model with all effects in it."""
-        return self._passed(model, 0.0, (None,) * len(self.effects))[0]
 
 
 def claimed_body(

@@ -1,30 +1,46 @@
-"""From a joint command to the torque at the joint: the effects of an actuator in their physical order."""
+"""From a joint command to the torque at the joint: the effects of an actuator in their physical order; IMU and body."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from saltus.arrays import namespace
+from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.backlash import Backlash
+from saltus.effects.battery_sag import BatterySag
+from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Signal
-from saltus.effects.order import Chain
+from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.imu_bias import ImuBias
+from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.offsets_and_factors import (
+    Armature,
+    BaseInertia,
+    ComOffset,
+    ContactCompliance,
+    CoulombFriction,
+    EncoderBias,
+    FootFriction,
+    PayloadMass,
+    TorqueGain,
+    ViscousFriction,
+)  # fmt: skip
+from saltus.effects.order import Chain, Order, SignalChain
 from saltus.effects.signals import Drive, JointState, Resistance
+from saltus.effects.stiction import Stiction
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
+from saltus.effects.velocity_filter import VelocityFilter
 from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, JointCommand
 
-COMMAND_ORDER = ("command_delay", "feedforward_delay")
+COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
 """What happens to a packet until the drive uses it."""
-SENSOR_ORDER = ("encoder_bias", "encoder_quantisation", "velocity_filter")
+SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter)
 """What happens to the motion of a joint until the drive knows it."""
-TORQUE_ORDER = (
-    "actuator_lag",
-    "torque_speed_limit",
-    "torque_saturation",
-    "torque_gain",
-    "battery_sag",
-    "backlash",
-)
+TORQUE_ORDER: Order = (ActuatorLag, TorqueSpeedLimit, TorqueSaturation, TorqueGain, BatterySag, Backlash)
 """What happens to the torque that the drive asks for."""
-JOINT_ORDER = ("viscous_friction", "coulomb_friction", "stiction", "armature")
+JOINT_ORDER: Order = (ViscousFriction, CoulombFriction, Stiction, Armature)
 """What resists the motion at the joint."""
 
 ActuatorState = tuple[Any, ...]
@@ -44,6 +60,22 @@ class Torques:
 
 
 @dataclass(frozen=True)
+class ImuChain(SignalChain):
+    """From the motion of the base to what its IMU reports, once a physics step: it is wrong first, and then late."""
+
+    order: ClassVar[Order] = (ImuBias, ImuLatency)
+    owner: ClassVar[str] = "an IMU"
+
+
+@dataclass(frozen=True)
+class BodyChain(SignalChain):
+    """The effects on the robot's model."""
+
+    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance)
+    owner: ClassVar[str] = "a body"
+
+
+@dataclass(frozen=True)
 class ActuatorChain(Chain):
     """The effects of an actuator.
 
@@ -52,7 +84,7 @@ class ActuatorChain(Chain):
     armature.
     """
 
-    order: ClassVar[tuple[str, ...]] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
+    order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER
     owner: ClassVar[str] = "an actuator"
 
     def fitted(self, robot: Robot) -> "ActuatorChain":

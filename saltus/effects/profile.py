@@ -20,12 +20,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from saltus.effects.body import BodyChain
 from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.chain import ActuatorChain
+from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import HeightmapShift
-from saltus.effects.imu import ImuChain
 from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import BodyChain, claimed_body
-from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.body import claimed_body
+from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
 from saltus.effects.effect import map_arrays
-from saltus.effects.imu import ImuChain
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix

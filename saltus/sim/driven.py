@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.constants import GRAVITY
-from saltus.effects.chain import ActuatorChain, Torques
+from saltus.effects.chain import ActuatorChain, ImuChain, Torques
 from saltus.effects.effect import map_arrays
-from saltus.effects.imu import ImuChain, ImuReading
+from saltus.effects.imu import ImuReading
 from saltus.effects.order import Chain
 from saltus.robots.robot import Robot
 from saltus.sim import scene

@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.effects.body import BodyChain, claimed_body
-from saltus.effects.chain import ActuatorChain, Torques
-from saltus.effects.imu import ImuChain
+from saltus.effects.body import claimed_body
+from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain, Torques
 from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot

@@ -10,7 +10,7 @@ from samples import ROBOT, put_run
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
-from saltus.effects.camera import CAMERA_ORDER, VIEW_ORDER, ViewChain
+from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.depth_bias import DepthBias
 from saltus.effects.depth_noise import DepthNoise
@@ -21,7 +21,6 @@ from saltus.effects.hole_fill import HoleFill
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.profile import Profile, load_profile, profile_to_toml
 from saltus.effects.range_clip import RangeClip
-from saltus.effects.registry import EFFECTS
 from saltus.effects.signals import DepthImage
 from saltus.effects.temporal_smear import TemporalSmear
 from saltus.render.__main__ import build
@@ -61,8 +60,8 @@ def truth(step: int, height_m: float = HEIGHT_M) -> GroundTruth:
 
 
 def test_every_effect_of_a_camera_has_its_place() -> None:
-    assert sorted(CAMERA_ORDER) == sorted(kind.name for kind in EFFECTS.values() if kind.site == "depth")
-    assert sorted(VIEW_ORDER) == sorted(kind.name for kind in EFFECTS.values() if kind.site == "view")
+    assert {kind.site for kind in CameraChain.order} == {"depth"}
+    assert {kind.site for kind in ViewChain.order} == {"view"}
 
 
 @pytest.mark.parametrize("effect", [DepthScale(scale=1.1), DepthBias(bias=0.1), DepthNoise(subpixel_sigma=0.5)])
