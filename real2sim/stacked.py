@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.problem import Candidate, Driver, Estimate, Problem, Segment
+from saltus.real2sim.problem.problem import Candidate, Driver, Problem, Segment
 from saltus.real2sim.search.fit import Evaluator, Fit, refine, slopes
 from saltus.real2sim.search.layout import Layout
 from saltus.real2sim.search.split import split
@@ -48,12 +48,6 @@ class StackedProblem(Problem):
         """See `Problem`."""
         each = zip(self._problems, self._columns, self._alone, strict=True)
         return np.concatenate([p.residuals(unknowns[..., columns] + alone) for p, columns, alone in each], axis=-1)
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """See `Problem`."""
-        place = (candidate.effect, candidate.where)
-        index, own = next((i, listed[place]) for i, listed in enumerate(self._listed) if place in listed)
-        return self._problems[index].physical(own, values)
 
     def drivers(self) -> tuple[Driver, ...]:
         """See `Problem`; NaN for logs whose problem lacks the driver."""
@@ -134,7 +128,7 @@ def _mean_the_same(one: Problem, other: Problem) -> bool:
         start = np.asarray(mine.starts[0], dtype=np.float64)
         for added in (0.0, 1.0):
             values = start + added * np.array([0.0 if u.is_shape else u.scale for u in mine.unknowns])
-            here, there = one.physical(mine, values), other.physical(match, values)
+            here, there = mine.parameters(values), match.parameters(values)
             if here.keys() != there.keys():
                 return False
             mine_says, theirs_says = ([says[name].value for name in here] for says in (here, there))

@@ -88,7 +88,7 @@ def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
     found = {}
     for name, indices in columns.items():
         signature = change[[i - 1 for i in indices]].T
-        found[name] = (_size(problem, by_name[name]), signature - basis @ (basis.T @ signature))
+        found[name] = (_size(by_name[name]), signature - basis @ (basis.T @ signature))
     return found
 
 
@@ -96,11 +96,11 @@ def _amount(unknown: Unknown) -> float:
     return min(TELLING * unknown.scale, 0.5 * unknown.high)
 
 
-def _size(problem: Problem, candidate: Candidate) -> float:
+def _size(candidate: Candidate) -> float:
     """What the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
     null = candidate.absent
     added = null + np.array([0.0 if u.is_shape else _amount(u) for u in candidate.unknowns])
-    before, after = (next(iter(problem.physical(candidate, x).values())).value for x in (null, added))
+    before, after = (next(iter(candidate.parameters(x).values())).value for x in (null, added))
     return abs(after - before) if np.isfinite(after - before) else 0.0
 
 

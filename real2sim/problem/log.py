@@ -120,17 +120,15 @@ def robot_of_runs(runs: Sequence[Path]) -> Robot:
     return load_robot(DEFAULT_ROBOT)
 
 
-def torque_limits(model: Robot | Path) -> Floats:
-    """Torques to which parameters of a saturation refer [Nm], shape (12,).
+def reference_robot(model: Robot | Path) -> Robot:
+    """The robot to whose torque limits parameters of a saturation refer: for an MJCF that of the schema of run logs."""
+    return model if isinstance(model, Robot) else load_robot(DEFAULT_ROBOT)
 
-    The limits of the drives; where they are not known, those to which the schema of run logs refers.
-    """
-    reference = load_robot(DEFAULT_ROBOT).torque_limit
-    return (
-        np.where(np.isfinite(model.torque_limit), model.torque_limit, reference)
-        if isinstance(model, Robot)
-        else reference
-    )
+
+def torque_limits(model: Robot | Path) -> Floats:
+    """Torques to which parameters of a saturation refer [Nm], shape (12,); of the schema where a robot has none."""
+    limits = reference_robot(model).torque_limit
+    return np.where(np.isfinite(limits), limits, load_robot(DEFAULT_ROBOT).torque_limit)
 
 
 def commanded(log: RunLog) -> Floats:

@@ -6,7 +6,7 @@ variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -44,6 +44,21 @@ class Unknown:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Coordinates:
+    """How unknowns become the parameters of an effect, and back, where they are not the same."""
+
+    parameters: Callable[[Floats], dict[str, float]]
+    """Of unknowns, shape (unknowns of the candidate,)."""
+    unknowns: Callable[[Mapping[str, float]], Sequence[float]]
+    """Of parameters by name."""
+
+    @classmethod
+    def less(cls, name: str, null: float) -> "Coordinates":
+        """One unknown: the parameter less the value without effect."""
+        return cls(parameters=lambda x: {name: null + float(x[0])}, unknowns=lambda values: (values[name] - null,))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Candidate:
     """An effect at one place, with its unknowns. It is absent where all unknowns that are not shapes are 0."""
 
@@ -65,6 +80,8 @@ class Candidate:
     simulations without effects differ."""
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
+    coordinates: Coordinates | None = None
+    """None where the unknowns that are not `stated` are the parameters."""
 
     def __post_init__(self) -> None:
         if not self.starts:
@@ -75,6 +92,25 @@ class Candidate:
         """Unknowns without the effect: 0, shapes as in the first start; shape (its unknowns,)."""
         return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
 
+    def parameters(self, unknowns: Floats) -> dict[str, "Estimate"]:
+        """Parameters in the schema's names and units, of unknowns of shape (its unknowns,); nuisances have no units."""
+        declared = fields(EFFECTS[self.effect]) if self.effect in EFFECTS else ()
+        units = {field.name: field.metadata.get("unit", "") for field in declared}
+        if self.coordinates is None:
+            named = zip(self.unknowns, unknowns, strict=True)
+            found = {unknown.name: value for unknown, value in named if unknown.stated is None}
+        else:
+            found = self.coordinates.parameters(unknowns)
+        return {name: Estimate(value=float(value), unit=units.get(name, "")) for name, value in found.items()}
+
+    def unknowns_of(self, parameters: Mapping[str, float]) -> Floats:
+        """Unknowns within their bounds at which the effect has these parameters, or those that are nearest to them."""
+        if self.coordinates is None:
+            found = [parameters[u.name] if u.stated is None else u.stated for u in self.unknowns]
+        else:
+            found = list(self.coordinates.unknowns(parameters))
+        return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -82,13 +118,6 @@ class Estimate:
 
     value: float
     unit: str
-
-
-def estimates(effect: str, values: Mapping[str, float]) -> dict[str, Estimate]:
-    """Parameters of an effect with the units that the effect declares; nuisances have none."""
-    declared = fields(EFFECTS[effect]) if effect in EFFECTS else ()
-    units = {field.name: field.metadata.get("unit", "") for field in declared}
-    return {name: Estimate(value=float(value), unit=units.get(name, "")) for name, value in values.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,10 +179,6 @@ class Problem(ABC):
             Shape (n, blocks, m), finite: 0 for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation
             diverges.
         """
-
-    @abstractmethod
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the schema's names and units for the unknowns of a candidate, shape (its unknowns,)."""
 
     def drivers(self) -> tuple[Driver, ...]:
         """Quantities that may drive residuals, besides columns of the log: values of shape (m,), NaN where unknown."""

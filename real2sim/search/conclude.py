@@ -217,7 +217,7 @@ def _physical_size(
     columns = comparison.layout.of_candidate(index)
     values = around.point[0, columns].copy()
     values[0] = min(size, float(comparison.layout.high[columns[0]]))
-    return next(iter(problem.physical(problem.candidates[index], values).values()))
+    return next(iter(problem.candidates[index].parameters(values).values()))
 
 
 def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:

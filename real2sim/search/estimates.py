@@ -159,10 +159,10 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
 def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     """Physical parameters with errors propagated by differences along the axes of the covariance."""
     candidate = problem.candidates[one.places[0].candidate]
-    values = problem.physical(candidate, one.value)
+    values = candidate.parameters(one.value)
     absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
     variance = {}
-    for name, null in problem.physical(candidate, absent).items():
+    for name, null in candidate.parameters(absent).items():
         distance = abs(values[name].value - null.value)
         size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
         variance[name] = (candidate.model_error * size) ** 2
@@ -172,8 +172,8 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     powers, axes = np.linalg.eigh(one.covariance)
     for power, axis in zip(powers, axes.T, strict=True):
         reach = np.sqrt(max(0.0, power)) * axis
-        above = problem.physical(candidate, np.clip(one.value + reach, low, high))
-        below = problem.physical(candidate, np.clip(one.value - reach, low, high))
+        above = candidate.parameters(np.clip(one.value + reach, low, high))
+        below = candidate.parameters(np.clip(one.value - reach, low, high))
         for name in variance:
             variance[name] += (0.5 * (above[name].value - below[name].value)) ** 2
     return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}

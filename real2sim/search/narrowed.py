@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, WrappedProblem
+from saltus.real2sim.problem.problem import Problem, WrappedProblem
 
 
 class NarrowedProblem(WrappedProblem):
@@ -28,7 +28,3 @@ class NarrowedProblem(WrappedProblem):
         full = np.tile(self._inner.absent, (*unknowns.shape[:2], 1))
         full[:, :, self._kept] = unknowns
         return self._inner.residuals(full)
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """See `Problem`."""
-        return self._inner.physical(candidate, values)

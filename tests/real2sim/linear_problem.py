@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Segment, Unknown
+from saltus.real2sim.problem.problem import Candidate, Problem, Segment, Unknown
 
 WHERES = ("hip", "thigh")
 SEGMENTS, ROWS, ROW_S = 6, 200, 0.01
@@ -74,9 +74,6 @@ class LinearProblem(Problem):
     def keep_unknowns(self, unknowns: slice) -> None:
         """Forgets what the other unknowns do."""
         self._signatures = self._signatures[unknowns]
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        return {candidate.unknowns[0].name: Estimate(value=float(values[0]), unit="Nm")}
 
 
 def _signatures(effects: int, alike: float | None) -> Floats:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem, Segment, Unknown
+from saltus.real2sim.problem.problem import Candidate, Problem, Segment, Unknown
 
 KP, KD, INERTIA, GRAVITY = 20.0, 0.5, 0.02, 1.5  # a joint of a Go1's class
 STEP_S, ROWS_EVERY, WINDOW_S = 0.004, 4, 1.0
@@ -116,9 +116,6 @@ class OneJoint(Problem):
             full[..., columns] = unknowns[..., at : at + len(columns)]
             at += len(columns)
         return np.clip(self._measured - self._simulate(full, 0.0), -100.0, 100.0)
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        return {u.name: Estimate(value=float(v), unit="") for u, v in zip(candidate.unknowns, values, strict=True)}
 
     def _columns(self, effect: str, where: str) -> list[int]:
         at = 0

@@ -90,8 +90,8 @@ def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
     problem = BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
     by_name = {c.effect: c for c in problem.candidates}
     none = np.zeros(1)
-    assert problem.physical(by_name["foot_friction"], none)["coefficient"].value == pytest.approx(0.6)
-    assert problem.physical(by_name["contact_compliance"], none)["time_constant"].value == pytest.approx(0.01)
+    assert by_name["foot_friction"].parameters(none)["coefficient"].value == pytest.approx(0.6)
+    assert by_name["contact_compliance"].parameters(none)["time_constant"].value == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("ground", [{"friction": -1.0}, {"contact_time_constant": 0.0}])

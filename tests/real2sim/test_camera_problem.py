@@ -70,7 +70,7 @@ def fitted(of: CameraProblem, *effects: str) -> tuple[dict[str, float], Floats]:
         values = at[first : first + len(candidate.unknowns)]
         first += len(candidate.unknowns)
         if candidate.effect in effects:
-            found[candidate.effect] = next(iter(of.physical(candidate, values).values())).value
+            found[candidate.effect] = next(iter(candidate.parameters(values).values())).value
     return found, left
 
 

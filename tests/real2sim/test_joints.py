@@ -242,7 +242,7 @@ def test_physical_parameters_of_a_saturation() -> None:
     """With a sharp corner, loss and corner mean the knee and the plateau that the effect has."""
     problem = problem_of()
     candidate = next(c for c in problem.candidates if c.effect == "torque_saturation" and c.where == "calf")
-    found = problem.physical(candidate, np.array([0.4, 12.0, 0.05]))
+    found = candidate.parameters(np.array([0.4, 12.0, 0.05]))
     plateau = found["plateau"].value
     effect = TorqueSaturation(knee=found["knee"].value, plateau=(18.0, 18.0, plateau) * 4).fitted(ROBOT)
     torque = np.linspace(0.0, 35.0, 12)[:, None] * np.ones(12)

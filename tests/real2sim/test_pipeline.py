@@ -19,6 +19,7 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.patch import load_patch
 from saltus.real2sim.pipeline import examine, find, judge
+from saltus.real2sim.problem.body.candidates import _knee_and_plateau, _loss_and_corner
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.rebased import RebasedProblem
@@ -93,7 +94,7 @@ def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) ->
     assert np.mean(with_effects.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.1)
     assert np.mean(inner.residuals(nothing) ** 2) > 2.0
     friction = next(c for c in with_effects.candidates if (c.effect, c.where) == ("viscous_friction", "calf"))
-    assert with_effects.physical(friction, np.zeros(1))["coefficient"].value == pytest.approx(0.2)
+    assert friction.parameters(np.zeros(1))["coefficient"].value == pytest.approx(0.2)
     np.testing.assert_array_equal(RebasedProblem(inner, IDEAL).residuals(nothing), inner.residuals(nothing))
 
 
@@ -153,3 +154,22 @@ def test_runs_of_different_rigs_are_compared_apart(held: RunLog, seeing: RunLog,
     both, other = load_rigs([tmp_path / name for name in "abc"])
     assert {segment.name.split("/")[0] for segment in segments_of(both)} == {"a", "c"}
     assert len(other.joints.q) == len(seeing.joints.q)
+
+
+def test_what_a_profile_has_is_taken_from_its_values_exactly(held: RunLog, seeing: RunLog) -> None:
+    """Every candidate says its unknowns for its parameters, also at the ends of ranges."""
+    for sensor in SENSORS:
+        log = held if sensor.name == "joints" else seeing
+        for candidate in sensor.problem(log).candidates:
+            if candidate.is_nuisance or candidate.effect == "torque_saturation":
+                continue
+            for share in (0.0, 0.3, 1.0):
+                unknowns = np.array([u.stated or u.low + share * (u.high - u.low) for u in candidate.unknowns])
+                parameters = {name: found.value for name, found in candidate.parameters(unknowns).items()}
+                np.testing.assert_allclose(candidate.unknowns_of(parameters), unknowns, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("loss", "corner"), [(0.2, 6.0), (0.5, 12.0), (0.9, 30.0)])
+def test_a_saturation_of_the_body_is_read_back_from_knee_and_plateau(loss: float, corner: float) -> None:
+    told = _knee_and_plateau(loss, corner, 35.55)
+    assert _loss_and_corner(told["knee"], told["plateau"], 35.55) == pytest.approx((loss, corner))

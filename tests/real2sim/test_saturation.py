@@ -31,7 +31,7 @@ def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple
     assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)
     assert np.mean(inner.residuals(nothing) ** 2) > 4.0
     calf = next(c for c in with_curve.candidates if (c.effect, c.where) == ("torque_saturation", "calf"))
-    told = with_curve.physical(calf, np.array([0.0, 10.0, 1.0]))
+    told = calf.parameters(np.array([0.0, 10.0, 1.0]))
     assert told["knee"].value == pytest.approx(13.4, abs=0.1)
     assert told["plateau"].value == pytest.approx(25.9, abs=0.1)
 

@@ -1,13 +1,13 @@
 """Logs of different claims as one problem, and what several findings decide together."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Candidate, Estimate
+from saltus.real2sim.problem.problem import Coordinates, Estimate
 from saltus.real2sim.resolve import resolved
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.search import search
@@ -20,8 +20,10 @@ LATER_S = 20.0
 class Offset(LinearProblem):
     """Counts its unknowns from another claim."""
 
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        return {candidate.unknowns[0].name: Estimate(value=1.0 + float(values[0]), unit="Nm")}
+    def __init__(self, hidden: dict[tuple[str, str, str], float]) -> None:
+        super().__init__(hidden)
+        later = Coordinates.less("size", 1.0)
+        self.candidates = tuple(replace(candidate, coordinates=later) for candidate in self.candidates)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from saltus.arrays import Floats
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
-from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
 LARGEST_TIME_CONSTANT_S = 0.05
@@ -61,13 +61,14 @@ class Claims:
         return (time_constant / self.contact_time_constant) ** 2 - 1.0
 
 
-def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
+def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Candidate, ...]:
     """The effects that motion of the base can show.
 
     Args:
         claims: Of the log; effects count from there.
         slips_at: A coefficient of friction at which feet would slip in this log. Above it nothing changes with the
             coefficient, so that only a step as far as this shows in which direction the residuals go.
+        calf_limit: Torque to which the parameters of a saturation refer [Nm].
     """
     slip_step = SECANT * (claims.friction - slips_at)
     highest = max(claims.softness(LARGEST_TIME_CONSTANT_S), LEAST_SOFTER)
@@ -75,7 +76,12 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
     return (
         _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
         _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
-        _one("base_inertia", "trunk", Unknown(name="excess", low=-0.7, high=2.0, scale=0.8)),
+        _one(
+            "base_inertia",
+            "trunk",
+            Unknown(name="excess", low=-0.7, high=2.0, scale=0.8),
+            coordinates=Coordinates.less("scale", 1.0),
+        ),
         _one(
             "foot_friction",
             "feet",
@@ -85,9 +91,26 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
                 high=max(claims.friction - FRICTION_RANGE[0], 0.0),
                 scale=slip_step,
             ),
+            coordinates=Coordinates(
+                parameters=lambda x: {"coefficient": claims.friction - float(x[0])},
+                unknowns=lambda values: (claims.friction - values["coefficient"],),
+            ),
         ),
-        _one("contact_compliance", "feet", Unknown(name="softness", low=lowest, high=highest, scale=2.0)),
-        _one("torque_gain", "joints", Unknown(name="excess", low=-0.5, high=0.5, scale=0.02)),
+        _one(
+            "contact_compliance",
+            "feet",
+            Unknown(name="softness", low=lowest, high=highest, scale=2.0),
+            coordinates=Coordinates(
+                parameters=lambda x: {"time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + x[0]))},
+                unknowns=lambda values: (claims.softness(values["time_constant"]),),
+            ),
+        ),
+        _one(
+            "torque_gain",
+            "joints",
+            Unknown(name="excess", low=-0.5, high=0.5, scale=0.02),
+            coordinates=Coordinates.less("gain", 1.0),
+        ),
         _one("battery_sag", "joints", Unknown(name="loss_at_end", low=-0.1, high=0.6, scale=0.04)),
         _one("command_delay", "joints", Unknown(name="delay", low=0.0, high=0.05, scale=0.004)),
         Candidate(
@@ -98,6 +121,10 @@ def candidates(claims: Claims, slips_at: float) -> tuple[Candidate, ...]:
                 Unknown(name="corner", low=3.0, high=35.0, scale=2.0, is_shape=True),
             ),
             starts=tuple((0.0, corner) for corner in CORNERS_NM),
+            coordinates=Coordinates(
+                parameters=lambda x: _knee_and_plateau(float(x[0]), float(x[1]), calf_limit),
+                unknowns=lambda values: _loss_and_corner(values["knee"], values["plateau"], calf_limit),
+            ),
         ),
         _one("viscous_friction", "joints", Unknown(name="coefficient", low=0.0, high=2.0, scale=0.05)),
         _one("coulomb_friction", "joints", Unknown(name="torque", low=0.0, high=4.0, scale=0.1)),
@@ -141,31 +168,18 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     )
 
 
-def parameters(candidate: Candidate, claims: Claims, calf_limit: float, values: Floats) -> dict[str, Estimate]:
-    """Parameters in the schema's names and units; those of a saturation refer to the torque `calf_limit` [Nm]."""
-    first = float(values[0])
-    match candidate.effect:
-        case "torque_saturation":
-            found = _saturation(first, float(values[1]), calf_limit)
-        case "base_inertia":
-            found = {"scale": 1.0 + first}
-        case "foot_friction":
-            found = {"coefficient": claims.friction - first}
-        case "contact_compliance":
-            found = {"time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + first))}
-        case "torque_gain":
-            found = {"gain": 1.0 + first}
-        case _:
-            found = dict(zip((unknown.name for unknown in candidate.unknowns), values.tolist(), strict=True))
-    return estimates(candidate.effect, found)
-
-
-def _saturation(loss: float, corner: float, limit: float) -> dict[str, float]:
+def _knee_and_plateau(loss: float, corner: float, limit: float) -> dict[str, float]:
     """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
     knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
     plateau = limit - loss * max(limit - corner, 0.0)
     return {"knee": min(knee, limit), "plateau": plateau}
 
 
-def _one(effect: str, where: str, *unknowns: Unknown, is_nuisance: bool = False) -> Candidate:
-    return Candidate(effect=effect, where=where, unknowns=unknowns, is_nuisance=is_nuisance)
+def _loss_and_corner(knee: float, plateau: float, limit: float) -> tuple[float, float]:
+    """The inverse of `_knee_and_plateau`."""
+    loss = (limit - plateau - 0.05 * knee) / (limit - knee) if knee < limit else 0.0
+    return loss, limit - (limit - plateau) / loss if loss > 0.0 else limit
+
+
+def _one(effect: str, where: str, *unknowns: Unknown, **more: Any) -> Candidate:
+    return Candidate(effect=effect, where=where, unknowns=unknowns, **more)

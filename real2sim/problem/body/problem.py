@@ -12,7 +12,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, parameters, rig_of
+from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
 from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
 from saltus.real2sim.problem.body.replay import Replay, Rig
@@ -20,7 +20,7 @@ from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
 from saltus.real2sim.problem.log import boxes_of, robot_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free import Solver
 from saltus.terrain.boxes import Boxes
@@ -94,7 +94,7 @@ class BodyProblem(Problem):
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
         self._robot, self._claims = robot_of(log.meta), Claims.of(log.meta)
-        self.candidates = candidates(self._claims, 0.5 * self._claims.friction)  # until it is known where feet slip
+        self.candidates = self._candidates(0.5 * self._claims.friction)  # until it is known where feet slip
         self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
         self._index()
         noise = read_noise(log)
@@ -109,9 +109,8 @@ class BodyProblem(Problem):
         whitened = self._whiten(self._errors(self._replay.states(rig)) + fineness * self._time_step_error)
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the schema's names and units."""
-        return parameters(candidate, self._claims, float(torque_limits(self._robot)[2]), values)
+    def _candidates(self, slips_at: float) -> tuple[Candidate, ...]:
+        return candidates(self._claims, slips_at, float(torque_limits(self._robot)[2]))
 
     def _index(self) -> None:
         """Segment, signal and time of each residual."""
@@ -129,9 +128,9 @@ class BodyProblem(Problem):
         ratio = np.where(loaded, tangential / np.maximum(normal, 1e-9), 0.0)
         demand = float(np.quantile(ratio[loaded], SLIP_QUANTILE)) if loaded.any() else 0.0
         slips_at = min(0.9 * demand, 0.9 * self._claims.friction)
-        self.candidates = candidates(self._claims, slips_at)
+        self.candidates = self._candidates(slips_at)
         self._whiten = self._whitening(noise, has_gyro=has_gyro)
-        self.candidates = candidates(self._claims, self._slipperiest(slips_at))
+        self.candidates = self._candidates(self._slipperiest(slips_at))
         self.untestable = untestable(self, self._claims.friction, ratio, normal)
 
     def _slipperiest(self, otherwise: float) -> float:

@@ -58,19 +58,19 @@ class CountRows:
             predicted: depth with these effects at the pixels of the grid [m], shape (kept, pixels).
             noise_share: of the variance of noise that they leave there, shape as `predicted`.
         """
-        quadratic = FLOOR**2 * (np.exp(2.0 * effects.floor_level) + effects.noise_variance)
+        quadratic = FLOOR**2 * (np.exp(2.0 * effects.noise_floor_level) + effects.depth_noise)
         filtered = self.noise.means(noise_share)
-        constant = (1e-3 * np.exp(effects.floor_log_mm)) ** 2
+        constant = (1e-3 * np.exp(effects.noise_floor_constant)) ** 2
         left = _left(effects)
         expected = np.choose(
-            self.kind, [0.0, left, effects.hole_width - left, 0.0, effects.floor_level, effects.fill_reach]
+            self.kind, [0.0, left, effects.edge_holes - left, 0.0, effects.noise_floor_level, effects.hole_fill]
         )
         value = self.value.copy()
         is_noise, is_lost = self.kind == NOISE, self.kind == LOST
         expected[is_noise] = np.log(filtered * (quadratic * self.argument[is_noise] + constant) + (1e-3**2) / 12.0)
         value[is_noise] = self.noise.log_variances(predicted)
         residual = (value - expected) / np.where(expected > value, self.sigma_above, self.sigma)
-        residual[is_lost] = _signed_deviance(self.value[is_lost], self.argument[is_lost], effects.drop_angle)
+        residual[is_lost] = _signed_deviance(self.value[is_lost], self.argument[is_lost], effects.frame_drop)
         return np.asarray(residual)
 
 
@@ -83,7 +83,7 @@ def _signed_deviance(share: Floats, due: Floats, angle: float) -> Floats:
 
 def _left(effects: CameraEffects) -> float:
     """Width of holes after filling [px]: max(width - reach, 0), rounded off so that a fit finds its way out of 0."""
-    width, reach = effects.hole_width, effects.fill_reach
+    width, reach = effects.edge_holes, effects.hole_fill
     rest = width - reach
     return 0.5 * (rest + float(np.sqrt(rest**2 + 4.0 * ROUNDING_PX * width * min(reach, 1.0))))
 

@@ -42,10 +42,10 @@ class DepthModel:
 
         A temporal filter has seen all images before, so that with one they are all predicted.
         """
-        if effects.lag <= 0.0:
+        if effects.temporal_smear <= 0.0:
             return self._image(effects, kept)
         depth = self._image(effects, np.arange(len(self.stamp_s)))[self.shown]
-        alpha = 1.0 / (1.0 + effects.lag)
+        alpha = 1.0 / (1.0 + effects.temporal_smear)
         for k in range(1, len(depth)):
             mixed = alpha * depth[k] + (1.0 - alpha) * depth[k - 1]
             if self.is_hole is not None:
@@ -58,9 +58,9 @@ class DepthModel:
 
         Of weight alpha it leaves alpha / (2 - alpha) in the end; after a hole it begins anew.
         """
-        if effects.lag <= 0.0:
+        if effects.temporal_smear <= 0.0:
             return np.ones((len(kept), self.tangents.shape[1]))
-        alpha = 1.0 / (1.0 + effects.lag)
+        alpha = 1.0 / (1.0 + effects.temporal_smear)
         share = np.ones((len(self.shown), self.tangents.shape[1]))
         for k in range(1, len(share)):
             mixed = alpha**2 + (1.0 - alpha) ** 2 * share[k - 1]
@@ -69,18 +69,21 @@ class DepthModel:
 
     def rays(self, effects: CameraEffects, kept: Indices) -> tuple[Floats, Floats]:
         """Origins [m], shape (kept, 3), and directions, shape (kept, 3, pixels), in the world frame."""
-        exposed_s = self.stamp_s[kept] - effects.jitter_share * self.jitter_s[kept]
-        exposed_s = exposed_s - self.camera.latency_s - effects.latency
+        exposed_s = self.stamp_s[kept] - effects.arrival_jitter * self.jitter_s[kept]
+        exposed_s = exposed_s - self.camera.latency_s - effects.camera_latency
         position, rotation = self.motion.at(exposed_s)
         position, rotation = position + self.shift_m, rotation @ (np.eye(3) + skew(self.turn_rad))
-        raised = self.camera.position + np.array([0.0, 0.0, effects.height])
-        mount = Mount(position=raised, pitch=self.camera.pitch + effects.pitch)
-        looks = mount.rotation @ (self.tangents * np.array([[effects.tangent_scale], [effects.tangent_scale], [1.0]]))
+        raised = self.camera.position + np.array([0.0, 0.0, effects.camera_height])
+        mount = Mount(position=raised, pitch=self.camera.pitch + effects.camera_pitch)
+        wider = 1.0 + effects.camera_fov
+        looks = mount.rotation @ (self.tangents * np.array([[wider], [wider], [1.0]]))
         return position + rotation @ mount.position, rotation @ looks
 
     def _image(self, effects: CameraEffects, kept: Indices) -> Floats:
         depth = self.scene.depth(*self.rays(effects, kept))
-        depth = np.minimum(effects.depth_scale * depth + effects.bias, min(self.camera.range_m, FARTHEST_M))
-        if effects.clip_share > 0.0:
-            depth = depth - effects.clip_share * np.maximum(depth - effects.clip_m, 0.0)
+        depth = np.minimum(
+            (1.0 + effects.depth_scale) * depth + effects.depth_bias, min(self.camera.range_m, FARTHEST_M)
+        )
+        if effects.range_clip > 0.0:
+            depth = depth - effects.range_clip * np.maximum(depth - effects.clip_m, 0.0)
         return depth

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.camera.candidates import CameraEffects, camera_candidates, physical
+from saltus.real2sim.problem.camera.candidates import CameraEffects, camera_candidates
 from saltus.real2sim.problem.camera.counts import counted_rows
 from saltus.real2sim.problem.camera.data import AS_CLAIMED, camera_data
 from saltus.real2sim.problem.camera.end import end_of_range
 from saltus.real2sim.problem.camera.shake import shake_of
 from saltus.real2sim.problem.camera.testable import untestable_effects
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Driver, Estimate, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Driver, Problem
 from saltus.recordings.run_log import RunLog
 
 RANGE, ROW, COLUMN = "range", "row", "column"  # names of drivers
@@ -60,7 +60,7 @@ class CameraProblem(Problem):
 
     def _set_candidates(self) -> None:
         data = self._data
-        later = data.model.predict(replace(AS_CLAIMED, latency=PROBE_S), data.kept)
+        later = data.model.predict(replace(AS_CLAIMED, camera_latency=PROBE_S), data.kept)
         shift = self._depth_residuals(later) - self._depth_residuals(data.predicted)
         self.untestable = untestable_effects(data, self._counts, shift)
         farthest_m = float(np.max(data.predicted[self._at], initial=1.0))
@@ -69,7 +69,7 @@ class CameraProblem(Problem):
         without = set(self.untestable)
         if not np.any(data.frames.jitter_s):
             without.add("arrival_jitter")
-        every = camera_candidates(data.camera.latency_s)
+        every = camera_candidates(data.camera.latency_s, data.camera.fx, self._ends_m)
         self.candidates = tuple(c for c in every if c.effect not in without)
 
     def residuals(self, unknowns: Floats) -> Floats:
@@ -83,10 +83,6 @@ class CameraProblem(Problem):
             end = np.empty(0) if self._end is None else self._end.residuals(effects)
             rows.append(np.concatenate([self._depth_residuals(predicted), _bent(end), _bent(counted)]))
         return np.stack(rows)[:, None] if rows else np.empty((0, 1, len(self.segment)))
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """See `Problem`."""
-        return physical(candidate, values, self._data.camera.latency_s, self._data.camera.fx, self._ends_m)
 
     def drivers(self) -> tuple[Driver, ...]:
         """Where in the image, and how far away; for depth only, not for what is counted."""

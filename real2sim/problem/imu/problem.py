@@ -12,7 +12,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DELAY_S, STEP_S, WINDOW_STEPS, cut_windows
 from saltus.real2sim.problem.log import sampled, segments_of
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, Unknown, estimates
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 
@@ -102,11 +102,6 @@ class ImuProblem(Problem):
         turn = self._turn_error(self._base(delay - value["gyro_sampling.lead"]), bias, axes)
         whitened = self._whitened(tilt, turn)
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the schema's names and units."""
-        names = [unknown.name for unknown in candidate.unknowns]
-        return estimates(candidate.effect, dict(zip(names, values.tolist(), strict=True)))
 
     def _base(self, delay_s: Floats) -> Floats:
         """Orientation of the base `delay_s` before each step, shape (n, w, steps, 4)."""

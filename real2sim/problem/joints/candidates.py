@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.joints.drives import Drives, lost
-from saltus.real2sim.problem.problem import Candidate, Estimate, Unknown, estimates
+from saltus.real2sim.problem.joints.drives import Drives
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] told where the loss never reaches that share
@@ -48,6 +48,10 @@ KINDS = (
         _shape("corner", 0.0, 30.0, 1.0),
         _shape("span", 0.3, 60.0, 1.0),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
+        coordinates=Coordinates(
+            parameters=lambda x: {"corner": float(x[1]), "no_load": float(x[1]) + float(x[2])},
+            unknowns=lambda values: (1.0, values["corner"], values["no_load"] - values["corner"]),
+        ),
     ),
     _kind(  # the corner's starts are shares of the largest torque
         "torque_saturation",
@@ -56,7 +60,12 @@ KINDS = (
         _shape("rounding", 0.05, 10.0, 0.5),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
-    _kind("torque_gain", _size("excess", -0.7, 1.0, 0.01), resolution=4e-3),
+    _kind(
+        "torque_gain",
+        _size("excess", -0.7, 1.0, 0.01),
+        resolution=4e-3,
+        coordinates=Coordinates.less("gain", 1.0),
+    ),
     _kind("battery_sag", _size("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
     _kind("viscous_friction", _size("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
     _kind("coulomb_friction", _size("torque", 0.0, 5.0, 0.04), starts=((0.2,),), resolution=2e-3),
@@ -161,22 +170,6 @@ class JointCandidates:
             if effect in effects:
                 found |= np.any(unknowns[:, :, columns.start] != 0.0, axis=1)
         return found
-
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the names and units of the schema."""
-        match candidate.effect:
-            case "torque_speed_limit":
-                corner, span = float(values[1]), float(values[2])
-                found = {"corner": corner, "no_load": corner + span}
-            case "torque_saturation":
-                limit = float(self._limit[0, self._places.index(candidate.where)])
-                found = knee_and_plateau(lambda torque: lost(torque, *values), limit)
-            case "torque_gain":
-                found = {"gain": 1.0 + float(values[0])}
-            case _:
-                names = (unknown.name for unknown in candidate.unknowns)
-                found = {name: float(value) for name, value in zip(names, values, strict=True) if name != "weight"}
-        return estimates(candidate.effect, found)
 
     def _values(self, effect: str, unknowns: Floats) -> tuple[Floats, ...] | None:
         """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windo
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Estimate, Problem, estimates
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Coordinates, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held import HeldRobot
@@ -76,7 +77,7 @@ class JointProblem(Problem):
         limits = _torque_limits(self.model, branches)
         self.limit = limits[0]
         self._candidates = JointCandidates(places, limits, self.reach, tuple(self.untestable))
-        self.candidates = self._candidates.listed
+        self.candidates = self._with_saturations()
         self._name_samples(places)
         self._learn_noise()
 
@@ -104,28 +105,44 @@ class JointProblem(Problem):
         """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
 
         Args:
-            corners: As in `residuals_with_hinges`.
-            slopes: What share each piece takes, shape (blocks, places, pieces).
+            corners: Torque from which on each piece takes [Nm], shape (blocks, places, pieces).
+            slopes: What share it takes, same shape.
         """
         problem = copy(self)
         problem._assumed = _hinges(corners, slopes[None])
+        problem.candidates = problem._with_saturations()
         return problem
 
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""
         return self._candidates.columns(effect, list(self.places[0]).index(place))
 
-    def physical(self, candidate: Candidate, values: Floats) -> dict[str, Estimate]:
-        """Parameters in the schema's names and units."""
-        if self._assumed and candidate.effect == "torque_saturation":
-            place = list(self.places[0]).index(candidate.where)
-            pieces = [(float(slopes[:, place].mean()), float(corners[place, 0])) for slopes, corners in self._assumed]
-            found = knee_and_plateau(
-                lambda x: lost(x, *values) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
-                float(self.limit[place]),
+    def _with_saturations(self) -> tuple[Candidate, ...]:
+        """The candidates, those of a saturation with knee and plateau of what is fitted and what is assumed."""
+        return tuple(
+            replace(
+                candidate,
+                coordinates=Coordinates(
+                    parameters=partial(self._knee_and_plateau, list(self.places[0]).index(candidate.where)),
+                    unknowns=lambda _: (0.0, 0.0, 0.0),  # what a profile has is assumed, not fitted
+                ),
             )
-            return estimates(candidate.effect, found)
-        return self._candidates.physical(candidate, values)
+            if candidate.effect == "torque_saturation"
+            else candidate
+            for candidate in self._candidates.listed
+        )
+
+    def _knee_and_plateau(self, place: int, law: Floats) -> dict[str, float]:
+        """Of a law at a place of the legs; of what is assumed there, the mean of the blocks that have it."""
+        pieces = []
+        for slopes, corners in self._assumed:
+            own = slopes[:, place, 0] != 0.0
+            if own.any():
+                pieces.append((slopes[own, place, 0].mean(), corners[own, place, 0].mean()))
+        return knee_and_plateau(
+            lambda x: lost(x, *law) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
+            float(self.limit[place]),
+        )
 
     def _residuals(self, unknowns: Floats) -> Floats:
         return self._whitened(replace(self._candidates.drives(unknowns, self._motion.dt_s), hinges=self._assumed))
@@ -229,7 +246,7 @@ class JointProblem(Problem):
 
 
 def _hinges(corners: Floats, slopes: Floats) -> Hinges:
-    return tuple((slopes[..., k].transpose(1, 2, 0), corners[:, k, None]) for k in range(corners.shape[1]))
+    return tuple((slopes[..., k].transpose(1, 2, 0), corners[..., k, None]) for k in range(corners.shape[-1]))
 
 
 def _base_quaternion(log: RunLog) -> Sequence[float]:
