@@ -97,7 +97,9 @@ class RunConfig:
         if not 0.0 < self.time_limit_s <= LONGEST_RUN_S:
             raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, up to {LONGEST_RUN_S:g}")
         if self.camera == "d435i" and self.renderer not in ("auto", "embree"):
-            raise ConfigError(f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree")
+            raise ConfigError(
+                f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree; add --camera ideal"
+            )
 
 
 class Value:

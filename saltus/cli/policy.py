@@ -51,8 +51,8 @@ class Eval:
     predicted: what the heightmap service makes of late depth images."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service, with --heightmap predicted."""
-    camera: Camera = "ideal"
-    """With --heightmap predicted. ideal: true depth. d435i: with the errors of a stereo camera."""
+    camera: Camera = "d435i"
+    """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0

@@ -42,10 +42,10 @@ class RunOptions:
     """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
     speed: float = 1.0
     """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
-    camera: Camera = "ideal"
-    """ideal: true depth. d435i: with the errors of a stereo camera."""
+    camera: Camera = "d435i"
+    """d435i: with the errors of a stereo camera. ideal: true depth."""
     renderer: Renderer = "auto"
-    """Back end of the ideal camera."""
+    """Back end of --camera ideal."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None

@@ -76,7 +76,7 @@ BAD = {
     "demo --profile missing.toml": "missing.toml",
     "demo --profile /proc/self/mem": "/proc/self/mem",
     "demo --camera d435": "did you mean 'd435i'?",
-    "demo --camera d435i --renderer pyrender": "embree",
+    "demo --renderer pyrender": "add --camera ideal",
     "demo --out file": "--out",
     "demo --out file/below": "file/below",
     "demo --out /proc/nowhere": "/proc/nowhere",
