@@ -13,7 +13,7 @@ from saltus.render.camera import Mount, RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
 from saltus.render.legs import LegShapes
 from saltus.render.renderer import Renderer
-from saltus.render.warp_kernels import cast_kernel, hide_kernel
+from saltus.render.warp_kernels import Scene, cast_kernel, hide_kernel
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
@@ -93,42 +93,34 @@ class WarpCaster:
             warp.launch(
                 hide_kernel,
                 dim=depth.shape,
-                inputs=[*scene, depth, baseline_m, FARTHEST_M, ALONG_RAY],
+                inputs=[scene, depth, baseline_m, FARTHEST_M, ALONG_RAY],
                 outputs=[hidden],
                 device=self.device,
             )
             return depth, hidden
 
-    def _cast(self, scene: list[Any]) -> warp.array:
+    def _cast(self, scene: Scene) -> warp.array:
         intrinsics = self.camera.intrinsics
-        shape = (scene[0].shape[0], intrinsics.height, intrinsics.width)
+        shape = (scene.origin.shape[0], intrinsics.height, intrinsics.width)
         depth = warp.empty(shape, dtype=float, device=self.device)
-        warp.launch(cast_kernel, dim=shape, inputs=scene, outputs=[depth], device=self.device)
+        warp.launch(cast_kernel, dim=shape, inputs=[scene], outputs=[depth], device=self.device)
         return depth
 
-    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> list[Any]:
-        """First arguments of the kernels."""
+    def _scene(self, base_position: Array, base_quaternion: Array, joint_position: Array) -> Scene:
+        """What the kernels get."""
         if self._low.shape[0] not in (1, len(base_position)):
             raise SaltusError(f"boxes are given for {self._low.shape[0]} robots, poses for {len(base_position)}")
         origin, rotation = camera_pose(self.camera.mount, base_position, base_quaternion)
         legs = self._legs.capsules(joint_position)
         position_in_base, camera_in_base = (constant.like(legs.start) for constant in self.camera.mount.in_base)
         seen = capsules_in_camera(legs, position_in_base, camera_in_base)
-        camera = self.camera.intrinsics
-        return [
-            self._on_device(origin, warp.vec3f),
-            self._on_device(rotation, warp.mat33f),
-            self._low,
-            self._high,
-            self._turn,
-            self._on_device(seen.start, warp.vec3f),
-            self._on_device(seen.end, warp.vec3f),
-            self._radius,
-            camera.fx,
-            camera.fy,
-            camera.cx,
-            camera.cy,
-        ]
+        camera, scene = self.camera.intrinsics, Scene()
+        scene.origin, scene.rotation = self._on_device(origin, warp.vec3f), self._on_device(rotation, warp.mat33f)
+        scene.low, scene.high, scene.turn = self._low, self._high, self._turn
+        scene.start, scene.end = self._on_device(seen.start, warp.vec3f), self._on_device(seen.end, warp.vec3f)
+        scene.radius = self._radius
+        scene.fx, scene.fy, scene.cx, scene.cy = camera.fx, camera.fy, camera.cx, camera.cy
+        return scene
 
     def _on_device(self, array: Array, dtype: Any) -> warp.array:
         if isinstance(array, np.ndarray):

@@ -120,60 +120,54 @@ def pixel_direction(row: int, column: int, fx: float, fy: float, cx: float, cy: 
     return wp.vec3f((float(column) + 0.5 - cx) / fx, (float(row) + 0.5 - cy) / fy, 1.0)
 
 
+@wp.struct
+class Scene:
+    """Cameras and what they see."""
+
+    origin: wp.array[wp.vec3f]
+    rotation: wp.array[wp.mat33f]
+    """Camera to world."""
+    low: wp.array2d[wp.vec3f]
+    high: wp.array2d[wp.vec3f]
+    turn: wp.array2d[wp.mat33f]
+    """Of boxes: one row for all frames, or one for each."""
+    start: wp.array2d[wp.vec3f]
+    end: wp.array2d[wp.vec3f]
+    radius: wp.array[float]
+    """Of capsules, in the camera frames."""
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+@wp.func
+def nearest_along(scene: Scene, frame: int, origin: wp.vec3f, way: wp.vec3f) -> float:
+    """Depth of what a ray meets first; its origin and direction are in the camera frame."""
+    turn = scene.rotation[frame]
+    row = wp.min(frame, scene.low.shape[0] - 1)
+    nearest = boxes_entry(scene.origin[frame] + turn * origin, turn * way, scene.low, scene.high, scene.turn, row)
+    for k in range(scene.radius.shape[0]):
+        start, end = scene.start[frame, k] - origin, scene.end[frame, k] - origin
+        nearest = wp.min(nearest, capsule_entry(way, start, end, scene.radius[k]))
+    return nearest
+
+
 @wp.kernel(enable_backward=False)
-def cast_kernel(
-    origin: wp.array[wp.vec3f],
-    rotation: wp.array[wp.mat33f],
-    box_low: wp.array2d[wp.vec3f],
-    box_high: wp.array2d[wp.vec3f],
-    box_turn: wp.array2d[wp.mat33f],
-    start: wp.array2d[wp.vec3f],
-    end: wp.array2d[wp.vec3f],
-    radius: wp.array[float],
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    depth: wp.array3d[float],
-):
-    """Depth of boxes (one row for all frames, or one for each) and capsules (in the camera frames)."""
+def cast_kernel(scene: Scene, depth: wp.array3d[float]):
+    """Depth of boxes and capsules."""
     frame, row, column = wp.tid()
-    direction = pixel_direction(row, column, fx, fy, cx, cy)
-    boxes = wp.min(frame, box_low.shape[0] - 1)
-    nearest = boxes_entry(origin[frame], rotation[frame] * direction, box_low, box_high, box_turn, boxes)
-    for k in range(radius.shape[0]):
-        nearest = wp.min(nearest, capsule_entry(direction, start[frame, k], end[frame, k], radius[k]))
-    depth[frame, row, column] = nearest
+    direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)
+    depth[frame, row, column] = nearest_along(scene, frame, wp.vec3f(), direction)
 
 
 @wp.kernel(enable_backward=False)
 def hide_kernel(
-    origin: wp.array[wp.vec3f],
-    rotation: wp.array[wp.mat33f],
-    box_low: wp.array2d[wp.vec3f],
-    box_high: wp.array2d[wp.vec3f],
-    box_turn: wp.array2d[wp.mat33f],
-    start: wp.array2d[wp.vec3f],
-    end: wp.array2d[wp.vec3f],
-    radius: wp.array[float],
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    depth: wp.array3d[float],
-    baseline: float,
-    farthest: float,
-    along: float,
-    hidden: wp.array3d[wp.bool],
+    scene: Scene, depth: wp.array3d[float], baseline: float, farthest: float, along: float, hidden: wp.array3d[wp.bool]
 ):
     """Whether something lies on the way from the right imager to the point that the left one sees."""
     frame, row, column = wp.tid()
     to_right = wp.vec3f(baseline, 0.0, 0.0)
-    point = pixel_direction(row, column, fx, fy, cx, cy) * wp.min(depth[frame, row, column], farthest)
-    way = point - to_right
-    right = origin[frame] + rotation[frame] * to_right
-    boxes = wp.min(frame, box_low.shape[0] - 1)
-    nearest = boxes_entry(right, rotation[frame] * way, box_low, box_high, box_turn, boxes)
-    for k in range(radius.shape[0]):
-        nearest = wp.min(nearest, capsule_entry(way, start[frame, k] - to_right, end[frame, k] - to_right, radius[k]))
-    hidden[frame, row, column] = nearest < along
+    direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)
+    way = direction * wp.min(depth[frame, row, column], farthest) - to_right
+    hidden[frame, row, column] = nearest_along(scene, frame, to_right, way) < along

@@ -11,8 +11,7 @@ from saltus.depth import MILLIMETRE, NOTHING
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.mounts import random_mount
 from saltus.render.camera import Mount, RobotCamera
-from saltus.render.randomisation import CameraRandomisation
-from saltus.render.stereo.camera import StereoConfig
+from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.model_view import COLUMNS, ROWS, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_torch import TorchStereo
@@ -50,8 +49,7 @@ class DeviceCameras:
         mounts = random_mount(self._robot, rng, self._count)
         for caster in self._casters.values():
             caster.set_mount(mounts)
-        config = CameraRandomisation().draw(self._count, rng).stereo(StereoConfig())
-        self._stereo = TorchStereo(config, _OPTICS, self._device)
+        self._stereo = TorchStereo(drawn_cameras(self._count, rng), _OPTICS, self._device)
         self._state = self._stereo.init(self._count, rng)
 
     @property

@@ -9,8 +9,8 @@ from saltus.depth import MODEL_CAMERA, depth_in_millimetres
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S
 from saltus.heightmap.data.rollouts import Trajectory
 from saltus.render.camera import RobotCamera
-from saltus.render.randomisation import CameraRandomisation
-from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.randomisation import drawn_cameras
+from saltus.render.stereo.camera import StereoCamera
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
@@ -18,11 +18,6 @@ from saltus.render.stereo_embree import StereoEmbree
 SAMPLED = sampled_model_camera(ROWS, COLUMNS)
 OPTICS = Optics.of(SAMPLED)
 CHUNK = 64  # robots that are worked on together: their arrays of 600 kB stay in the processor's cache
-
-
-def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
-    """The errors of `count` cameras of different quality, see `saltus.render.randomisation`."""
-    return CameraRandomisation().draw(count, rng).stereo(StereoConfig())
 
 
 def stereo_images(

@@ -26,7 +26,6 @@ from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
 from saltus.heightmap.data.rollouts import true_heights
-from saltus.heightmap.data.stereo_images import drawn_cameras
 from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
@@ -35,6 +34,7 @@ from saltus.heightmap.service.replay import replay_predictor
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
+from saltus.render.randomisation import drawn_cameras
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState

@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.effects.fields import unit_uniform
 from saltus.render.stereo.image import StereoImage
+from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaselineOcclusion(Effect[StereoImage]):
+class BaselineOcclusion(RandomStereoEffect):
     """Points that the right imager does not see are invalid: a shadow to the left of every near object.
 
     The shadow comes from a second view (`saltus.render.stereo_embree`), so it is as wide as the geometry makes it:
@@ -22,13 +22,8 @@ class BaselineOcclusion(Effect[StereoImage]):
     """
 
     name: ClassVar[str] = "baseline_occlusion"
-    site: ClassVar[Site] = "depth"
 
     rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
-        """A key for each image."""
-        return draw_keys(batch, rng)
 
     def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
         """Invalidates what is hidden."""

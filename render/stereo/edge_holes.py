@@ -8,22 +8,21 @@ import numpy as np
 from scipy.special import ndtri
 
 from saltus.arrays import namespace
-from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, like, parameter
+from saltus.effects.effect import PerRobot, like, parameter
 from saltus.effects.fields import gaussian, mean_around, samples
 from saltus.render.stereo.discontinuity import discontinuity
 from saltus.render.stereo.image import StereoImage
+from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class EdgeHoles(Effect[StereoImage]):
+class EdgeHoles(RandomStereoEffect):
     """A share `fraction` of the pixels within `reach` of a depth edge, on its far side, is invalid, in patches.
 
     The near side usually wins the match, so it keeps its pixels.
     """
 
     name: ClassVar[str] = "edge_holes"
-    site: ClassVar[Site] = "depth"
 
     # a D435 frame of smooth surfaces (librealsense's tests) loses 12 % of the pixels right beside an edge, 3 % of those
     # within 4.5 px; frames of clutter lose several times that
@@ -34,10 +33,6 @@ class EdgeHoles(Effect[StereoImage]):
     jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
     patch: float = field(default=3.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
-        """A key for each image."""
-        return draw_keys(batch, rng)
 
     def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
         """Loses pixels at edges."""

@@ -4,32 +4,25 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
-import numpy as np
-
 from saltus.arrays import namespace
-from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.effects.fields import unit_uniform, unit_uniform_at
 from saltus.render.devices import on_host
 from saltus.render.stereo.discontinuity import discontinuity
 from saltus.render.stereo.image import StereoImage
+from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlyingPixels(Effect[StereoImage]):
+class FlyingPixels(RandomStereoEffect):
     """A share `fraction` of the pixels next to a depth edge has a disparity anywhere between both sides."""
 
     name: ClassVar[str] = "flying_pixels"
-    site: ClassVar[Site] = "depth"
 
     # not published; one in five makes the thin veil at edges that recordings show
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
     # as for holes at edges
     jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
-        """A key for each image."""
-        return draw_keys(batch, rng)
 
     def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
         """Moves pixels into the gap."""

@@ -6,14 +6,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.draws import draw_keys
-from saltus.effects.effect import Effect, PerRobot, Site, parameter, per_image
+from saltus.effects.effect import PerRobot, parameter, per_image
 from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
+from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
 @dataclass(frozen=True, kw_only=True)
-class WeakSignal(Effect[StereoImage]):
+class WeakSignal(RandomStereoEffect):
     """The pattern's return falls as cos(incidence) / z^2; below a threshold a pixel is invalid.
 
     At `reach` and normal incidence half of the pixels are lost; texture and reflectance vary by `spread` (standard
@@ -21,7 +21,6 @@ class WeakSignal(Effect[StereoImage]):
     """
 
     name: ClassVar[str] = "weak_signal"
-    site: ClassVar[Site] = "depth"
 
     # 10 m (D435i datasheet: depth up to about 10 m)
     reach: PerRobot = parameter(unit="m", null=np.inf, low=0.1, high=1e3)
@@ -29,10 +28,6 @@ class WeakSignal(Effect[StereoImage]):
     spread: float = field(default=0.7, metadata={"unit": "", "low": 0.01, "high": 5.0, "per_joint": False})
     patch: float = field(default=5.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
-
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
-        """A key for each image."""
-        return draw_keys(batch, rng)
 
     def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
         """Loses what returns too little."""

@@ -15,11 +15,12 @@ from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
-from saltus.heightmap.data.stereo_images import SAMPLED, drawn_cameras, stereo_images
+from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
 from saltus.policy.planner import make_planner
 from saltus.render.camera import RobotCamera
+from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import IDEAL_STEREO
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack

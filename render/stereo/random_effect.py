@@ -1,0 +1,21 @@
+"""What effects of a stereo matcher that draw at random have in common."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from saltus.effects.draws import draw_keys
+from saltus.effects.effect import Effect, Site
+from saltus.render.stereo.image import StereoImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomStereoEffect(Effect[StereoImage]):
+    """Draws from a key for each image and the capture time: the key is all its state."""
+
+    site: ClassVar[Site] = "depth"
+
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
+        """A key for each image."""
+        return draw_keys(batch, rng)
