@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
-from saltus.depth import MILLIMETRE, Intrinsics
+from saltus.depth import Intrinsics, depth_frame
 from saltus.wire.messages import DepthFrame, Floats
 
 if TYPE_CHECKING:
@@ -83,20 +83,6 @@ def recorded_run(config: "RunConfig") -> "Recording":
         with Stack(config, Path(directory)) as stack:
             stack.wait()
         return read_recording(Path(directory) / "recording.mcap")
-
-
-def depth_frame(camera: Intrinsics, depth: np.ndarray, *, time_ns: int = 0, frame_id: int = 0) -> DepthFrame:
-    """An image [mm] as a camera sends it."""
-    return DepthFrame(
-        time_ns=time_ns,
-        frame_id=frame_id,
-        depth=depth,
-        depth_unit_m=MILLIMETRE,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-    )
 
 
 def random_frames(camera: Intrinsics, count: int, rng: np.random.Generator) -> list[DepthFrame]:

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks._command import Command, progress, tell
-from benchmarks._measuring import depth_frame
 from saltus.config import DEFAULT_ROBOT
-from saltus.depth import D435I, depth_in_millimetres
+from saltus.depth import D435I, depth_frame, depth_in_millimetres
 from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.depth import MILLIMETRE, depth_in_millimetres
+from saltus.depth import depth_frame, depth_in_millimetres
 from saltus.effects.camera import CameraChain
 from saltus.effects.signals import DepthImage
 from saltus.render.exposure import Exposure
@@ -72,14 +72,5 @@ class CameraProcess:
         """Packs an image; frames that are older will not be asked for again."""
         frame_id = self._frame_ids[time_ns]
         self._frame_ids = {time: known for time, known in self._frame_ids.items() if time >= time_ns}
-        camera = self._exposure.intrinsics
-        return DepthFrame(
-            time_ns=time_ns,
-            frame_id=frame_id,
-            depth=depth_in_millimetres(image.depth),
-            depth_unit_m=MILLIMETRE,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=camera.cx,
-            cy=camera.cy,
-        )
+        depth = depth_in_millimetres(image.depth)
+        return depth_frame(self._exposure.intrinsics, depth, time_ns=time_ns, frame_id=frame_id)

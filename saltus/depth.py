@@ -97,6 +97,20 @@ def depth_in_millimetres(depth_m: Floats) -> NDArray[np.uint16]:
     return millimetres.astype(np.uint16)
 
 
+def depth_frame(camera: Intrinsics, depth_mm: NDArray[np.uint16], *, time_ns: int = 0, frame_id: int = 0) -> DepthFrame:
+    """An image [mm], shape (height, width), as a camera sends it."""
+    return DepthFrame(
+        time_ns=time_ns,
+        frame_id=frame_id,
+        depth=depth_mm,
+        depth_unit_m=MILLIMETRE,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pooling:
     """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers."""

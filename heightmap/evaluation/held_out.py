@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, TerrainKind, check_between
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
@@ -43,7 +43,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
+from saltus.wire.messages import ControllerMode, RobotState
 from saltus.workers import tell
 
 KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
@@ -248,7 +248,7 @@ def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Seque
     for step, tick in zip(steps, ticks, strict=True):
         if np.isfinite(tick.captured_s[robot]):
             arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
-    frames = [_frame(step, taken[step]) for step in arrived]
+    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=_ns(step), frame_id=step) for step in arrived]
     states = [_state(step.states, robot) for step in steps]
     arrival_ns = [_ns(step) for step in arrived.values()]
     maps = replay_predictor(GeometricHeightmap(kind, foot_gain=BASELINES[name]), frames, states, arrival_ns)
@@ -260,14 +260,6 @@ def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Seque
 
 def _ns(step: int) -> int:
     return round(step * TICK_S * _NS)
-
-
-def _frame(step: int, depth: NDArray[np.uint16]) -> DepthFrame:
-    camera = MODEL_CAMERA
-    return DepthFrame(
-        time_ns=_ns(step), frame_id=step, depth=depth, depth_unit_m=MILLIMETRE,
-        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
-    )  # fmt: skip
 
 
 def _state(states: RobotStates, robot: int) -> RobotState:

@@ -15,7 +15,7 @@ from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, rea
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
 from saltus.recordings.recording import Recording
-from saltus.recordings.report import page
+from saltus.recordings.report import figure_html, page
 from saltus.recordings.summary import rounded
 
 WORST = 10
@@ -161,18 +161,18 @@ def write_report(report: ErrorReport, path: Path) -> None:
         _summary_table(report),
         "<h2>By distance ahead</h2>",
         '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
-        figures.figure_html(figures.distance_figure(errors), first=True),
+        figure_html(figures.distance_figure(errors), first=True),
     ]
     for _, title, rows_of, axis in _SECTIONS:
-        parts += [f"<h2>{title}</h2>", figures.figure_html(figures.group_figure(errors, rows_of, axis))]
+        parts += [f"<h2>{title}</h2>", figure_html(figures.group_figure(errors, rows_of, axis))]
     parts += [
         "<h2>Edges</h2>",
         '<p class="note">Mean error of the position of jumps of more than 3 cm that were predicted.</p>',
-        figures.figure_html(figures.edge_figure(report.edges())),
+        figure_html(figures.edge_figure(report.edges())),
         "<h2>Stated intervals</h2>",
         '<p class="note">Left: how many of the true heights lie in the intervals that should hold a share of them. '
         "Right: the error that 90 % are below, of the points whose stated intervals are as wide.</p>",
-        figures.figure_html(figures.calibration_figure(errors)),
+        figure_html(figures.calibration_figure(errors)),
         f"<h2>The worst moments of {html.escape(report.predictors[0])}</h2>",
         f'<p class="note">Steps with a mean error above {centimetres(WORST_M)} cm, at most {WORST}, at least '
         f"{APART_S:g} s apart.{'' if report.worst() else ' There are none.'}</p>",
@@ -278,5 +278,5 @@ def _moments(report: ErrorReport) -> list[str]:
             f"{100 * _mean_error(comparison, i):.1f} cm; {comparison.phase[i]}, {comparison.speed_mps[i]:.1f} m/s, "
             f"image {1e3 * comparison.age_s[i]:.0f} ms old{'' if frame is not None else ', not in the recording'}</p>"
         )
-        parts.append(figures.figure_html(figures.moment_figure(i, comparison, others, frame, report.predictors)))
+        parts.append(figure_html(figures.moment_figure(i, comparison, others, frame, report.predictors)))
     return parts

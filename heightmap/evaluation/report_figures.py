@@ -22,13 +22,6 @@ _LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "itemsizing": "co
 """Above the curves, which make room for as many lines as it has."""
 
 
-def figure_html(figure: go.Figure, *, first: bool = False) -> str:
-    """A figure as part of a page; the first brings plotly with it."""
-    figure.update_layout(template="simple_white", hovermode="closest")
-    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first, config={"displayModeBar": False})
-    return fragment
-
-
 def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
     """Mean and 90 % error over distance ahead, and what the predictors state."""
     figure = go.Figure()
@@ -176,7 +169,6 @@ def _styled(figure: go.Figure, title: str, height: int) -> go.Figure:
     figure.update_yaxes(title="error [cm]", rangemode="tozero")
     figure.update_layout(
         height=height,
-        margin={"l": 60, "r": 20, "t": 20, "b": 50},
         legend=_LEGEND,
         barmode="group",
     )

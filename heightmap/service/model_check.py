@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus.depth import MILLIMETRE, MODEL_CAMERA
+from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.errors import ModelError, SaltusError
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -50,17 +50,9 @@ def checked_model(robot: Robot, path: Path) -> HeightmapNetwork:
 
 
 def _frame(index: int, rng: np.random.Generator) -> DepthFrame:
-    camera = MODEL_CAMERA
-    return DepthFrame(
-        time_ns=round(1e9 * (CAMERA_PERIOD_S * index - CAMERA_LATENCY_S)),
-        frame_id=index,
-        depth=rng.integers(300, 2500, (camera.height, camera.width)).astype(np.uint16),
-        depth_unit_m=MILLIMETRE,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-    )
+    depth = rng.integers(300, 2500, (MODEL_CAMERA.height, MODEL_CAMERA.width)).astype(np.uint16)
+    time_ns = round(1e9 * (CAMERA_PERIOD_S * index - CAMERA_LATENCY_S))
+    return depth_frame(MODEL_CAMERA, depth, time_ns=time_ns, frame_id=index)
 
 
 def main() -> int:

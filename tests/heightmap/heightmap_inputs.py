@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 from samples import ROBOT
 
-from benchmarks._measuring import depth_frame
-from saltus.depth import MODEL_CAMERA
+from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService

@@ -9,7 +9,7 @@ from samples import ROBOT
 
 from saltus import rotations
 from saltus.config import RunConfig, TerrainConfig
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, Intrinsics, depth_in_millimetres
+from saltus.depth import MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres
 from saltus.grid import HEIGHTMAP_X
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -98,10 +98,7 @@ def _raw(key: str, message: Message, sequence: int, arrival_ns: int) -> RawSampl
 
 
 def _frame(frame_id: int, camera: Intrinsics, depth: np.ndarray) -> DepthFrame:
-    return DepthFrame(
-        time_ns=20 * MS * frame_id, frame_id=frame_id, depth=depth_in_millimetres(depth), depth_unit_m=MILLIMETRE,
-        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
-    )  # fmt: skip
+    return depth_frame(camera, depth_in_millimetres(depth), time_ns=20 * MS * frame_id, frame_id=frame_id)
 
 
 def _state(step: int, quaternion: np.ndarray, velocity: np.ndarray, joints: np.ndarray) -> RobotState:
