@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from saltus.recordings.report import figure_html, page
 from saltus.render.fit import FitResult
 from saltus.render.stereo.estimate import Estimate
 from saltus.render.stereo.fit_baseline import Shadows, edge_shadows, left_bands
@@ -34,10 +35,9 @@ def write_fit_plot(result: FitResult, path: Path) -> Path:
     _widths(figure, result)
     _columns(figure, result)
     _edges(figure, result)
-    figure.update_layout(height=1080, width=1100, template="plotly_white", showlegend=False)
+    figure.update_layout(height=1080, width=1100, showlegend=False, margin={"l": 60, "r": 20, "t": 100, "b": 50})
     figure.update_layout(title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)")
-    text = figure.to_html(full_html=False, include_plotlyjs=True)
-    path.write_text(f"<!doctype html><meta charset='utf-8'><title>Stereo camera fit</title>{text}{_table(result)}")
+    path.write_text(page("Stereo camera fit", figure_html(figure, first=True) + _table(result)))
     return path
 
 
@@ -133,5 +133,4 @@ def _table(result: FitResult) -> str:
         estimate: Estimate = getattr(result.parameters, f.name)
         value = "untestable" if estimate.value is None else f"{estimate.value:.4g} &plusmn; {estimate.error:.2g}"
         rows.append(f"<tr><td>{f.name}</td><td>{value}</td><td>{estimate.note}</td></tr>")
-    style = "<style>body{font-family:sans-serif}td{padding:2px 12px;border-bottom:1px solid #ddd}</style>"
-    return f"{style}<table>{''.join(rows)}</table>"
+    return f'<table class="text">{"".join(rows)}</table>'

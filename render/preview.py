@@ -2,6 +2,7 @@
 
 import base64
 import html
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from saltus.depth import D435I, MILLIMETRE, RANGE_M, Intrinsics, depth_in_millimetres, model_image
+from saltus.depth import D435I, RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.recordings.report import page
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -20,7 +22,7 @@ from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import DepthFrame, Floats
+from saltus.wire.messages import Floats
 
 Depth = NDArray[np.float32]
 Poses = tuple[Floats, Floats, Floats]
@@ -28,17 +30,59 @@ Poses = tuple[Floats, Floats, Floats]
 EXPOSURES = 5  # of a camera that stands still, before its picture is shown: the temporal filter has settled by then
 FRAME_S = 0.02
 NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
-PICTURE_HEIGHT = 240  # px, of small images too
+DARKEST = 20  # of the 256 colours: the first ones are hardly told from black
 CLOUD_STRIDE = 2  # of the pixels along both axes: 25,000 points turn smoothly in a browser
 STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 1340px; margin: 2em auto; padding: 0 1em; color: #222; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin: 2em 0 0.3em; } p { color: #555; margin: 0.2em 0; }
+body { max-width: 1340px; } p { color: #555; margin: 0.2em 0; }
 .row { display: flex; flex-wrap: wrap; gap: 16px; } figure { margin: 0.5em 0; max-width: 424px; }
 figure.narrow { max-width: 150px; } img { image-rendering: pixelated; height: 240px; display: block; }
-figcaption { font-size: 0.85em; min-height: 3em; }
-.scale { width: 424px; height: 14px; background: linear-gradient(to right, SCALE); } .ends { width: 424px; }
-.ends span:last-child { float: right; }
+figcaption { font-size: 0.85em; min-height: 3em; } .scale { width: 424px; height: 14px; }
+.marks { width: 424px; display: flex; justify-content: space-between; }
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """Colours of depth, the same on a whole page: red is nearest, blue is farthest, by the logarithm between."""
+
+    near: float
+    far: float
+    """[m]; what is farther has the same colour."""
+
+    @classmethod
+    def of(cls, images: Sequence[Depth]) -> "Scale":
+        """From the nearest to the farthest depth that some images have within the model's range."""
+        depth = np.concatenate([image.ravel() for image in images])
+        seen = depth[(depth > 0.0) & (depth <= RANGE_M)]
+        far = float(seen.max(initial=0.0)) or RANGE_M
+        return cls(near=min(float(seen.min(initial=far)), 0.9 * far), far=far)
+
+    def coloured(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """Colours of depth (BGR): nothing within sight is grey, invalid is black."""
+        share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(self.far / self.near)
+        colours = cv2.applyColorMap(np.rint(255 - (255 - DARKEST) * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+        colours[~np.isfinite(depth)] = NOTHING_COLOUR
+        colours[depth <= 0.0] = INVALID_COLOUR
+        return colours.astype(np.uint8)
+
+    def figure(self, title: str, text: str, depth: Depth) -> str:
+        """A picture with its caption, embedded."""
+        picture = base64.b64encode(cv2.imencode(".png", self.coloured(depth))[1].tobytes()).decode()
+        narrow = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
+        caption = f"<b>{html.escape(title)}</b> {html.escape(text)}"
+        source = f'<img alt="{html.escape(title)}" src="data:image/png;base64,{picture}">'
+        return f"<figure{narrow}>{source}<figcaption>{caption}</figcaption></figure>"
+
+    def legend(self) -> str:
+        """What the colours mean."""
+        depths = np.geomspace(self.near, self.far, 16)
+        colours = ", ".join(f"rgb({r},{g},{b})" for b, g, r in self.coloured(depths[None])[0].tolist())
+        marks = "".join(f"<span>{depth:.2g} m</span>" for depth in depths[::5])
+        return (
+            "<p>Grey: nothing in sight. Black: invalid.</p>"
+            f'<div class="scale" style="background: linear-gradient(to right, {colours})"></div>'
+            f'<div class="marks">{marks}</div>'
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,24 +136,24 @@ def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
     wide = StereoEmbree(terrain, Optics.of(D435I), RobotCamera.on(robot, D435I))
     depth, hidden = wide.render_pair_batch(*robots)
     narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
+    scale = Scale.of([*depth, *narrow])
     stages = list(effect_stages(depth[EFFECTS_VIEW], hidden[EFFECTS_VIEW], StereoConfig()))
     cloud = cloud_figure(wide, robots, depth[EFFECTS_VIEW], stages[-1][2])
-    page = "".join(
+    body = "".join(
         [
             f"<h1>What the camera sees on {html.escape(terrain.kind.replace('_', ' '))}</h1>",
-            _scale(),
+            scale.legend(),
             "<h2>True depth, 424 x 240 and 16 x 48 pixels</h2>",
-            _row(f for i, view in enumerate(shown) for f in _clean(view, depth[i], narrow[i])),
+            _row(f for i, view in enumerate(shown) for f in _clean(view, scale, depth[i], narrow[i])),
             f"<h2>{shown[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
-            _row(_figure(title, text, image) for title, text, image in stages),
+            _row(scale.figure(title, text, image) for title, text, image in stages),
             "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
-            _row(_model_figures(depth[EFFECTS_VIEW], stages[-1][2])),
+            _row(_model_figures(scale, depth[EFFECTS_VIEW], stages[-1][2])),
             "<h2>Point cloud: true and as reported</h2>",
             cloud.to_html(full_html=False, include_plotlyjs=True),
         ]
     )
-    style = f"<style>{STYLE.replace('SCALE', _colours_of_scale())}</style>"
-    path.write_text(f"<!doctype html><meta charset='utf-8'><title>Camera</title>{style}{page}")
+    path.write_text(page("Saltus camera", body, STYLE))
     return path
 
 
@@ -166,62 +210,19 @@ def cloud_figure(wide: StereoEmbree, robots: Poses, true: Depth, reported: Depth
     return figure
 
 
-def coloured(depth: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Colours of depth (BGR): near is red, 3 m is blue, nothing within sight is grey, invalid is black."""
-    near = np.clip(1.0 - depth / RANGE_M, 0.0, 1.0)
-    colours = cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_TURBO)
-    colours[~np.isfinite(depth)] = NOTHING_COLOUR
-    colours[depth <= 0.0] = INVALID_COLOUR
-    return colours.astype(np.uint8)
-
-
-def _clean(view: View, wide: Depth, narrow: Depth) -> list[str]:
+def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:
     nearest = float(wide.min())
-    return [
-        _figure(view.title, f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing in sight", wide),
-        _figure("", "", narrow),
-    ]
+    text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing in sight"
+    return [scale.figure(view.title, text, wide), scale.figure("", "", narrow)]
 
 
-def _model_figures(true: Depth, reported: Depth) -> list[str]:
+def _model_figures(scale: Scale, true: Depth, reported: Depth) -> list[str]:
     figures = []
     for title, depth in (("true", true), ("as reported", reported)):
-        seen = model_image(_frame(depth, D435I))
-        figures.append(_figure(title, "", np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0))))
+        seen = model_image(depth_frame(D435I, depth_in_millimetres(depth)))
+        figures.append(scale.figure(title, "", np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0))))
     return figures
-
-
-def _frame(depth: Depth, camera: Intrinsics) -> DepthFrame:
-    return DepthFrame(
-        time_ns=0,
-        frame_id=0,
-        depth=depth_in_millimetres(depth),
-        depth_unit_m=MILLIMETRE,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-    )
 
 
 def _row(figures: Iterator[str] | list[str]) -> str:
     return f'<div class="row">{"".join(figures)}</div>'
-
-
-def _figure(title: str, text: str, depth: Depth) -> str:
-    """A picture with its caption, embedded."""
-    picture = base64.b64encode(cv2.imencode(".png", coloured(depth))[1].tobytes()).decode()
-    narrow = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
-    caption = f"<b>{html.escape(title)}</b> {html.escape(text)}"
-    source = f'<img alt="{html.escape(title)}" src="data:image/png;base64,{picture}">'
-    return f"<figure{narrow}>{source}<figcaption>{caption}</figcaption></figure>"
-
-
-def _scale() -> str:
-    ends = f'<div class="ends"><span>0 m</span><span>{RANGE_M:g} m and beyond</span></div>'
-    return f'<p>Grey: nothing in sight. Black: invalid.</p><div class="scale"></div>{ends}'
-
-
-def _colours_of_scale() -> str:
-    colours = coloured(np.linspace(1e-3, RANGE_M, 16)[None])[0]
-    return ", ".join(f"rgb({red},{green},{blue})" for blue, green, red in colours.tolist())

@@ -10,7 +10,7 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.depth import D435I
 from saltus.render.camera import RobotCamera
-from saltus.render.preview import EFFECTS_VIEW, coloured, effect_stages, poses, views, write_preview
+from saltus.render.preview import EFFECTS_VIEW, Scale, effect_stages, poses, views, write_preview
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
@@ -49,8 +49,17 @@ def test_every_effect_changes_the_picture() -> None:
 
 
 def test_nothing_is_grey_invalid_is_black_and_near_is_red() -> None:
-    nothing, invalid, near, far = coloured(np.array([[np.inf, 0.0, 0.1, 2.9]]))[0].tolist()
+    shown = np.array([[np.inf, 0.0, 0.3, 1.2]], dtype=np.float32)
+    nothing, invalid, near, far = Scale.of([shown]).coloured(shown)[0].tolist()
     assert nothing[0] == nothing[1] == nothing[2] > 0
     assert invalid == [0, 0, 0]
     assert near[2] > 100 > max(near[:2])
     assert far[2] < far[0]
+
+
+def test_depth_has_all_colours_from_the_nearest_to_the_farthest_that_is_shown() -> None:
+    depth = np.geomspace(0.25, 0.9, 256, dtype=np.float32)[None]
+    colours = Scale.of([depth]).coloured(depth)[0]
+    assert len(np.unique(colours, axis=0)) > 200
+    for nothing_to_span in (np.full((2, 2), np.inf, np.float32), np.ones((2, 2), np.float32)):
+        Scale.of([nothing_to_span]).coloured(nothing_to_span)
