@@ -104,9 +104,9 @@ def level_ground() -> np.ndarray:
 
 
 def image_fields(depth: np.ndarray, time_ns: int) -> dict[str, object]:
-    """The image and its intrinsics: pixel (u, v) looks through ((u + 0.5 - cx) / fx, (v + 0.5 - cy) / fy)."""
+    """The image and its intrinsics, as in ROS: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)."""
     height, width = depth.shape
-    intrinsics = np.array([FOCAL, 0.0, 0.5 * width, 0.0, FOCAL, 0.5 * height, 0.0, 0.0, 1.0])
+    intrinsics = np.array([FOCAL, 0.0, 0.5 * width - 0.5, 0.0, FOCAL, 0.5 * height - 0.5, 0.0, 0.0, 1.0])
     region = make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
     image = make(
         "sensor_msgs/msg/Image", header=header(time_ns), height=height, width=width, encoding="16UC1",

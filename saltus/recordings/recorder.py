@@ -21,7 +21,7 @@ from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
-from saltus.recordings import viewer
+from saltus.recordings.viewer import Viewer
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire import codec
@@ -55,6 +55,7 @@ class Recorder:
         """Lockstep: time of the newest step that was recorded."""
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, bytes], int] = {}
+        self._viewer = Viewer(robot, terrain)
         self._viewed: Counter[str] = Counter()
         self._flushed_s = time.monotonic()
         try:
@@ -78,7 +79,10 @@ class Recorder:
         arrival_ns = self._arrival_ns(raw, message)
         self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
         self._viewed[raw.key] += 1
-        for derived in viewer.derive(message, self._viewed[raw.key]):
+        if sum(self._viewed.values()) == 1:  # with the first message, whose sender and time it takes
+            still = self._viewer.first()
+            self._add(still.topic, still.type_name, envelope, arrival_ns, still.payload)
+        for derived in self._viewer.derive(message, self._viewed[raw.key]):
             self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
 
     def flush(self) -> None:

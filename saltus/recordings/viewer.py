@@ -1,7 +1,15 @@
 """Derived messages in ROS 2's own types, so that a viewer shows a recording at once.
 
-`/viewer/depth` (sensor_msgs/Image), `/viewer/tf` (tf2_msgs/TFMessage: world to base and to the yaw frame) and
-`/viewer/heightmap` (sensor_msgs/PointCloud2 in the yaw frame). They hold nothing that the recorded topics do not.
+| topic | type | what |
+|---|---|---|
+| `/viewer/depth` | sensor_msgs/Image | one depth image in five |
+| `/viewer/camera_info` | sensor_msgs/CameraInfo | pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy) |
+| `/viewer/tf` | tf2_msgs/TFMessage | world to base and base_yaw, base to camera (z along the optical axis); 100 Hz |
+| `/viewer/heightmap` | sensor_msgs/PointCloud2 | one in five, in the yaw frame |
+| `/viewer/terrain` | visualization_msgs/MarkerArray | the boxes of the terrain, once |
+
+They hold nothing that the recorded topics and the metadata do not. An image was taken at a time at which there is a
+transform, so that each of its points has a place in the world.
 """
 
 import math
@@ -10,14 +18,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from saltus.wire import codec
-from saltus.wire.codec import STORE, header
+from saltus.robots.robot import Robot
+from saltus.terrain.terrain import Terrain
+from saltus.wire.codec import STORE, depth_on_the_wire, header
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, Message
 
-EVERY = 5  # one in five is enough for the eye: 10 Hz images, 20 Hz poses
+EVERY = 5  # one image or heightmap in five is enough for the eye
 FLOAT32 = 7  # sensor_msgs/msg/PointField
+CUBE = 1  # visualization_msgs/msg/Marker
+GREY = (0.6, 0.63, 0.68, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,51 +40,110 @@ class ViewerMessage:
     payload: bytes
 
 
-def derive(message: Message, sequence: int) -> Iterator[ViewerMessage]:
-    """What a viewer needs of one recorded message; nothing for most."""
-    if sequence % EVERY:
-        return
-    if isinstance(message, DepthFrame):
-        yield _message("/viewer/depth", "sensor_msgs/msg/Image", _image(message))
-    elif isinstance(message, Heightmap):
-        yield _message("/viewer/heightmap", "sensor_msgs/msg/PointCloud2", _points(message))
-    elif isinstance(message, GroundTruth):
-        yield _message("/viewer/tf", "tf2_msgs/msg/TFMessage", _transforms(message))
+class Viewer:
+    """Derives what a viewer needs of the messages of one run."""
+
+    def __init__(self, robot: Robot, terrain: Terrain) -> None:
+        self._terrain = terrain
+        self._camera = (robot.camera_position, _optical(robot.camera_pitch))
+
+    def first(self) -> ViewerMessage:
+        """What stands still: the terrain."""
+        boxes = self._terrain.arrays
+        markers = [
+            _make(
+                "visualization_msgs/msg/Marker",
+                header=header(0, "world"), ns="terrain", id=i, type=CUBE, action=0,
+                pose=_make("geometry_msgs/msg/Pose", position=_point(center), orientation=_quaternion(turned)),
+                scale=_vector(size), color=_make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", GREY, strict=True))),
+                lifetime=_make("builtin_interfaces/msg/Duration", sec=0, nanosec=0), frame_locked=False,
+                points=[], colors=[], texture_resource="", uv_coordinates=[], text="", mesh_resource="",
+                texture=_make(
+                    "sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=np.zeros(0, np.uint8)
+                ),
+                mesh_file=_make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
+                mesh_use_embedded_materials=False,
+            )
+            for i, (center, size, turned) in enumerate(
+                zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
+            )
+        ]  # fmt: skip
+        return _message("/viewer/terrain", _make("visualization_msgs/msg/MarkerArray", markers=markers))
+
+    def derive(self, message: Message, sequence: int) -> Iterator[ViewerMessage]:
+        """What a viewer needs of one recorded message; nothing for most.
+
+        Args:
+            message: The message.
+            sequence: How many of its key there were, with this one.
+        """
+        if isinstance(message, GroundTruth):
+            yield _message("/viewer/tf", self._transforms(message))
+        if sequence % EVERY:
+            return
+        if isinstance(message, DepthFrame):
+            wire = depth_on_the_wire(message)
+            yield _message("/viewer/depth", wire.image)
+            yield _message("/viewer/camera_info", wire.camera_info)
+        elif isinstance(message, Heightmap):
+            yield _message("/viewer/heightmap", _points(message))
+
+    def _transforms(self, truth: GroundTruth) -> Any:
+        w, x, y, z = (float(v) for v in truth.quaternion_base_in_world)
+        half_yaw = 0.5 * math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        yaw = (math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        position = truth.position_base_in_world
+        transforms = [
+            _transform(truth.time_ns, "world", "base", position, truth.quaternion_base_in_world),
+            _transform(truth.time_ns, "world", "base_yaw", position, yaw),
+            _transform(truth.time_ns, "base", "camera", *self._camera),
+        ]
+        return _make("tf2_msgs/msg/TFMessage", transforms=transforms)
 
 
-def _message(topic: str, type_name: str, wire: Any) -> ViewerMessage:
-    return ViewerMessage(topic, type_name, bytes(STORE.serialize_cdr(wire, type_name)))
-
-
-def _image(frame: DepthFrame) -> Any:
-    height, width = frame.depth.shape
-    pixels = np.ascontiguousarray(frame.depth).view(np.uint8).reshape(-1)
-    kind: Any = STORE.types["sensor_msgs/msg/Image"]
-    return kind(header(frame.time_ns, "camera"), height, width, codec.ENCODING, 0, 2 * width, pixels)
+def _optical(pitch: float) -> tuple[float, float, float, float]:
+    """Quaternion of the camera frame in the base frame, of a camera that looks ahead and nose down by `pitch`."""
+    c, s = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    a, b = 0.5 * (c - s), 0.5 * (c + s)  # of level optical axes (0.5, -0.5, 0.5, -0.5), turned about y
+    return (a, -b, b, -a)
 
 
 def _points(heightmap: Heightmap) -> Any:
-    kind: Any = STORE.types["sensor_msgs/msg/PointCloud2"]
     field: Any = STORE.types["sensor_msgs/msg/PointField"]
     points = np.stack([heightmap.x, 0 * heightmap.x, heightmap.height], axis=-1).astype(np.float32)
     fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]
     data = points.reshape(-1).view(np.uint8)
-    return kind(header(heightmap.time_ns, "base_yaw"), 1, len(points), fields, False, 12, data.size, data, True)
+    return _make(
+        "sensor_msgs/msg/PointCloud2", header=header(heightmap.time_ns, "base_yaw"), height=1, width=len(points),
+        fields=fields, is_bigendian=False, point_step=12, row_step=data.size, data=data, is_dense=True,
+    )  # fmt: skip
 
 
-def _transforms(truth: GroundTruth) -> Any:
-    w, x, y, z = (float(v) for v in truth.quaternion_base_in_world)
-    half_yaw = 0.5 * math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    yaw = np.array([math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw)])
-    kind: Any = STORE.types["tf2_msgs/msg/TFMessage"]
-    return kind([_transform(truth, "base", truth.quaternion_base_in_world), _transform(truth, "base_yaw", yaw)])
+def _transform(time_ns: int, parent: str, child: str, position: ArrayLike, quaternion: ArrayLike) -> Any:
+    return _make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(time_ns, parent),
+        child_frame_id=child,
+        transform=_make("geometry_msgs/msg/Transform", translation=_vector(position), rotation=_quaternion(quaternion)),
+    )
 
 
-def _transform(truth: GroundTruth, frame: str, quaternion: NDArray[np.floating]) -> Any:
-    kind: Any = STORE.types["geometry_msgs/msg/TransformStamped"]
-    transform: Any = STORE.types["geometry_msgs/msg/Transform"]
-    vector: Any = STORE.types["geometry_msgs/msg/Vector3"]
-    rotation: Any = STORE.types["geometry_msgs/msg/Quaternion"]
-    position = vector(*(float(v) for v in truth.position_base_in_world))
-    w, x, y, z = (float(v) for v in quaternion)
-    return kind(header(truth.time_ns, "world"), frame, transform(position, rotation(x, y, z, w)))
+def _vector(values: ArrayLike) -> Any:
+    return STORE.types["geometry_msgs/msg/Vector3"](*np.asarray(values, np.float64).tolist())
+
+
+def _point(values: ArrayLike) -> Any:
+    return STORE.types["geometry_msgs/msg/Point"](*np.asarray(values, np.float64).tolist())
+
+
+def _quaternion(wxyz: ArrayLike) -> Any:
+    w, x, y, z = np.asarray(wxyz, np.float64).tolist()
+    return STORE.types["geometry_msgs/msg/Quaternion"](x, y, z, w)
+
+
+def _make(type_name: str, **fields: Any) -> Any:
+    return STORE.types[type_name](**fields)
+
+
+def _message(topic: str, wire: Any) -> ViewerMessage:
+    return ViewerMessage(topic, wire.__msgtype__, bytes(STORE.serialize_cdr(wire, wire.__msgtype__)))

@@ -267,7 +267,8 @@ def _check_values(field: Field, array: Any) -> None:
         raise MessageError("range", f"{field.name} in [{low}, {high}], allowed {field.low} to {field.high}")
 
 
-def _encode_depth(message: DepthFrame) -> Any:
+def depth_on_the_wire(message: DepthFrame) -> Any:
+    """A depth image as it travels: with a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
     if message.depth.dtype != np.uint16 or message.depth.ndim != 2:
         raise MessageError("shape", f"depth is {message.depth.dtype} of shape {message.depth.shape}")
     height, width = message.depth.shape
@@ -370,7 +371,7 @@ def _counts(name: str, keys: Any, counts: Any) -> dict[str, int]:
 _TABLES = {kind: _TableCodec(kind) for kind in FIELDS}
 _ENCODERS: dict[Any, Any] = {
     **{kind: table.encode for kind, table in _TABLES.items()},
-    DepthFrame: _encode_depth,
+    DepthFrame: depth_on_the_wire,
     Event: _encode_event,
     ProcessStatus: _encode_status,
 }

@@ -161,7 +161,7 @@ def test_another_reader_opens_it_and_finds_the_definitions(whole: Recording) -> 
     assert {TYPE_NAME[messages.Heightmap], "sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage"} <= set(schemas)
     assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
     topics = {channel.topic for channel in summary.channels.values()}
-    assert {"/viewer/depth", "/viewer/tf", "/viewer/heightmap", "/controller/state"} <= topics
+    assert {f"/viewer/{name}" for name in ("depth", "camera_info", "tf", "heightmap", "terrain")} <= topics
     assert {channel.metadata["boot_id"] for channel in summary.channels.values()} == {SENDER.hex()}
     for channel in summary.channels.values():
         name = summary.schemas[channel.schema_id].name
