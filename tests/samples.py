@@ -13,7 +13,7 @@ from saltus.robots.loading import load_robot
 from saltus.runtime.run_folder import ROBOT_FILE, TERRAIN_FILE
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import messages, schemas
-from saltus.wire.messages import Message
+from saltus.wire.messages import GroundTruth, Message
 
 ROBOT = load_robot("go1")
 KINEMATICS = LegKinematics(ROBOT)
@@ -31,6 +31,21 @@ def put_run(folder: Path, config: RunConfig) -> Path:
     """Makes a folder that of a run: with this robot, and the terrain of the configuration; returns it."""
     (folder / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
     return put_robot(folder)
+
+
+def level_truth(step: int, x: float, z: float, time_ns: int | None = None) -> GroundTruth:
+    """A robot in its stand pose that is level at (x, 0, z) [m] at a policy step of 10 ms; no feet, no heights."""
+    return GroundTruth(
+        time_ns=step * 10_000_000 if time_ns is None else time_ns,
+        step=step,
+        position_base_in_world=np.array([x, 0.0, z]),
+        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+        velocity_base_in_world=np.zeros(3),
+        angular_velocity_base=np.zeros(3),
+        joint_position=ROBOT.stand_pose,
+        foot_force=np.zeros(4),
+        height=np.zeros(30),
+    )
 
 
 def message_of(kind: type[Message], seed: int = 0) -> Any:

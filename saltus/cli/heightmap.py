@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from tyro.conf import subcommand
 
 from saltus.cli.heightmap_data import Collect, Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
@@ -126,14 +125,4 @@ class Heightmap(Group):
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export` makes a model.
     """
 
-    command: Subcommands[
-        Annotated[Serve, subcommand("serve")]
-        | Annotated[Give, subcommand("give")]
-        | Annotated[Collect, subcommand("collect")]
-        | Annotated[Dagger, subcommand("dagger")]
-        | Annotated[Dataset, subcommand("dataset")]
-        | Annotated[Train, subcommand("train")]
-        | Annotated[Export, subcommand("export")]
-        | Annotated[Eval, subcommand("eval")]
-        | Annotated[Report, subcommand("report")]
-    ]
+    command: Subcommands[Serve | Give | Collect | Dagger | Dataset | Train | Export | Eval | Report]

@@ -325,8 +325,4 @@ class Merge:
 class Dataset(Group):
     """Datasets on disk: info, validate, merge."""
 
-    command: Subcommands[
-        Annotated[Info, subcommand("info")]
-        | Annotated[Validate, subcommand("validate")]
-        | Annotated[Merge, subcommand("merge")]
-    ]
+    command: Subcommands[Info | Validate | Merge]

@@ -26,19 +26,19 @@ from saltus.errors import SaltusError
 from saltus.provenance import commit, package_version
 
 Command = (
-    Annotated[Demo, subcommand("demo")]
-    | Annotated[Up, subcommand("up")]
-    | Annotated[Router, subcommand("router")]
-    | Annotated[Doctor, subcommand("doctor")]
-    | Annotated[Record, subcommand("record")]
-    | Annotated[Replay, subcommand("replay")]
-    | Annotated[Render, subcommand("render")]
-    | Annotated[Heightmap, subcommand("heightmap")]
-    | Annotated[Policy, subcommand("policy")]
-    | Annotated[Controller, subcommand("controller")]
-    | Annotated[Real2sim, subcommand("real2sim")]
+    Demo
+    | Up
+    | Router
+    | Doctor
+    | Record
+    | Replay
+    | Render
+    | Heightmap
+    | Policy
+    | Controller
+    | Real2sim
     | Annotated[RobotCommand, subcommand("robot")]
-    | Annotated[Bench, subcommand("bench")]
+    | Bench
 )
 
 INTERRUPTED = 130

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tqdm import tqdm
-from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.run_options import Course, CourseOptions
@@ -155,12 +154,7 @@ class Serve(ServeProcess):
 class Policy(Group):
     """The motion planner: train, export, eval, serve."""
 
-    command: Subcommands[
-        Annotated[Train, subcommand("train")]
-        | Annotated[Export, subcommand("export")]
-        | Annotated[Eval, subcommand("eval")]
-        | Annotated[Serve, subcommand("serve")]
-    ]
+    command: Subcommands[Train | Export | Eval | Serve]
 
 
 def _print_table(result: "EvaluationResult") -> None:

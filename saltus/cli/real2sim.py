@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tqdm import tqdm
-from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.config import DEFAULT_ROBOT
@@ -266,9 +265,4 @@ class Demo:
 class Real2sim(Group):
     """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
 
-    command: Subcommands[
-        Annotated[Find, subcommand("find")]
-        | Annotated[Apply, subcommand("apply")]
-        | Annotated[Experiments, subcommand("experiments")]
-        | Annotated[Demo, subcommand("demo")]
-    ]
+    command: Subcommands[Find | Apply | Experiments | Demo]

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from tyro.conf import subcommand
 
 from saltus.cli.output import print_json, run_directory
 from saltus.cli.run_options import Course, CourseOptions
@@ -83,8 +82,4 @@ class Serve(ServeProcess):
 class Render(Group):
     """The depth camera: preview, fit, serve."""
 
-    command: Subcommands[
-        Annotated[Preview, subcommand("preview")]
-        | Annotated[Fit, subcommand("fit")]
-        | Annotated[Serve, subcommand("serve")]
-    ]
+    command: Subcommands[Preview | Fit | Serve]

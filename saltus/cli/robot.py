@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
-from tyro.conf import subcommand
 
 from saltus.cli.output import print_json
 from saltus.flags import Flag, Group, Subcommands, shown
@@ -71,7 +70,7 @@ class List:
 class RobotCommand(Group):
     """What a robot is to Saltus: show, list."""
 
-    command: Subcommands[Annotated[Show, subcommand("show")] | Annotated[List, subcommand("list")]]
+    command: Subcommands[Show | List]
 
 
 def _lines(derivation: "Derivation") -> list[str]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, parameter, per_image, whole_pixels
+from saltus.effects.effect import Effect, PerRobot, parameter, pixels_within
 from saltus.effects.signals import DepthImage
 
 JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from the other imager
@@ -23,14 +23,10 @@ class EdgeHoles(Effect[DepthImage], name="edge_holes", site="depth"):
         """Loses pixels."""
         del time_s, state
         xp, depth = namespace(signal.depth), signal.depth
-        widest = whole_pixels(self.width, depth.shape[-1])
-        if widest < 1:
-            return signal, None
-        width = per_image(self.width, depth, xp)
         lost = xp.zeros_like(depth, dtype=xp.bool)
         behind, before = depth[..., :-1], depth[..., 1:]
         edge = (before > 0.0) & (before < (1.0 - JUMP) * behind)
-        for k in range(1, widest + 1):
-            reached = edge[..., k - 1 :] if k > 1 else edge
-            lost[..., : reached.shape[-1]] |= reached & (width > k - 0.5)
+        for k, is_wide in pixels_within(self.width, depth):
+            reached = edge[..., k - 1 :]
+            lost[..., : reached.shape[-1]] |= reached & is_wide
         return replace(signal, depth=xp.where(lost, xp.zeros_like(depth), depth)), None

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
@@ -151,9 +151,11 @@ def per_image(value: PerRobot, array: Any, xp: Any) -> Any:
     return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
 
 
-def whole_pixels(value: PerRobot, width: int) -> int:
-    """The greatest of a parameter in pixels, rounded, in an image of that width."""
-    return min(math.floor(float(np.max(value)) + 0.5), width - 1)
+def pixels_within(value: PerRobot, images: Any) -> Iterator[tuple[int, Any]]:
+    """1, 2, ... up to the greatest of a parameter in pixels, rounded, each with whether an image's own is as great."""
+    reach = per_image(value, images, namespace(images))
+    greatest = min(math.floor(float(np.max(value)) + 0.5), images.shape[-1] - 1)
+    return ((k, reach > k - 0.5) for k in range(1, greatest + 1))
 
 
 def moved(vector: Any, *by: PerRobot) -> Any:

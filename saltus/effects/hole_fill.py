@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, parameter, per_image, whole_pixels
+from saltus.effects.effect import Effect, PerRobot, parameter, pixels_within
 from saltus.effects.signals import DepthImage
 
 
@@ -21,12 +21,8 @@ class HoleFill(Effect[DepthImage], name="hole_fill", site="depth"):
         """Fills holes."""
         del time_s, state
         xp, depth = namespace(signal.depth), signal.depth
-        farthest = whole_pixels(self.reach, depth.shape[-1])
-        if farthest < 1:
-            return signal, None
-        reach = per_image(self.reach, depth, xp)
         filled = xp.asarray(depth, copy=True)
-        for k in range(1, farthest + 1):
-            hole = (filled[..., k:] == 0.0) & (reach > k - 0.5)
+        for k, is_near in pixels_within(self.reach, depth):
+            hole = (filled[..., k:] == 0.0) & is_near
             filled[..., k:] = xp.where(hole, depth[..., :-k], filled[..., k:])
         return replace(signal, depth=filled), None

@@ -44,10 +44,4 @@ class PlantState:
 
 def sensed(state: PlantState, imu: ImuReading) -> Sensed:
     """What the sensors of the robots say: their IMU, and encoders."""
-    return Sensed(
-        quaternion_base_in_world=imu.quaternion_base_in_world,
-        angular_velocity_base=imu.angular_velocity_base,
-        acceleration_base=imu.acceleration_base,
-        joint_position=state.joint_position,
-        joint_velocity=state.joint_velocity,
-    )
+    return Sensed(**vars(imu), joint_position=state.joint_position, joint_velocity=state.joint_velocity)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import ROBOT, level_truth
 
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, depth_in_millimetres
@@ -19,17 +19,7 @@ STEP_NS = 10_000_000
 
 
 def truth(step: int) -> GroundTruth:
-    return GroundTruth(
-        time_ns=step * STEP_NS,
-        step=step,
-        position_base_in_world=np.array([0.01 * step, 0.0, 0.3]),
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        velocity_base_in_world=np.zeros(3),
-        angular_velocity_base=np.zeros(3),
-        joint_position=ROBOT.stand_pose,
-        foot_force=np.zeros(4),
-        height=np.zeros(30),
-    )
+    return level_truth(step, 0.01 * step, 0.3)
 
 
 def camera(*effects: CameraLatency | FrameDrop, seed: int = 0) -> CameraProcess:

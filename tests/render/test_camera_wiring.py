@@ -5,26 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import ROBOT
+from samples import level_truth
 from stage import Stage
 
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.render.__main__ import body
-from saltus.wire.messages import DepthFrame, Done, GroundTruth
-
-
-def truth(step: int, time_ns: int) -> GroundTruth:
-    return GroundTruth(
-        time_ns=time_ns,
-        step=step,
-        position_base_in_world=np.array([0.01 * step, 0.0, 0.3]),
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        velocity_base_in_world=np.zeros(3),
-        angular_velocity_base=np.zeros(3),
-        joint_position=ROBOT.stand_pose,
-        foot_force=np.zeros(4),
-        height=np.zeros(30),
-    )
+from saltus.wire.messages import DepthFrame, Done
 
 
 class CameraStage(Stage):
@@ -36,7 +22,7 @@ class CameraStage(Stage):
 
 
 def answered(stage: CameraStage, step: int) -> tuple[Done, DepthFrame | None]:
-    stage.truths.put(truth(step, step * 10_000_000))
+    stage.truths.put(level_truth(step, 0.01 * step, 0.3))
     done = stage.done.wait(timeout_s=5.0)
     assert done is not None
     frame = stage.frames.take()
@@ -69,7 +55,7 @@ def test_realtime_publishes_by_the_clock(tmp_path: Path, steps: int) -> None:
             while (left_s := 1e-9 * (time_ns - clock.now_ns())) > 0.0:
                 if (sample := stage.frames.wait(timeout_s=left_s)) is not None:
                     ages.append(1e-9 * (clock.now_ns() - sample.message.time_ns))
-            stage.truths.put(truth(step, time_ns))
+            stage.truths.put(level_truth(step, 0.01 * step, 0.3, time_ns))
         assert len(ages) >= 8  # of 20 exposures less the last four, on a machine that may be busy
         assert min(ages) >= 0.025
         assert np.median(ages) <= 0.075

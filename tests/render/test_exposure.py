@@ -1,7 +1,7 @@
 """What the camera process exposes: true depth, or a stereo camera's."""
 
 import numpy as np
-from samples import ROBOT
+from samples import ROBOT, level_truth
 
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_in_millimetres, model_image
@@ -16,17 +16,7 @@ TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.15))
 
 
 def truth(step: int) -> GroundTruth:
-    return GroundTruth(
-        time_ns=step * 10_000_000,
-        step=step,
-        position_base_in_world=np.array([0.6 + 0.01 * step, 0.0, ROBOT.stand_height]),
-        quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
-        velocity_base_in_world=np.zeros(3),
-        angular_velocity_base=np.zeros(3),
-        joint_position=ROBOT.stand_pose,
-        foot_force=np.zeros(4),
-        height=np.zeros(30),
-    )
+    return level_truth(step, 0.6 + 0.01 * step, ROBOT.stand_height)
 
 
 def seen(depth: Floats, camera: Intrinsics) -> tuple[Floats, Floats]:

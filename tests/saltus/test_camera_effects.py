@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from samples import ROBOT, put_run
+from samples import ROBOT, level_truth, put_run
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, model_image
@@ -46,17 +46,7 @@ def applied(effect: Effect[Any], depth: Any, time_s: float = 0.0) -> Any:
 
 
 def truth(step: int, height_m: float = HEIGHT_M) -> GroundTruth:
-    return GroundTruth(
-        time_ns=10_000_000 * step,
-        step=step,
-        position_base_in_world=np.array([0.6, 0.0, height_m]),
-        quaternion_base_in_world=LEVEL,
-        velocity_base_in_world=np.zeros(3),
-        angular_velocity_base=np.zeros(3),
-        joint_position=ROBOT.stand_pose,
-        foot_force=np.zeros(4),
-        height=np.zeros(30),
-    )
+    return level_truth(step, 0.6, height_m)
 
 
 def test_every_effect_of_a_camera_has_its_place() -> None:
