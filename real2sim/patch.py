@@ -19,7 +19,6 @@ unit = "Nm"
 """
 
 import hashlib
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from saltus.config import read_file, read_toml
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
@@ -105,10 +105,7 @@ def patch_from_toml(text: str) -> Patch:
     Raises:
         ConfigError: not TOML, another schema, or an entry that is missing or of the wrong kind.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}") from error
+    table = read_toml(text)
     if table.get("schema") != SCHEMA:
         raise ConfigError(f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'")
     try:
@@ -123,12 +120,7 @@ def patch_from_toml(text: str) -> Patch:
 
 def load_patch(path: Path) -> Patch:
     """Reads a patch from a file; errors name the file."""
-    try:
-        return patch_from_toml(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the patch {path}: {error}") from error
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return read_file(path, patch_from_toml)
 
 
 def supported(effects: Sequence[FoundEffect]) -> tuple[FoundEffect, ...]:

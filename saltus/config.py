@@ -184,15 +184,20 @@ def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Co
 def load(kind: type[Config], path: Path) -> Config:
     """Reads a config dataclass, or a value in the form of its own, from a TOML file; errors name the file."""
     read: Callable[[str], Config] = getattr(kind, "from_toml", partial(from_toml, kind))
-    return _read(path, read)
+    return read_file(path, read)
 
 
 def load_changes(config: Config, path: Path) -> Config:
     """`config` with what a TOML file names of it in place of its own values; errors name the file."""
-    return _read(path, lambda text: from_table(type(config), _merged(_plain(config), read_toml(text))))
+    return read_file(path, lambda text: from_table(type(config), _merged(_plain(config), read_toml(text))))
 
 
-def _read(path: Path, make: Callable[[str], Config]) -> Config:
+def read_file(path: Path, make: Callable[[str], Config]) -> Config:
+    """What `make` makes of the text of a file; errors name the file.
+
+    Raises:
+        ConfigError: the file cannot be read, is no text, or what `make` raises.
+    """
     try:
         return make(path.read_text())
     except OSError as error:

@@ -12,7 +12,6 @@ In TOML an effect is a table under its site's part, with its parameters as keys,
 import math
 import os
 import re
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from saltus.config import read_file, read_toml
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
@@ -150,23 +150,14 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
         if not path.is_file():
             known = [SHIPPED, _IDEAL, *shipped, *(file.stem for file in own.glob("*.toml"))]
             raise ConfigError(f"no profile '{name}': {nearest_hint(name, known)}; or give a TOML file")
-    try:
-        return profile_from_toml(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the profile {path}: {error}") from error
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return read_file(path, profile_from_toml)
 
 
 def profile_from_toml(text: str) -> Profile:
     """Reads a profile; the errors of `load_profile`."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}") from error
     known = [f.name for f in fields(Profile)]
     parts: dict[str, tuple[Effect[Any], ...]] = {}
-    for part, effects in table.items():
+    for part, effects in read_toml(text).items():
         if part not in known:
             raise ConfigError(f"unknown part '{part}' of a profile: {nearest_hint(part, known)}")
         parts[part] = tuple(_effect(part, name, values) for name, values in _table(part, effects).items())

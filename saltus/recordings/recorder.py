@@ -10,6 +10,7 @@ import json
 import platform
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
@@ -58,10 +59,8 @@ class Recorder:
         self._viewer = Viewer(robot, terrain)
         self._viewed: Counter[str] = Counter()
         self._flushed_s = time.monotonic()
-        try:
+        with _writing(path):
             self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
-        except OSError as error:
-            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="saltus")
         self._writer.add_metadata(METADATA, describe(run_config, robot, terrain))
@@ -90,21 +89,18 @@ class Recorder:
         now_s = time.monotonic()
         if now_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = now_s
-            try:
+            with _writing(self.path):
                 self._writer.flush()
-            except OSError as error:
-                raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
 
     def close(self, summary: dict[str, str] | None = None) -> None:
         """Writes the end of the file; without it a reader calls the recording incomplete."""
         if self._file.closed:
             return
         try:
-            self._writer.flush()
-            self._writer.add_metadata(METADATA_END, summary or {})
-            self._writer.finish()
-        except OSError as error:
-            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+            with _writing(self.path):
+                self._writer.flush()
+                self._writer.add_metadata(METADATA_END, summary or {})
+                self._writer.finish()
         finally:
             with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk
                 self._file.close()
@@ -125,7 +121,7 @@ class Recorder:
 
     def _add(self, topic: str, type_name: str, envelope: Envelope, arrival_ns: int, payload: bytes) -> None:
         channel = self._channels.get((topic, envelope.boot_id))
-        try:
+        with _writing(self.path):
             if channel is None:
                 channel = self._writer.register_channel(
                     topic, "cdr", self._schema(type_name), {"boot_id": envelope.boot_id.hex()}
@@ -138,14 +134,20 @@ class Recorder:
                 publish_time=max(0, envelope.capture_ns),
                 sequence=envelope.sequence & SEQUENCE_MASK,
             )
-        except OSError as error:
-            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
 
     def _schema(self, type_name: str) -> int:
         if type_name not in self._schemas:
             text = codec.definition_of(type_name)
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text.encode())
         return self._schemas[type_name]
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
 def describe(run_config: RunConfig, robot: Robot, terrain: Terrain) -> dict[str, str]:
