@@ -66,6 +66,7 @@ class RunOptions:
         """
         from saltus.effects.profile import load_profile
         from saltus.heightmap.service.network import HeightmapNetwork
+        from saltus.models import model_path
         from saltus.policy.planner import make_planner
         from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
@@ -74,10 +75,11 @@ class RunOptions:
         make_terrain(self.course)
         load_profile(self.profile, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
-        if policy is not None:
+        is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
+        if policy is not None or is_other:
             make_planner(self.planner, robot, policy)
-        if heightmap is not None:
-            HeightmapNetwork(robot, Path(heightmap))
+        if heightmap is not None or is_other:
+            HeightmapNetwork(robot, model_path("heightmap", heightmap))
         config = RunConfig(
             robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
             renderer=self.renderer, profile=self.profile, planner=self.planner, policy_model=policy,

@@ -4,6 +4,7 @@ The heightmap's datasets and full disks are in tests/heightmap/test_bad_inputs.p
 tests/real2sim/test_bad_logs.py, benchmarks in tests/benchmarks/test_bench.py.
 """
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from samples import put_robot
 from saltus.cli.main import main
 from saltus.config import RunConfig, TerrainConfig, to_toml
 from saltus.resources import resource
+from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 from saltus.runtime.process import TERRAIN_FILE
 from saltus.terrain.curriculum import make_terrain
 
@@ -82,6 +84,8 @@ BAD = {
     "demo --out /proc/nowhere": "/proc/nowhere",
     "demo --robot go3": "did you mean 'go1'?",
     "demo --robot junk.xml": "junk.xml",
+    "demo --robot other": "plans for the robot 'go1', not for 'other'",
+    "demo --robot moved --planner scripted": "camera.position_m[0]",
     "demo --policy-model junk.onnx": "junk.onnx",
     "demo --planner scripted --policy-model junk.onnx": "--planner learned",
     "up --heightmap-model missing.onnx": "missing.onnx",
@@ -273,6 +277,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     put_robot(root / "run")
     (root / "run" / TERRAIN_FILE).write_text(make_terrain(TerrainConfig()).to_toml())
     (root / "folder").mkdir()
+    for robot, ours, theirs in (("other", 'name = "go1"', 'name = "other"'), ("moved", "[0.272,", "[0.3,")):
+        shutil.copytree(shipped_folder("go1"), root / robot)
+        supplement = root / robot / SUPPLEMENT_FILE
+        supplement.write_text(supplement.read_text().replace(ours, theirs))
     return root
 
 
