@@ -2,9 +2,11 @@
 
 from collections import deque
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from robots.odd_robot import odd_mjcf
 from samples import PROFILE, ROBOT
 
 from saltus.action import Action
@@ -14,6 +16,8 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.policy.evaluation.rollout import Rollout, exact_heights
 from saltus.policy.observation import Observation
 from saltus.policy.scripted import ScriptedPlanner
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import Floats
@@ -21,10 +25,25 @@ from saltus.wire.messages import Floats
 FLAT = make_terrain(TerrainConfig(terrain="flat"))
 
 
+@pytest.fixture
+def odd(tmp_path: Path) -> Robot:
+    """Twice as heavy, with legs half as long again."""
+    path = tmp_path / "odd.xml"
+    path.write_text(odd_mjcf())
+    return load_robot(str(path))
+
+
 def test_four_robots_bound_two_metres_of_flat_ground() -> None:
-    rollout = Rollout(
-        ROBOT, [FLAT] * 4, [Trial.draw(seed) for seed in range(4)], ScriptedPlanner(ROBOT), stand_steps=30
-    )
+    _bound(ROBOT)
+
+
+def test_another_robot_bounds_with_laws_scaled_to_its_size(odd: Robot) -> None:
+    _bound(odd)
+
+
+def _bound(robot: Robot) -> None:
+    trials = [Trial.draw(seed) for seed in range(4)]
+    rollout = Rollout(robot, [FLAT] * 4, trials, ScriptedPlanner(robot), stand_steps=30)
     start = None
     flying = np.zeros(4)
     for step in (rollout.step() for _ in range(330)):
