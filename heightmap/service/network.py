@@ -139,6 +139,7 @@ def _check_metadata(file: ModelFile, robot: Robot) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
     expected: dict[str, Any] = {
         "format": FORMAT,
+        "robot": robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
         "camera": camera_metadata(robot),
         "proprioception": list(PROPRIOCEPTION),

@@ -63,6 +63,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}
     return {
         "format": FORMAT,
+        "robot": origin.robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
         "camera": camera_metadata(origin.robot),
         "proprioception": list(PROPRIOCEPTION),

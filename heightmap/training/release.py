@@ -18,6 +18,7 @@ from saltus.heightmap.training.train import load_checkpoint, split
 from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.model_file import put_model
 from saltus.robots.loading import load_robot
+from saltus.robots.robot import Robot
 
 PARITY_STEPS = 1000
 MAX_DIFFERENCE_M = 1e-5
@@ -122,7 +123,7 @@ def release(
             faulty=accuracy(network, held_out, TRAINING),
         )
         put_model(candidate, model_path)
-    card_path(model_path).write_text(_card(result, training, records, f"{len(held_out)} of {measured_on}"))
+    card_path(model_path).write_text(_card(robot, result, training, records, f"{len(held_out)} of {measured_on}"))
     return result
 
 
@@ -146,7 +147,7 @@ def _unseen(folder: Path, training: dict[str, Any], trained_on: list[ShardRecord
     return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
 
 
-def _card(result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: str) -> str:
+def _card(robot: Robot, result: Release, training: dict[str, Any], records: list[ShardRecord], held_out: str) -> str:
     config, sizes = training["config"], training["config"]["model"]
     shards = "\n".join(
         f"| {r.file} | {r.config.get('source', '?')} | {r.episodes} | {r.ticks} | {r.seed} | {r.commit} "
@@ -165,7 +166,7 @@ def _card(result: Release, training: dict[str, Any], records: list[ShardRecord],
 Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 terrain heights from 0.4 m behind to
 0.8 m ahead of the base, each with half of its 90 % interval (1.645 times the output `std`), out; 100 Hz. Convolutions
 with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
-simulation only.
+simulation only. For the robot {robot.name} and its camera: it is refused for others.
 
 {_INTERFACE.format(hidden=sizes["hidden"], features=len(PROPRIOCEPTION))}
 ## Errors and training

@@ -1,6 +1,7 @@
 import copy
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ def without(name: str) -> Callable[[dict[str, Any]], None]:
 
 MUTATIONS = {
     "format": at("format", "other"),
+    "robot": at("robot", "longlegs"),
     "grid_m[3]": at("grid_m/3", 0.3),
     "grid_m": at("grid_m", [0.0, 1.0]),
     "camera.width": at("camera/width", 60),
@@ -79,7 +81,19 @@ def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("field", ["format", "grid_m", "camera", "proprioception", "warmup_frames", "nominal_delay_s"])
+def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path) -> None:
+    for robot, field in (
+        (replace(ROBOT, name="longlegs"), "'robot' is 'go1', this program needs 'longlegs'"),
+        (replace(ROBOT, camera_pitch=0.6), "camera.pitch_rad"),
+    ):
+        with pytest.raises(ModelError, match=field):
+            HeightmapNetwork(robot, model_path)
+    HeightmapNetwork(replace(ROBOT, foot_radius=0.021), model_path)  # the same robot, measured again
+
+
+@pytest.mark.parametrize(
+    "field", ["format", "robot", "grid_m", "camera", "proprioception", "warmup_frames", "nominal_delay_s"]
+)
 def test_missing_metadata_are_refused_by_name(model_path: Path, tmp_path: Path, field: str) -> None:
     path = mutated(model_path, tmp_path / "changed.onnx", without(field))
     with pytest.raises(ModelError, match=f"'{field}' is missing"):
