@@ -39,7 +39,7 @@ CAMERAS = (MODEL_CAMERA, WIDE, D435I)
 # Images of the model's camera in a batch, of others as many as have as many pixels; pyrender makes one after the other
 BATCH = {"embree": 1024, "pyrender": 32, "warp": 8192}
 NATIVE = 5  # pixels of the sensor for each of the model's, along both axes
-NATIVE_BATCH, FAST_BATCH = 2, 64  # their arrays stay in the processor's cache
+NATIVE_BATCH, FAST_BATCH = 7, 64  # their arrays stay in the processor's cache
 WARMING = 3  # calls: what is compiled and cached is there
 SETTLING = 8  # calls
 
