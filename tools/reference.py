@@ -1,0 +1,179 @@
+"""Writes the reference pages, which are made from the code: docs/reference/effects.md and messages.md.
+
+python tools/reference.py        # a test fails where a page is not what this writes
+"""
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Iterator
+from dataclasses import Field, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from saltus.effects.effect import Effect
+from saltus.effects.profile import PARTS
+from saltus.effects.registry import EFFECTS
+from saltus.heightmap.service import features
+from saltus.robots.robot import JOINTS
+from saltus.wire import messages, schemas
+from saltus.wire.topics import TOPICS
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
+MADE = "<!-- Made from the code by tools/reference.py. -->"
+STATE = {field.name for field in schemas.FIELDS[messages.RobotState]}
+ON_THE_WIRE = {
+    messages.DepthFrame: "The image is 16UC1, depth along the optical axis in units of `depth_unit_m`: 0 is invalid, "
+    "65535 is nothing within range. The intrinsics are in `camera_info.k`, as in ROS: pixel (u, v) looks through "
+    "((u - cx) / fx, (v - cy) / fy). `frame_id` counts the images.",
+}
+"""Messages whose fields travel in another form than they have in Python."""
+PART_TITLES = {
+    "actuator": "Drives (`[actuator]`)",
+    "body": "Body (`[body]`)",
+    "imu": "IMU (`[imu]`)",
+    "camera": "Camera (`[camera]`)",
+    "heightmap": "Heights that a planner is given (`[heightmap]`)",
+}
+
+
+def pages() -> dict[str, str]:
+    """Text of each page, by its file's name."""
+    return {"effects.md": effects_page(), "messages.md": messages_page()}
+
+
+def effects_page() -> str:
+    """Every effect of a profile."""
+    parts = [
+        f"# Effects\n\n{MADE}",
+        "A profile is a TOML file that says how hardware differs from the ideal: `--profile FILE.toml`, or a name "
+        "under `profiles/`. Each effect is one table below its part, `[actuator.torque_gain]`. What is left out has no "
+        "effect. Where *joints* is yes, a parameter is one number for all joints, or a list of 12 in the order "
+        f"{', '.join(JOINTS[:3])}, ... of the legs FR, FL, RR, RL. `saltus real2sim apply` writes such files.",
+    ]
+    for part, title in PART_TITLES.items():
+        parts.append(f"## {title}")
+        parts += [_effect(kind) for kind in EFFECTS.values() if PARTS[kind.site] == part]
+    parts += [
+        "## A profile to copy",
+        "The one that the shipped robot has is `saltus/robots/go1/profile.toml`. This one has every "
+        "effect of one number at the value at which it does nothing: keep what you need.",
+        f"```toml\n{null_profile()}```",
+    ]
+    return "\n\n".join(_wrapped(part) for part in parts) + "\n"
+
+
+def null_profile() -> str:
+    """A profile in TOML with every effect of plain numbers, each at the value at which it changes nothing."""
+    table: dict[str, dict[str, Any]] = {part: {} for part in PART_TITLES}
+    for kind in EFFECTS.values():
+        values = {f.name: f.metadata["null"] for f in fields(kind) if isinstance(f.metadata.get("null"), float)}
+        if values:
+            table[PARTS[kind.site]][kind.name] = values
+    return tomli_w.dumps({part: effects for part, effects in table.items() if effects})
+
+
+def _effect(kind: type[Effect[Any]]) -> str:
+    rows = [_parameter(f) for f in fields(kind) if "low" in f.metadata]
+    head = "| parameter | unit | no effect at | from | to | joints |\n|---|---|---|---|---|---|"
+    return f"### {kind.name}\n\n{_wrapped(_text(kind))}\n\n{head}\n" + "\n".join(rows)
+
+
+def _parameter(f: "Field[Any]") -> str:
+    m = f.metadata
+    null = "the robot's own" if "robot" in m else _shown(m["null"]) if "null" in m else f"(default {_shown(f.default)})"
+    joints = "yes" if m["per_joint"] else ""
+    return f"| `{f.name}` | {m['unit']} | {null} | {_shown(m['low'])} | {_shown(m['high'])} | {joints} |"
+
+
+def messages_page() -> str:
+    """Every topic, and every message with its fields."""
+    parts = [
+        f"# Messages\n\n{MADE}",
+        "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. Payloads are CDR (little-endian) of the ROS 2 types "
+        "below, attachments are those of rmw_zenoh: int64 sequence from 1, int64 capture time [ns], the byte 16, and "
+        "16 bytes that name the sender anew at each start. `examples/own_robot.py` sends and reads them without "
+        "Saltus.",
+        _topics(),
+        _wrapped(textwrap.dedent(messages.__doc__ or "").split("\n\n", 1)[1]),
+        "## What the heightmap network reads",
+        "Of `controller/state`: "
+        + ", ".join(f"`{name}`" for name in inspect.signature(features.proprioception).parameters if name in STATE)
+        + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, unit and capture time. "
+        "Nothing else; fields that you do not have may be zero. `leg_trusted` says which feet surely stand: where the "
+        "phases of a leg controller are not known, take legs whose feet bear weight; a foot that is said to stand and "
+        "does not is taken for ground, while false for all legs only means that feet tell nothing of the ground.",
+    ]
+    for kind in dict.fromkeys(topic.message for topic in TOPICS.values()):
+        parts.append(_message(kind))
+    return "\n\n".join(_wrapped(part) for part in parts) + "\n"
+
+
+def _topics() -> str:
+    head = "| topic | message | who sends it | rate [Hz] | age on time [ms] | used up to [ms] | recorded |\n"
+    rows = []
+    for t in TOPICS.values():
+        sender = "every process" if t.publisher == "*" else t.publisher
+        numbers = (_shown(t.rate_hz) if t.rate_hz else "", _shown(1e3 * t.nominal_age_s), _shown(1e3 * t.invalid_age_s))
+        cells = (f"`{t.name}`", f"`{schemas.TYPE_NAME[t.message]}`", sender, *numbers, "yes" if t.recorded else "no")
+        rows.append(f"| {' | '.join(cells)} |")
+    return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
+
+
+def _message(kind: type[Any]) -> str:
+    name, documented = schemas.TYPE_NAME[kind], dict(_field_docs(kind))
+    text = f"## {kind.__name__}\n\n{_wrapped(_text(kind))} Type `{name}`."
+    if name in schemas.DEFINITIONS:
+        text += f"\n\n```\n{schemas.DEFINITIONS[name]}```"
+    if kind in ON_THE_WIRE:
+        return f"{text}\n\n{_wrapped(ON_THE_WIRE[kind])}"
+    bounds = {field.name: field for field in schemas.FIELDS.get(kind, ())}
+    rows = []
+    for field_name, meaning in documented.items():
+        bound = bounds.get(field_name)
+        low, high = (bound.low, bound.high) if bound is not None else (-math.inf, math.inf)
+        allowed = f"{_shown(low)} to {_shown(high)}" if math.isfinite(high) else ""
+        if bound is not None and bound.enum is not None:
+            allowed = ", ".join(f"{member.value} {member.name}" for member in bound.enum)
+        if meaning or allowed:
+            rows.append(f"| `{field_name}` | {meaning} | {allowed} |")
+    return text + "\n\n| field | meaning | allowed |\n|---|---|---|\n" + "\n".join(rows)
+
+
+def _field_docs(kind: type[Any]) -> Iterator[tuple[str, str]]:
+    """Name and docstring of each field of a dataclass."""
+    (definition,) = (node for node in ast.parse(inspect.getsource(kind)).body if isinstance(node, ast.ClassDef))
+    for statement, following in pairwise([*definition.body, None]):
+        if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
+            text = ""
+            if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+                text = str(following.value.value)
+            yield statement.target.id, " ".join(text.split()).replace("|", "\\|")
+
+
+def _text(kind: type[Any]) -> str:
+    """A class's docstring without what it raises."""
+    return inspect.cleandoc(kind.__doc__ or "").split("\n\nRaises:")[0].split("\n\nArgs:")[0]
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "none" if not value else ", ".join(map(_shown, value))
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _wrapped(text: str) -> str:
+    """Prose in lines of 120 characters; tables, titles and code as they are."""
+    if text.lstrip().startswith(("|", "#", "```", "<!--")) or "\n|" in text or "```" in text:
+        return text
+    return "\n\n".join(textwrap.fill(paragraph, 120, break_long_words=False) for paragraph in text.split("\n\n"))
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for file, text in pages().items():
+        (FOLDER / file).write_text(text)
