@@ -68,6 +68,10 @@ class Engine(ABC):
         """Gives all robots their bodies and their ground; arrays of shape (count, ...)."""
 
     @abstractmethod
+    def set_soles(self, softness: Array) -> None:
+        """Gives robots soles between those of the scene (0) and soft rubber (1), shape (count,); after `set_bodies`."""
+
+    @abstractmethod
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
         """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2], (count or 1, 12)."""
 

@@ -29,6 +29,7 @@ _DIFFERING = (
     "geom_rbound",
     "geom_friction",
     "geom_solref",
+    "geom_solimp",
     "body_mass",
     "body_inertia",
     "body_ipos",
@@ -104,6 +105,10 @@ class WarpEngine(Engine):
     def set_bodies(self, body: BodyModel) -> None:
         """Gives all robots their bodies and their ground."""
         self._layout.write_bodies(self._fields.__getitem__, body)
+
+    def set_soles(self, softness: Array) -> None:
+        """Gives robots soles between those of the scene and soft rubber."""
+        self._layout.write_soles(self._fields.__getitem__, softness)
 
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
         """Gives all joints their friction and inertia."""
