@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from saltus.arrays import Array, namespace
-from saltus.config import TerrainKind, check_between
+from saltus.config import check_between
 from saltus.errors import ConfigError
 from saltus.terrain.batch import KINDS
 
@@ -18,6 +18,13 @@ class CurriculumConfig:
     step: float = 0.25
     gap: float = 0.15
     """Share of the robots on each kind of terrain, relative to the others; a robot stays on its kind."""
+    stairs_down: float = 0.0
+    step_down: float = 0.0
+    pyramid: float = 0.0
+    irregular: float = 0.0
+    hurdles: float = 0.0
+    ditch: float = 0.0
+    """The same for kinds that are left out unless they are asked for, see `saltus.terrain.batch.KINDS`."""
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0
@@ -29,22 +36,14 @@ class CurriculumConfig:
     """Less than this leads to an easier course; original."""
 
     def __post_init__(self) -> None:
-        weight = (0.0, 1e6)
-        check_between(self, flat=weight, stairs=weight, stepping_stones=weight, step=weight, gap=weight)
+        check_between(self, **dict.fromkeys(KINDS, (0.0, 1e6)))
         check_between(self, levels=(1, 255), hardest=(0.0, 2.0), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
-        if not any((self.flat, self.stairs, self.stepping_stones, self.step, self.gap)):
+        if not any(getattr(self, kind) for kind in KINDS):
             raise ConfigError("the shares of all kinds of terrain are 0: one must be more")
 
-    def share(self, kind: TerrainKind) -> float:
+    def share(self, kind: str) -> float:
         """Share of the robots on a kind of terrain."""
-        shares = {
-            "flat": self.flat,
-            "stairs": self.stairs,
-            "stepping_stones": self.stepping_stones,
-            "step": self.step,
-            "gap": self.gap,
-        }
-        return shares[kind] / sum(shares.values())
+        return float(getattr(self, kind) / sum(getattr(self, name) for name in KINDS))
 
 
 def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:

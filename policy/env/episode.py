@@ -16,7 +16,8 @@ from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
-from saltus.terrain.batch import DRAWS, KINDS, draw_courses
+from saltus.terrain.batch import DRAWS, KINDS, descends, draw_courses
+from saltus.terrain.terrain import TRENCH_DEPTH
 from saltus.trial import UPRIGHT_LIMIT
 
 _TRUNK_POINTS = 9  # along the lower edge of the trunk, 4.7 cm apart
@@ -55,6 +56,7 @@ class Episodes:
         """Sums over the episodes that ended, for each kind of terrain; see `TALLY`."""
         self.term_sums = torch.zeros_like(memory.terms[0])
         """Sum over steps of the mean of each reward term."""
+        self._descends = descends(memory.kind)
         self._blank = estimator.init((count,), memory.phase)
         robot = engine.robot
         self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
@@ -79,7 +81,8 @@ class Episodes:
         finite = torch.isfinite(self._qpos.sum(-1) + self._qvel.sum(-1))
         tilted = (roll.abs() > UPRIGHT_LIMIT) | (pitch.abs() > UPRIGHT_LIMIT)
         touched = (edge[..., 2] < ground[:, 1:]).any(-1) | memory.touched[:, 12:].any(-1)
-        sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < -limits.sunk_m)
+        lowest = torch.where(self._descends, memory.floor + TRENCH_DEPTH, 0.0)
+        sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < lowest - limits.sunk_m)
         astray = (position[:, 1].abs() > limits.astray_m) | ((yaw - memory.heading).abs() > limits.astray_rad)
         failed = tilted | touched | sunk | astray | ~finite
         memory.time_s.add_(POLICY_DT)
@@ -91,7 +94,8 @@ class Episodes:
         self.reward.copy_(terms.sum(-1))
         self.term_sums.add_(terms.mean(0))
 
-        way = position[:, 0] - memory.start_x + ground[:, 0].clamp(min=0.0)
+        climb = torch.where(self._descends, ground[:, 0].abs(), ground[:, 0].clamp(min=0.0))
+        way = position[:, 0] - memory.start_x + climb
         lasted = memory.time_s - memory.first_time_s
         rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, lasted]
         counted = torch.stack([row.float() * self.done for row in rows], -1)
@@ -108,7 +112,7 @@ class Episodes:
         course = draw_courses(
             memory.kind, difficulty(self._config.curriculum, memory.level, events[:, 1]), course_draws
         )
-        names = ("low", "high", "top", "finish_x", "slope")
+        names = ("low", "high", "top", "finish_x", "slope", "floor")
         store(memory, mask, **{name: getattr(course, name) for name in names})
         bodies = draw_bodies(ranges, body_draws)
         drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")

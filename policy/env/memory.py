@@ -57,6 +57,7 @@ class Memory:
     top: Tensor
     finish_x: Tensor
     slope: Tensor
+    floor: Tensor
 
 
 _ROWS: dict[str, tuple[int, ...]] = {

@@ -14,7 +14,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
-from saltus.terrain.batch import Courses
+from saltus.terrain.batch import Courses, descends
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
 """Heights that only the critic sees [m ahead]."""
@@ -48,12 +48,13 @@ class Views:
         count, device = len(memory.kind), memory.phase.device
         self.points = LINE.size
         self.actor = torch.zeros(count, SIZE, device=device)
+        self._descends = descends(memory.kind)
         self.critic = torch.zeros(count, SIZE + PRIVILEGED, device=device)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
         m = self._memory
-        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope)
+        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope, floor=m.floor)
 
     def set_goals(self, fresh: Tensor) -> None:
         """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)), the goal of their next jump.
@@ -65,11 +66,12 @@ class Views:
         begins = fresh | (cycle != memory.cycle)
         far = position[:, :1] + position.new_tensor([0.0, _GOAL_M])
         aside = position[:, 1:2]
-        ground = self.courses().height_at(far, aside.expand_as(far)).clamp(min=0.0)
+        below = self.courses().height_at(far, aside.expand_as(far))
+        ground = torch.where(self._descends[:, None], below, below.clamp(min=0.0))  # over a trench it is its rim
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
         there = self.courses().height_at(goal_x[:, None], aside)[:, 0]
-        goal_z = torch.maximum(there, ground[:, 0]) + self._stand_height
+        goal_z = torch.where(self._descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
     def observe(self, draws: Tensor) -> None:

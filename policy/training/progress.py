@@ -13,7 +13,10 @@ from saltus.policy.training.learner import Learner
 from saltus.terrain.batch import KINDS
 
 PROGRESS = "progress.csv"
-_SHORT = {"flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp"}
+_SHORT = {
+    "flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp", "stairs_down": "sd",
+    "step_down": "dn", "pyramid": "py", "irregular": "ir", "hurdles": "hu", "ditch": "di",
+}  # fmt: skip
 
 
 class Progress:

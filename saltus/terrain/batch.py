@@ -6,15 +6,23 @@ instead of one, several steps up.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 from saltus.arrays import Array, namespace
-from saltus.config import TerrainKind
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.curriculum import TABLE
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
 
-KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
-"""A kind is its place in this order."""
+KINDS = (
+    "flat", "stairs", "stepping_stones", "step", "gap",
+    "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch",
+)  # fmt: skip
+"""A kind is its place in this order. The first five are those of `saltus.terrain`. The others are trained on only where
+a curriculum asks for them: ground that leads down, stairs whose treads and rises differ, thin walls, trenches of any
+depth.
+"""
+DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
+"""Kinds whose ground, without trenches, may lead down."""
 
 COLUMNS = 18
 """Start, up to 16 treads or stones, and ground behind them: what a robot passes in ten jumps."""
@@ -25,15 +33,29 @@ DRAWS = 8 + COLUMNS
 
 FIRST_EDGE_X = (0.6, 1.6)  # both within reach of the first jump and beyond what the robot sees at the start
 STAIR_RUN_M = (0.23, 0.37)  # original
+IRREGULAR_RUN_M = (0.22, 0.40)  # of irregular stairs, drawn tread by tread
+_LEAST_RISE_SHARE = 0.5  # of irregular stairs: the lowest riser as a share of the highest
+HURDLE_M = 0.05  # thickness along x
+DITCH_M = (0.05, 1.0)  # depth of a ditch: from a step that is walked through to one that must be jumped
 STONE_M = (0.45, 0.60)  # around the 0.5 m of the original
 PLATFORM_M = (1.6, 2.6)  # one to three jumps between single obstacles
-REPEATS = {"flat": 0, "stairs": 16, "stepping_stones": 15, "step": 3, "gap": 4}
+REPEATS = {
+    "flat": 0, "stairs": 16, "stepping_stones": 15, "step": 3, "gap": 4,
+    "stairs_down": 16, "step_down": 3, "pyramid": 16, "irregular": 16, "hurdles": 8, "ditch": 4,
+}  # fmt: skip
+# Rise at difficulty 0 and its growth [m]. As in `TABLE`, difficulty 1 is a third or more beyond what a robot should
+# take: 0.15 m down or up and down, steps of 0.6 m down, hurdles of 0.2 m.
+_RISE_LAWS = {
+    "stairs_down": (-0.05, -0.20), "step_down": (0.0, -0.80), "pyramid": (0.05, 0.20),
+    "irregular": (0.05, 0.20), "hurdles": (0.0, 0.30),
+}  # fmt: skip
 _SMALLEST_GAP_SHARE = 0.2  # where gaps differ within a course
 _BEHIND_START = 4.0  # ground behind the robot [m]
 _RUN_OUT = 6.0  # ground behind the last edge [m]
 _THICKNESS = 2.0  # of a box [m]: nothing falls through
 _SPARE_TOP = -50.0  # columns that a course does not need lie down there [m]
 _FINISH_BEHIND = 1.0  # of the last edge [m]; the trunk is then wholly over it
+_FINE = 1024.0
 _FLAT_FINISH_X = 8.0  # ten jumps of 0.8 m
 
 
@@ -51,6 +73,8 @@ class Courses:
     """End of the course [m], shape (n,)."""
     slope: Array
     """Length of way, up and along, for each metre ahead, on average over the course; shape (n,)."""
+    floor: Array
+    """Height of the floor under trenches [m], shape (n,)."""
     turn: Array | None = None
     """Pitch and yaw of the columns about their centres [rad], shape (n, COLUMNS, 2); None where all are level."""
 
@@ -60,15 +84,14 @@ class Courses:
             return self.boxes().height_at(x, y)
         xp = namespace(x)
         inside = (x[..., None] >= self.low[:, None, :]) & (x[..., None] <= self.high[:, None, :])
-        floor = xp.zeros_like(self.top[:, None, :]) - TRENCH_DEPTH
-        return xp.max(xp.where(inside, self.top[:, None, :], floor), axis=-1)
+        return xp.max(xp.where(inside, self.top[:, None, :], self.floor[:, None, None]), axis=-1)
 
     def boxes(self) -> Boxes:
         """Columns and floor, arrays of shape (n, BOXES, ...)."""
         xp = namespace(self.low)
         low = xp.concat([self.low, self.low[:, :1]], axis=-1)
         high = xp.concat([self.high, self.high[:, -1:]], axis=-1)
-        top = xp.concat([self.top, xp.zeros_like(self.top[:, :1]) - TRENCH_DEPTH], axis=-1)
+        top = xp.concat([self.top, self.floor[:, None]], axis=-1)
         half = xp.zeros_like(low) + 0.5 * _THICKNESS
         return Boxes(
             center=xp.stack([0.5 * (low + high), xp.zeros_like(low), top - half], -1),
@@ -89,52 +112,97 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
     index = xp.cumulative_sum(xp.ones_like(draws[:, :COLUMNS]), axis=-1) - 1.0  # (n, COLUMNS): 0, 1, 2, ...
     start = _between(FIRST_EDGE_X, draws[:, 0])
     rise, gap = _sizes(kind, difficulty)
-    length = _lengths(kind, draws)
+    lengths = _lengths(kind, draws, index)
     count = _chosen(kind, draws[:, 0], [float(REPEATS[name]) for name in KINDS])[:, None]
     gaps = gap[:, None] * _gap_shares(kind, draws)
     used = (index >= 1.0) & (index <= count)
     # Column k > 0 begins behind the gaps and columns before it.
-    pitch = xp.where(used, length[:, None] + gaps, xp.zeros_like(gaps))
+    pitch = xp.where(used, lengths + gaps, xp.zeros_like(gaps))
     ends = start[:, None] + xp.cumulative_sum(pitch, axis=-1)
-    low = xp.where(index == 0.0, xp.zeros_like(ends) - _BEHIND_START, ends - length[:, None])
+    low = xp.where(index == 0.0, xp.zeros_like(ends) - _BEHIND_START, ends - lengths)
     last = index >= count
     level_end = xp.where(count > 0.0, xp.zeros_like(ends), xp.zeros_like(ends) + _FLAT_FINISH_X)
     high = xp.where(last, xp.maximum(ends, level_end) + _RUN_OUT, ends)
-    top = xp.where(index > count, xp.zeros_like(low) + _SPARE_TOP, rise[:, None] * index)
-    last_edge = ends[:, -1] - xp.where(count[:, 0] > 0.0, length, xp.zeros_like(length))
+    heights = _heights(kind, rise, xp.where(used, index, xp.zeros_like(index)), count, draws)
+    top = xp.where(index > count, xp.zeros_like(low) + _SPARE_TOP, heights)
+    last_edge = ends[:, -1] - xp.sum(xp.where(used & last, lengths, xp.zeros_like(lengths)), axis=-1)
     finish = xp.where(count[:, 0] > 0.0, last_edge + _FINISH_BEHIND, xp.zeros_like(start) + _FLAT_FINISH_X)
     way = xp.clip(last_edge - start, 0.3, None)
-    return Courses(low=low, high=high, top=top, finish_x=finish, slope=1.0 + rise * count[:, 0] / way)
+    climb = xp.sum(xp.where(used[:, 1:], xp.abs(heights[:, 1:] - heights[:, :-1]), xp.zeros_like(ends[:, 1:])), axis=-1)
+    climb = xp.where(_is(kind, *KINDS[5:]), climb, rise * count[:, 0])
+    depth = xp.where(_is(kind, "ditch"), _between(DITCH_M, draws[:, 3]), xp.zeros_like(start) + TRENCH_DEPTH)
+    floor = xp.min(xp.where(index <= count, heights, xp.zeros_like(heights)), axis=-1) - depth
+    return Courses(low=low, high=high, top=top, finish_x=finish, slope=1.0 + climb / way, floor=floor)
+
+
+def descends(kind: Array) -> Array:
+    """Which robots are on a kind of terrain that may lead down, bool, shape (n,)."""
+    return _is(kind, *DESCENDING)
+
+
+def _heights(kind: Array, rise: Array, index: Array, count: Array, draws: Array) -> Array:
+    """Height of each column [m], shape (n, COLUMNS); `index` is 0 for columns that a course does not need."""
+    xp = namespace(draws)
+    half = 0.5 * count
+    steps = xp.where(_is(kind, "pyramid")[:, None], half - xp.abs(index - half), index)
+    odd = index - 2.0 * xp.floor(0.5 * index)
+    steps = xp.where(_is(kind, "hurdles")[:, None], odd, steps)
+    shares = _LEAST_RISE_SHARE + (1.0 - _LEAST_RISE_SHARE) * draws[:, 8:]
+    drawn = xp.cumulative_sum(xp.where(index > 0.0, shares, xp.zeros_like(shares)), axis=-1)
+    side = xp.where(draws[:, 3] < 0.5, -xp.ones_like(rise), xp.ones_like(rise))[:, None]
+    return rise[:, None] * xp.where(_is(kind, "irregular")[:, None], side * drawn, steps)
 
 
 def _sizes(kind: Array, difficulty: Array) -> tuple[Array, Array]:
     """Rise from column to column and width of trenches [m], each of shape (n,)."""
-    rises = [_law("stairs", "rise_m"), _law("step", "height_m")]
-    gaps = [_law("stepping_stones", "gap_m"), _law("gap", "gap_m")]
-    rise_base, rise_slope = (_chosen(kind, difficulty, [0.0, rises[0][i], 0.0, rises[1][i], 0.0]) for i in (0, 1))
-    gap_base, gap_slope = (_chosen(kind, difficulty, [0.0, 0.0, gaps[0][i], 0.0, gaps[1][i]]) for i in (0, 1))
-    return rise_base + rise_slope * difficulty, gap_base + gap_slope * difficulty
+    gap = _law("gap", "gap_m")
+    rises = {"stairs": _law("stairs", "rise_m"), "step": _law("step", "height_m"), **_RISE_LAWS}
+    gaps = {"stepping_stones": _law("stepping_stones", "gap_m"), "gap": gap, "ditch": gap}
+    found = []
+    for laws in (rises, gaps):
+        base, slope = (_chosen(kind, difficulty, [laws.get(name, (0.0, 0.0))[i] for name in KINDS]) for i in (0, 1))
+        found.append(base + slope * difficulty)
+    return found[0], found[1]
 
 
-def _law(kind: TerrainKind, size: str) -> tuple[float, float]:
+def _law(kind: Literal["stairs", "stepping_stones", "step", "gap"], size: str) -> tuple[float, float]:
     law = TABLE[kind][size]
     return law.base or 0.0, law.slope
 
 
-def _lengths(kind: Array, draws: Array) -> Array:
-    """Length of a column along x [m], shape (n,)."""
-    ranges = [PLATFORM_M, STAIR_RUN_M, STONE_M, PLATFORM_M, PLATFORM_M]
-    low = _chosen(kind, draws[:, 1], [r[0] for r in ranges])
-    high = _chosen(kind, draws[:, 1], [r[1] for r in ranges])
-    return low + (high - low) * draws[:, 1]
+_LENGTHS = {
+    "flat": PLATFORM_M, "stairs": STAIR_RUN_M, "stepping_stones": STONE_M, "step": PLATFORM_M, "gap": PLATFORM_M,
+    "stairs_down": STAIR_RUN_M, "step_down": PLATFORM_M, "pyramid": STAIR_RUN_M, "irregular": STAIR_RUN_M,
+    "hurdles": PLATFORM_M, "ditch": PLATFORM_M,
+}  # fmt: skip
+
+
+def _lengths(kind: Array, draws: Array, index: Array) -> Array:
+    """Length of each column along x [m], shape (n, COLUMNS)."""
+    xp = namespace(draws)
+    low, high = (_chosen(kind, draws[:, 1], [_LENGTHS[name][i] for name in KINDS]) for i in (0, 1))
+    length = (low + (high - low) * draws[:, 1])[:, None] + xp.zeros_like(index)
+    fine = _FINE * draws[:, 8:]  # the lower digits of a uniform number are another one
+    drawn = _between(IRREGULAR_RUN_M, fine - xp.floor(fine))
+    wall = index - 2.0 * xp.floor(0.5 * index) > 0.0
+    length = xp.where(_is(kind, "irregular")[:, None], drawn, length)
+    return xp.where(_is(kind, "hurdles")[:, None] & wall, xp.zeros_like(length) + HURDLE_M, length)
 
 
 def _gap_shares(kind: Array, draws: Array) -> Array:
     """Width of each trench as a share of the widest: half of the courses of stones have equal ones. Shape (n, k)."""
     xp = namespace(draws)
     drawn = _SMALLEST_GAP_SHARE + (1.0 - _SMALLEST_GAP_SHARE) * draws[:, 8:]
-    differ = (kind == KINDS.index("stepping_stones")) & (draws[:, 2] < 0.5)
+    differ = _is(kind, "stepping_stones") & (draws[:, 2] < 0.5)
     return xp.where(differ[:, None], drawn, xp.ones_like(drawn))
+
+
+def _is(kind: Array, *names: str) -> Array:
+    """Which robots are on one of these kinds, bool, shape (n,)."""
+    found = kind == KINDS.index(names[0])
+    for name in names[1:]:
+        found = found | (kind == KINDS.index(name))
+    return found
 
 
 def _chosen(kind: Array, like: Array, values: list[float]) -> Array:
