@@ -23,7 +23,7 @@ from saltus.effects.profile import load_profile
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
-from saltus.policy.env.drives import Drives
+from saltus.policy.env.drives import Drives, JointDraws
 from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import blank_memory, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
@@ -84,11 +84,12 @@ class JumpEnv:
         self._stand_pose = Constant(self.robot.stand_pose)
         self._law = LegController(self.robot, solver=solver or BatchedSolver(self.robot))
         self._estimator = Estimator(self.robot)
-        profile = load_profile(config.profile, self.robot)
-        self._drives = Drives(self.robot, config.randomisation.feedforward_delay_s[1], profile)
+        profile, wide = load_profile(config.profile, self.robot), config.randomisation.wide
+        late_s = wide.command_delay_s if wide.share > 0.0 else 0.0
+        self._drives = Drives(self.robot, config.randomisation.feedforward_delay_s[1], profile, late_s)
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
-        self.memory = blank_memory(kinds, self._drives.length, plans, self.device)
+        self.memory = blank_memory(kinds, self._drives.length, plans, self.device, self._drives.commands)
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
@@ -172,13 +173,19 @@ class JumpEnv:
         memory, states = self.memory, self.states()
         plan = plan_from_action(action_from_values(self._obeyed()), memory.heading)
         command, state, seen = self._law.step(plan, states, self._law_state(), ControllerMode.RUN)
+        command = self._or_stand(command)
+        if self._drives.commands:
+            fresh = memory.time_s == memory.first_time_s
+            command, commands = self._drives.late(command, memory.command_line, memory.command_delay_s, fresh)
+            store(memory, command_line=commands)
         torque, line = self._drives.step(
-            self._or_stand(command),
+            command,
             states.joint_position,
             states.joint_velocity,
             memory.torque_line,
             memory.delay_s,
             memory.motor_strength,
+            self._joints(),
         )
         self._ctrl.copy_(torque)
         stands = self.standing[:, None]
@@ -193,6 +200,12 @@ class JumpEnv:
             tracking_cost=seen.tracking_cost,
             tick=memory.tick + 1.0,
         )
+
+    def _joints(self) -> JointDraws | None:
+        memory = self.memory
+        if not self.config.randomisation.wide.share > 0.0:
+            return None
+        return JointDraws(friction=memory.joint_friction, damping=memory.joint_damping, armature=memory.armature)
 
     def _obeyed(self) -> Tensor:
         """The newest plan that has arrived by now, shape (n, 10)."""

@@ -9,7 +9,7 @@ from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
-from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies
+from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies, draw_wide
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
 from saltus.robots.legs import LegKinematics
@@ -46,7 +46,8 @@ class Episodes:
         self._warmstart = torch.as_tensor(engine.warmstart)
         self._wrench = torch.as_tensor(engine.trunk_wrench)
         count, device = engine.count, memory.phase.device
-        self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS]
+        self._wide = config.randomisation.wide
+        self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS, self._wide.draws]
         self.draws = torch.zeros(count, sum(self._parts) + len(HEIGHTMAP_X), device=device)
         """Uniform numbers for the next `reset`, `disturb` and observation; the environment fills them."""
         self.reward = torch.zeros(count, device=device)
@@ -56,10 +57,13 @@ class Episodes:
         """Sums over the episodes that ended, for each kind of terrain; see `TALLY`."""
         self.term_sums = torch.zeros_like(memory.terms[0])
         """Sum over steps of the mean of each reward term."""
+        self._grown = torch.zeros((), device=device)
+        self.grow(0.0)
         self._descends = descends(memory.kind)
         self._blank = estimator.init((count,), memory.phase)
         robot = engine.robot
         self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
+        self._armature = torch.tensor(robot.armature, dtype=torch.float32, device=device)
         self._stand = torch.tensor(robot.stand_pose, dtype=torch.float32, device=device)
         self._is_kind = torch.stack([memory.kind == k for k in range(len(KINDS))]).float()
         low, high = robot.trunk_center - 0.5 * robot.trunk_size, robot.trunk_center + 0.5 * robot.trunk_size
@@ -67,6 +71,10 @@ class Episodes:
         edge[:, 0] = torch.linspace(float(low[0]), float(high[0]), _TRUNK_POINTS)
         edge[:, 2] = float(low[2])
         self._trunk_edge = edge
+
+    def grow(self, steps: float) -> None:
+        """Ranges are drawn from as after so many environment steps of all processes."""
+        self._grown.fill_(self._wide.grown(steps))
 
     def judge(self) -> None:
         """Reward of the last 10 ms, and which episodes are over and why."""
@@ -108,7 +116,7 @@ class Episodes:
     def reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
         memory, ranges = self._memory, self._config.randomisation
-        course_draws, body_draws, start, events = self._split()
+        course_draws, body_draws, start, events, wide_draws = self._split()
         course = draw_courses(
             memory.kind, difficulty(self._config.curriculum, memory.level, events[:, 1]), course_draws
         )
@@ -118,7 +126,12 @@ class Episodes:
         drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
         store(memory, mask, **{name: getattr(bodies, name) for name in drawn})
         self._engine.set_terrain(self._views.courses().boxes())
+        if self._wide.share > 0.0:
+            mass_kg = self._engine.robot.mass
+            store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, wide_draws))
         self._engine.set_bodies(self._bodies())
+        if self._wide.share > 0.0:
+            self._set_wide()
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
         shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
@@ -140,6 +153,14 @@ class Episodes:
             touched=torch.zeros_like(memory.touched),
         )
 
+    def _set_wide(self) -> None:
+        """Hands the engine what is drawn of contacts and rotors; friction of joints is a torque of the drives."""
+        memory = self._memory
+        self._engine.set_soles(memory.softness)
+        inertia = (memory.armature - 1.0)[:, None] * self._armature
+        none = torch.zeros_like(inertia)
+        self._engine.set_joints(none, none, inertia)
+
     def _bodies(self) -> BodyModel:
         memory = self._memory
         return BodyModel(
@@ -160,7 +181,9 @@ class Episodes:
         across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
         self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
         pushed = events[:, 4] < POLICY_DT / ranges.push_period_s
-        kick = ranges.push_mps * (2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0) * pushed[:, None]
+        aside = memory.push_mps if self._wide.share > 0.0 else torch.full_like(memory.push_mps, ranges.push_mps)
+        hardest = torch.stack([torch.full_like(aside, ranges.push_mps), aside], -1)
+        kick = hardest * (2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0) * pushed[:, None]
         self._qvel[:, :2] += kick.to(self._qvel.dtype)
 
     def _place(self, mask: Tensor, start: Tensor) -> None:
@@ -183,5 +206,5 @@ class Episodes:
         store(memory, mask, liftoff=feet @ rotation_matrix(quaternion).mT)
 
     def _split(self) -> tuple[Tensor, ...]:
-        """Draws of courses, bodies, starts and events."""
+        """Draws of courses, bodies, starts, events, and what is wide."""
         return torch.split(self.draws[:, : sum(self._parts)], self._parts, dim=1)

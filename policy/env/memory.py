@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from saltus.policy.bounds import ACTIONS
+from saltus.policy.env.drives import COMMAND
 from saltus.policy.env.rewards import TERMS
 from saltus.terrain.batch import COLUMNS
 
@@ -58,6 +59,14 @@ class Memory:
     finish_x: Tensor
     slope: Tensor
     floor: Tensor
+    # drawn only where `saltus.policy.env.randomisation.WideConfig` is on
+    command_line: Tensor  # (length, 60)
+    joint_friction: Tensor
+    joint_damping: Tensor
+    armature: Tensor
+    softness: Tensor
+    command_delay_s: Tensor
+    push_mps: Tensor
 
 
 _ROWS: dict[str, tuple[int, ...]] = {
@@ -76,7 +85,7 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
-def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device) -> Memory:
+def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device, commands: int = 0) -> Memory:
     """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
 
     Args:
@@ -84,6 +93,7 @@ def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.d
         torques: How many commands of feed-forward torque are remembered.
         plans: How many plans are remembered.
         device: Of all tensors.
+        commands: How many whole commands are remembered.
     """
     kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
     count = len(kind)
@@ -94,6 +104,7 @@ def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.d
         else:
             tensors[f.name] = torch.zeros(count, *_ROWS.get(f.name, ()), device=device)
     tensors["torque_line"] = torch.zeros(count, torques, 12, device=device)
+    tensors["command_line"] = torch.zeros(count, commands, COMMAND, device=device)
     tensors["plans"] = torch.zeros(count, plans, len(ACTIONS), device=device)
     tensors["kind"] = kind
     return Memory(**tensors)

@@ -1,6 +1,6 @@
 """What differs from episode to episode of a training besides the terrain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from saltus.arrays import Array, namespace
 from saltus.config import check_between
@@ -8,6 +8,58 @@ from saltus.errors import ConfigError
 
 BODY_DRAWS = 9
 """Uniform random numbers that `draw_bodies` takes."""
+
+
+WIDE = {
+    "joint_damping": 10.0, "joint_friction": 10.0, "armature": 1.0, "softness": 1.0, "command_delay_s": 100.0,
+    "push_mps": 1.0, "friction": 1.0,
+}  # fmt: skip
+"""What `WideConfig` draws, by its names in `saltus.policy.env.memory.Memory`, each from one uniform random number; and
+what makes it about 1 for the critic."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WideConfig:
+    """What some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
+
+    Each value is drawn between the robot's usual one and the one given here, or stays usual, for one episode.
+    """
+
+    share: float = 0.0
+    """Probability with which each value is drawn and not usual."""
+    growth_msteps: tuple[float, float] = (0.0, 0.0)
+    """Million environment steps, of all processes, between which the ranges grow from nothing to all."""
+    friction: float = 0.3
+    """Of the ground."""
+    joint_damping: float = 0.3
+    """[Nm s/rad]."""
+    joint_friction: float = 0.4
+    """Dry [Nm]."""
+    armature: float = 2.25
+    """True inertia of the rotors over that of the model; 2.25 are 1.5 times the gear ratios."""
+    softness: float = 1.0
+    """Of contacts: 1 is soft rubber, see `saltus.sim.layout.SOFT_SOLIMP`."""
+    command_delay_s: float = 0.015
+    """Of whole commands."""
+    side_push_ns: float = 15.0
+    """Largest push sideways [N s]."""
+
+    def __post_init__(self) -> None:
+        check_between(self, share=(0.0, 1.0), growth_msteps=(0.0, 1e9), friction=(0.01, 10.0))
+        check_between(self, joint_damping=(0.0, 10.0), joint_friction=(0.0, 10.0), armature=(0.1, 10.0))
+        check_between(self, softness=(0.0, 1.0), command_delay_s=(0.0, 0.1), side_push_ns=(0.0, 1e3))
+        if self.growth_msteps[0] > self.growth_msteps[1]:
+            raise ConfigError(f"growth_msteps = {self.growth_msteps}: the lowest comes first")
+
+    @property
+    def draws(self) -> int:
+        """Uniform random numbers that `draw_wide` takes."""
+        return len(WIDE) if self.share > 0.0 else 0
+
+    def grown(self, steps: float) -> float:
+        """Share of the ranges that is drawn from after so many environment steps of all processes."""
+        first, last = (1e6 * end for end in self.growth_msteps)
+        return 1.0 if steps >= last else max(0.0, (steps - first) / (last - first))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +83,7 @@ class RandomisationConfig:
     start_x_m: float = 0.2  # +-; definition of a trial
     start_yaw_rad: float = 0.1  # +-; twice that of a trial
     start_joint_rad: float = 0.05  # +-; how exactly a robot stands up
+    wide: WideConfig = field(default_factory=WideConfig)
 
     def __post_init__(self) -> None:
         period, spread = (1e-3, 1e12), (0.0, 10.0)
@@ -75,6 +128,33 @@ def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
         delay_s=between(config.feedforward_delay_s, draws[:, 6]),
         plan_delay_s=between(config.plan_delay_s, draws[:, 8]),
     )
+
+
+def draw_wide(
+    config: RandomisationConfig, usual_friction: Array, mass_kg: float, grown: Array, draws: Array
+) -> dict[str, Array]:
+    """Makes what `WIDE` names, each of shape (n,).
+
+    Args:
+        config: The ranges.
+        usual_friction: What was drawn for the ground, shape (n,).
+        mass_kg: Of the robot, which says what speed a push gives.
+        grown: Share of the ranges to draw from, shape ().
+        draws: Uniform in [0, 1), shape (n, len(WIDE)).
+    """
+    wide, xp = config.wide, namespace(draws)
+    # below `share` a number is, stretched, another uniform one
+    strength = grown * xp.where(draws < wide.share, draws / wide.share, xp.zeros_like(draws))
+    part = {name: strength[:, k] for k, name in enumerate(WIDE)}
+    return {
+        "friction": usual_friction + (wide.friction - usual_friction) * part["friction"],
+        "joint_damping": wide.joint_damping * part["joint_damping"],
+        "joint_friction": wide.joint_friction * part["joint_friction"],
+        "armature": 1.0 + (wide.armature - 1.0) * part["armature"],
+        "softness": wide.softness * part["softness"],
+        "command_delay_s": wide.command_delay_s * part["command_delay_s"],
+        "push_mps": config.push_mps + (wide.side_push_ns / mass_kg - config.push_mps) * part["push_mps"],
+    }
 
 
 def between(bounds: tuple[float, float], draw: Array) -> Array:

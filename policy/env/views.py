@@ -7,6 +7,7 @@ from torch import Tensor
 
 from saltus.grid import LINE, HeightGrid
 from saltus.policy.env.memory import Memory, store
+from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.features import SIZE, features
 from saltus.policy.observation import observe
@@ -48,8 +49,9 @@ class Views:
         count, device = len(memory.kind), memory.phase.device
         self.points = LINE.size
         self.actor = torch.zeros(count, SIZE, device=device)
+        self._has_wide = config.randomisation.wide.share > 0.0
         self._descends = descends(memory.kind)
-        self.critic = torch.zeros(count, SIZE + PRIVILEGED, device=device)
+        self.critic = torch.zeros(count, SIZE + PRIVILEGED + config.randomisation.wide.draws, device=device)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
@@ -121,8 +123,10 @@ class Views:
             config.bounds.normalised(memory.plan),
             heights[:, self.points :],
         ]
+        if self._has_wide:
+            parts.append(torch.stack([scale * getattr(memory, name) for name, scale in WIDE.items()], -1))
         return torch.cat(parts, -1)
 
 
 PRIVILEGED = 14 + 3 + 3 + 2 + 4 + 10 + len(FAR_X)
-"""Length of what the critic sees besides the policy's vector."""
+"""Length of what the critic sees besides the policy's vector, without what `WideConfig` adds."""

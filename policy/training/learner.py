@@ -36,7 +36,8 @@ class Learner:
         self._env, self._config = env, config
         self._observation = _observation(env.transition())
         device = str(env.device)
-        self._together = distributed[1] > 1
+        self._world = distributed[1]
+        self._together = self._world > 1
         group = {"global_rank": distributed[0], "world_size": distributed[1]} if self._together else None
         storage = RolloutStorage("rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device)
         self.ppo = PPO(
@@ -63,6 +64,7 @@ class Learner:
     @torch.no_grad()
     def collect(self) -> None:
         """Steps the environment `horizon` times."""
+        self._env.episodes.grow(float(self.steps * self._world))
         for _ in range(self._config.horizon):
             transition = self._env.step(self.act())
             self._observation = _observation(transition)
@@ -116,6 +118,7 @@ class Learner:
         if old != new:
             rebase(self.ppo.actor, old, new)
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
+        self._env.episodes.grow(float(self.steps * self._world))
         self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
         self._observation = _observation(self._env.transition())
         self._share_parameters()
