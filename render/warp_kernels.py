@@ -64,62 +64,6 @@ def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: f
     return nearest
 
 
-@wp.func
-def turned_entry(
-    origin: wp.vec3f,
-    direction: wp.vec3f,
-    low: wp.array2d[wp.vec3f],
-    high: wp.array2d[wp.vec3f],
-    turn: wp.array2d[wp.mat33f],
-    row: int,
-    i: int,
-) -> wp.vec2f:
-    """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
-    if turn.shape[0] > 0:
-        back = wp.transpose(turn[row, i])
-        center = 0.5 * (low[row, i] + high[row, i])
-        return box_entry(center + back * (origin - center), back * direction, low[row, i], high[row, i])
-    return box_entry(origin, direction, low[row, i], high[row, i])
-
-
-@wp.func
-def boxes_entry(
-    origin: wp.vec3f,
-    direction: wp.vec3f,
-    low: wp.array2d[wp.vec3f],
-    high: wp.array2d[wp.vec3f],
-    turn: wp.array2d[wp.mat33f],
-    row: int,
-) -> float:
-    """Depth of the nearest surface of the union of boxes, from inside as from outside."""
-    nearest = wp.float32(NOTHING)  # Warp keeps what a loop changes in variables, not in constants
-    within = wp.float32(-1.0)
-    for i in range(low.shape[1]):
-        span = turned_entry(origin, direction, low, high, turn, row, i)
-        if span[0] <= span[1] and span[1] > 0.0:
-            if span[0] > 0.0:
-                nearest = wp.min(nearest, span[0])
-            else:
-                within = wp.max(within, span[1])
-    if within > 0.0:  # the camera is inside: out through whatever boxes follow without a gap
-        for _ in range(low.shape[1]):
-            before = within
-            for i in range(low.shape[1]):
-                span = turned_entry(origin, direction, low, high, turn, row, i)
-                if span[0] <= within + 1.0e-5 and span[1] > within:
-                    within = span[1]
-            if within == before:
-                break
-        nearest = within
-    return nearest
-
-
-@wp.func
-def pixel_direction(row: int, column: int, fx: float, fy: float, cx: float, cy: float) -> wp.vec3f:
-    """Direction of a pixel in the camera frame, of depth 1."""
-    return wp.vec3f((float(column) + 0.5 - cx) / fx, (float(row) + 0.5 - cy) / fy, 1.0)
-
-
 @wp.struct
 class Scene:
     """Cameras and what they see."""
@@ -142,11 +86,53 @@ class Scene:
 
 
 @wp.func
+def turned_entry(scene: Scene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f) -> wp.vec2f:
+    """`box_entry` of a box that may be turned about its centre; `turn` is empty where all are level."""
+    low, high = scene.low[row, i], scene.high[row, i]
+    if scene.turn.shape[0] > 0:
+        back = wp.transpose(scene.turn[row, i])
+        center = 0.5 * (low + high)
+        return box_entry(center + back * (origin - center), back * direction, low, high)
+    return box_entry(origin, direction, low, high)
+
+
+@wp.func
+def boxes_entry(scene: Scene, row: int, origin: wp.vec3f, direction: wp.vec3f) -> float:
+    """Depth of the nearest surface of the union of boxes, from inside as from outside."""
+    nearest = wp.float32(NOTHING)  # Warp keeps what a loop changes in variables, not in constants
+    within = wp.float32(-1.0)
+    for i in range(scene.low.shape[1]):
+        span = turned_entry(scene, row, i, origin, direction)
+        if span[0] <= span[1] and span[1] > 0.0:
+            if span[0] > 0.0:
+                nearest = wp.min(nearest, span[0])
+            else:
+                within = wp.max(within, span[1])
+    if within > 0.0:  # the camera is inside: out through whatever boxes follow without a gap
+        for _ in range(scene.low.shape[1]):
+            before = within
+            for i in range(scene.low.shape[1]):
+                span = turned_entry(scene, row, i, origin, direction)
+                if span[0] <= within + 1.0e-5 and span[1] > within:
+                    within = span[1]
+            if within == before:
+                break
+        nearest = within
+    return nearest
+
+
+@wp.func
+def pixel_direction(row: int, column: int, fx: float, fy: float, cx: float, cy: float) -> wp.vec3f:
+    """Direction of a pixel in the camera frame, of depth 1."""
+    return wp.vec3f((float(column) + 0.5 - cx) / fx, (float(row) + 0.5 - cy) / fy, 1.0)
+
+
+@wp.func
 def nearest_along(scene: Scene, frame: int, origin: wp.vec3f, way: wp.vec3f) -> float:
     """Depth of what a ray meets first; its origin and direction are in the camera frame."""
     turn = scene.rotation[frame]
     row = wp.min(frame, scene.low.shape[0] - 1)
-    nearest = boxes_entry(scene.origin[frame] + turn * origin, turn * way, scene.low, scene.high, scene.turn, row)
+    nearest = boxes_entry(scene, row, scene.origin[frame] + turn * origin, turn * way)
     for k in range(scene.radius.shape[0]):
         start, end = scene.start[frame, k] - origin, scene.end[frame, k] - origin
         nearest = wp.min(nearest, capsule_entry(way, start, end, scene.radius[k]))

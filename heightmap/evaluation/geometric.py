@@ -81,16 +81,7 @@ class GeometricHeightmap:
         self._last: Heightmap | None = None
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
-        """Advances by one tick.
-
-        Args:
-            state: A state with a step that was answered already gets the same answer again; an older one, the newest.
-            frame: A frame that has arrived since the last call; None where none has.
-            now_ns: The run's clock.
-
-        Returns:
-            The heightmap at the time of `state`.
-        """
+        """Advances by one tick; see there."""
         if self._last is not None and state.step <= self._last.step:
             return self._last
         if not self._odometry.advance(state):

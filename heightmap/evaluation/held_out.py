@@ -7,7 +7,7 @@ to the end of the run, however it ends.
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -105,13 +105,13 @@ class HeldOutRuns:
         terrains = [make_terrain(some[i % COURSES][1]) for i in range(count)]
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
-        kind = load_robot(DEFAULT_ROBOT)
+        kind, ticks = load_robot(DEFAULT_ROBOT), list[_Tick]()
         rollout = Rollout(
             kind,
             terrains,
             [Trial.draw(int(seed)) for seed in seeds],
             make_planner(planner, kind, self.policy if planner == "learned" else None),
-            heights=(factory := _RecordedSourceFactory(partial(self._source, HeightmapNetwork(kind, model), rng))),
+            heights=partial(self._source, HeightmapNetwork(kind, model), rng, ticks),
             time_limit_s=self.time_limit_s,
         )
         steps = []
@@ -121,20 +121,25 @@ class HeldOutRuns:
         tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
         measured = []
         for robot, terrain in enumerate(terrains):
-            measured.append(_measured(self, kind, steps, factory.ticks, robot, terrain, some[robot % COURSES][0]))
+            measured.append(_measured(self, kind, steps, ticks, robot, terrain, some[robot % COURSES][0]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
 
     def _source(
-        self, network: HeightmapNetwork, rng: np.random.Generator, terrains: TerrainStack, trials: Sequence[Trial]
-    ) -> PredictedHeights:
+        self,
+        network: HeightmapNetwork,
+        rng: np.random.Generator,
+        ticks: list["_Tick"],
+        terrains: TerrainStack,
+        trials: Sequence[Trial],
+    ) -> "_RecordedSource":
         shipped = load_profile(SHIPPED, network.robot)
         profile = dataclasses.replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
         cameras: RobotCameras = IdealCameras(network.robot, terrains, profile)
         if self.camera == "d435i":
             cameras = StereoCameras(network.robot, terrains, profile, drawn_cameras(len(trials), rng), rng)
-        return PredictedHeights(network, cameras, trials, profile)
+        return _RecordedSource(PredictedHeights(network, cameras, trials, profile), ticks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,17 +164,6 @@ class HeldOutRun:
     view: NDArray[np.int8]
     """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
     predictions: dict[str, Prediction]
-
-
-class _RecordedSourceFactory:
-    """Makes height sources whose answers are recorded."""
-
-    def __init__(self, make: Callable[[TerrainStack, Sequence[Trial]], PredictedHeights]) -> None:
-        self._make = make
-        self.ticks: list[_Tick] = []
-
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "_RecordedSource":
-        return _RecordedSource(self._make(terrains, trials), self.ticks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

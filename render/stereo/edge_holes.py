@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from saltus.arrays import namespace
 from saltus.effects.effect import PerRobot, like, parameter
-from saltus.effects.fields import gaussian, mean_around, samples
+from saltus.effects.fields import mean_around
 from saltus.render.stereo.discontinuity import discontinuity
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
@@ -46,8 +46,7 @@ class EdgeHoles(RandomStereoEffect):
         mean = mean_around(disparity, rows, columns)
         # samples that reach farther than `reach` make up for it by losing fewer
         excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach
-        window = samples(self.patch, optics.pitch_y), samples(self.patch, optics.pitch_x)
-        draw = gaussian(state, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
+        draw = self.patches(signal, state, self.patch)
         share = np.clip(np.asarray(self.fraction, dtype=np.float64) / max(1.0, excess), 1e-9, 1.0 - 1e-9)
         limit = ndtri(share)
         threshold = float(limit) if limit.ndim == 0 else like(limit, disparity, xp)[..., None, None]

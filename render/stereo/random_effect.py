@@ -7,6 +7,7 @@ import numpy as np
 
 from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, Site
+from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
 
@@ -19,3 +20,9 @@ class RandomStereoEffect(Effect[StereoImage]):
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """A key for each image."""
         return draw_keys(batch, rng)
+
+    @staticmethod
+    def patches(signal: StereoImage, keys: Any, size: float) -> Any:
+        """Standard normal numbers that are alike within patches of that size [px], shape (..., height, width)."""
+        window = samples(size, signal.optics.pitch_y), samples(size, signal.optics.pitch_x)
+        return gaussian(keys, signal.time_s, signal.truth.shape[-2:], window, signal.truth.dtype)

@@ -7,7 +7,6 @@ import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.effect import PerRobot, parameter, per_image
-from saltus.effects.fields import gaussian, samples
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
 
@@ -36,8 +35,7 @@ class WeakSignal(RandomStereoEffect):
             return signal, state
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
-        window = samples(self.patch, optics.pitch_y), samples(self.patch, optics.pitch_x)
-        draw = gaussian(state, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
+        draw = self.patches(signal, state, self.patch)
         # cos / z^2 over that at the reach; disparities stand for 1 / z
         weakest = optics.disparity_at_1m / per_image(self.reach, disparity, xp)
         draw *= self.spread

@@ -4,13 +4,13 @@ import numpy as np
 from samples import ROBOT, level_truth
 
 from saltus.config import TerrainConfig
-from saltus.depth import Intrinsics, depth_in_millimetres, model_image
+from saltus.depth import Intrinsics, depth_frame, depth_in_millimetres, model_image
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure
 from saltus.render.stereo_exposure import StereoExposure
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.messages import DepthFrame, Floats, GroundTruth
+from saltus.wire.messages import Floats, GroundTruth
 
 TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.15))
 
@@ -21,11 +21,7 @@ def truth(step: int) -> GroundTruth:
 
 def seen(depth: Floats, camera: Intrinsics) -> tuple[Floats, Floats]:
     """Depth [m] and validity of the model's image."""
-    frame = DepthFrame(
-        time_ns=0, frame_id=0, depth=depth_in_millimetres(depth), depth_unit_m=0.001,
-        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
-    )  # fmt: skip
-    image = model_image(frame)
+    image = model_image(depth_frame(camera, depth_in_millimetres(depth)))
     return 3.0 * image.depth, image.valid
 
 

@@ -10,7 +10,7 @@ from samples import ROBOT
 from stereo_scenes import flat_wall, wall_and_panel
 
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image, model_images
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres, model_image, model_images
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -23,7 +23,6 @@ from saltus.render.stereo_embree import StereoEmbree, right_camera
 from saltus.render.stereo_torch import TorchStereo
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import DepthFrame
 
 NATIVE = 5  # sensor pixels for each of the model's, along each axis
 
@@ -178,16 +177,7 @@ def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
     )
     stereo = StereoCamera(StereoConfig(), optics)
     image, _ = stereo.step(depth, hidden, np.zeros(1), stereo.init((1,), np.random.default_rng(0)))
-    frame = DepthFrame(
-        time_ns=0,
-        frame_id=0,
-        depth=depth_in_millimetres(image.depth[0]),
-        depth_unit_m=0.001,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-    )
+    frame = depth_frame(camera, depth_in_millimetres(image.depth[0]))
     seen, straight = model_image(frame), model_images(pooled(image.depth[0], NATIVE, NATIVE))
     np.testing.assert_array_equal(seen.valid, straight.valid)
     np.testing.assert_allclose(seen.depth, straight.depth, atol=1e-3)
