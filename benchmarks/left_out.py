@@ -19,7 +19,7 @@ import tyro
 from benchmarks._command import Command, progress, tell
 from saltus.errors import SaltusError
 from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.problem.log import load
+from saltus.real2sim.problem.log import load_rigs
 from saltus.real2sim.results import Examination
 from saltus.real2sim.search.decide import REMAINDER_RMS
 
@@ -52,7 +52,7 @@ def _counts(truth: Any) -> bool:
 
 
 def _searched(log: Path, effect: str) -> dict[str, Any]:
-    examined = examine(load([log]), without=(effect,))
+    (examined,) = examine(load_rigs([log]), without=(effect,))
     verdict = judge((examined,), ()).verdict
     outcome: str = verdict.verdict
     if outcome in ("named", "set"):

@@ -114,7 +114,7 @@ def patch_from_toml(text: str) -> Patch:
             evidence=tuple(Evidence(**entry) for entry in table.get("evidence", [])),
             range=Applicability(**{name: float(value) for name, value in table.get("range", {}).items()}),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"no patch: {type(error).__name__} {error}") from error
 
 

@@ -64,7 +64,7 @@ def find(
     """
     logs = load_rigs(runs)
     with _results_folder(out):
-        examinations = examine_together(logs, profile=profile, seed=seed, progress=progress)
+        examinations = examine(logs, profile=profile, seed=seed, progress=progress)
         judgement = judge(examinations, tuple(evidence_of(run) for run in runs))
         texts: dict[str, str | None] = dict(_texts(judgement))
         texts["report.html"] = None  # a report of an earlier call would not belong to this verdict
@@ -79,27 +79,6 @@ def find(
 
 
 def examine(
-    log: RunLog,
-    *,
-    profile: Profile = IDEAL,
-    without: Collection[str] = (),
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Examination:
-    """Compares one log with the simulator, sensor by sensor.
-
-    Args:
-        log: Log of one rig.
-        profile: As in `find`.
-        without: Effects that are taken out of the library.
-        seed: As in `find`.
-        progress: As in `find`.
-    """
-    (examination,) = examine_together([log], profile=profile, without=without, seed=seed, progress=progress)
-    return examination
-
-
-def examine_together(
     logs: Sequence[RunLog],
     *,
     profile: Profile = IDEAL,
@@ -107,9 +86,16 @@ def examine_together(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
-    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; arguments as in `examine`.
+    """Compares logs of one robot on several rigs with the simulator, sensor by sensor.
 
     If one log is damaged, nothing is compared.
+
+    Args:
+        logs: One for each rig.
+        profile: As in `find`.
+        without: Effects that are taken out of the library.
+        seed: As in `find`.
+        progress: As in `find`.
     """
     if progress is not None:
         progress("screen", 0.0)

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from saltus.config import from_table
 from saltus.real2sim.problem.problem import Estimate
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
+from saltus.real2sim.search.findings import Findings, FoundEffect
 
 Ruling = Literal["named", "set", "unexplained", "no_gap", "bad_log"]
 
@@ -123,21 +124,8 @@ def effect_from_dict(data: dict[str, Any]) -> FoundEffect:
     """The effect that `effect_to_dict` was called on.
 
     Raises:
-        KeyError, TypeError, ValueError: an entry that is missing or of the wrong kind.
+        ConfigError: an entry that is missing, unknown or of the wrong kind.
     """
-    where = data["where"]
-    curve = data["params"].get("curve", {"value": []})["value"]
-    return FoundEffect(
-        name=str(data["name"]),
-        where=where if isinstance(where, str) else tuple(map(str, where)),
-        params={
-            name: Interval(
-                value=float(found["value"]),
-                ci90=(float(found["ci90"][0]), float(found["ci90"][1])),
-                unit=str(found["unit"]),
-            )
-            for name, found in data["params"].items()
-            if name != "curve"
-        },
-        curve=tuple((float(asked), float(given)) for asked, given in curve),
-    )
+    params = dict(data.get("params", {}))
+    curve = params.pop("curve", {}).get("value", [])
+    return from_table(FoundEffect, {**data, "params": params, "curve": curve})

@@ -29,20 +29,6 @@ SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain",
 """Claims that must be equal for runs to be read as one, because the simulator is built from them."""
 
 
-def load(paths: Sequence[Path]) -> RunLog:
-    """Reads one or several runs of one rig as one log; later runs follow the first after a pause.
-
-    Raises:
-        RecordingError: no run given, one that cannot be read, or runs that claim different rigs.
-    """
-    logs = load_rigs(paths)
-    if len(logs) > 1:
-        first, other = (log.meta for log in logs[:2])
-        differs = next(key for key in SHARED_CLAIMS if first.get(key) != other.get(key))
-        raise RecordingError(f"the runs cannot be read as one: meta.json '{differs}' differs")
-    return logs[0]
-
-
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
     """Reads runs. Those that claim the same rig are read as one log, in which they follow each other.
 
@@ -138,6 +124,17 @@ def commanded(log: RunLog) -> Floats:
     if joints.dq_des is not None:
         torque = torque + kd * joints.dq_des
     return torque if joints.tau_ff is None else torque + joints.tau_ff
+
+
+def rates(joints: JointTable) -> Floats:
+    """Measured velocities, or the change of the angles [rad/s], shape (rows, joints)."""
+    return joints.dq if joints.dq is not None else np.gradient(joints.q, joints.time_s, axis=0)
+
+
+def drive_torque(log: RunLog) -> Floats:
+    """Torque by the law of the drives on measured angles and velocities [Nm], shape (rows, joints)."""
+    kp, kd = gains(log.meta)
+    return np.asarray(commanded(log) - kp * log.joints.q - kd * rates(log.joints))
 
 
 def boxes_of(meta: dict[str, Any]) -> list[dict[str, Any]]:

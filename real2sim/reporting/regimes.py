@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains
+from saltus.real2sim.problem.log import drive_torque, rates
 from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting.localise import Channel
-from saltus.recordings.run_log import JointTable, RunLog
+from saltus.recordings.run_log import RunLog
 
 TIME = "time in the run"
 """Name of the driver that every residual has."""
@@ -63,8 +63,10 @@ def drivers_of(log: RunLog, place: str, time_s: Floats) -> tuple[Driver, ...]:
 
 def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
     joints = log.joints
-    q, dq = joints.q[:, joint], _rate(joints, joint)
-    torque = _torque(log, joint)
+    q, dq = joints.q[:, joint], rates(joints)[:, joint]
+    torque = (drive_torque(log) if joints.tau_est is None else joints.tau_est)[
+        :, joint
+    ]  # what the drive believes, if known
     width = max(1, round(SMOOTH_S / float(np.median(np.diff(joints.time_s)))))
     smooth = np.convolve(dq, np.ones(width) / width, mode="same")
     direction = np.where(np.abs(smooth) > MOVING, np.sign(smooth), 0.0)
@@ -87,19 +89,3 @@ def _at(time_s: Floats, times: Floats, values: Floats) -> Floats:
     """Interpolated values, across missing samples; NaN if all are missing."""
     known = np.isfinite(values)
     return np.interp(time_s, times[known], values[known]) if known.any() else np.full(len(time_s), np.nan)
-
-
-def _rate(joints: JointTable, joint: int) -> Floats:
-    return np.gradient(joints.q[:, joint], joints.time_s) if joints.dq is None else joints.dq[:, joint]
-
-
-def _torque(log: RunLog, joint: int) -> Floats:
-    """Torque that the drive believes, else the commanded torque [Nm]."""
-    joints = log.joints
-    if joints.tau_est is not None:
-        return joints.tau_est[:, joint]
-    kp, kd = (gain[joint] for gain in gains(log.meta))
-    torque = kp * (joints.q_des[:, joint] - joints.q[:, joint]) - kd * _rate(joints, joint)
-    for signal, gain in ((joints.dq_des, kd), (joints.tau_ff, 1.0)):
-        torque = torque if signal is None else torque + gain * signal[:, joint]
-    return np.asarray(torque, np.float64)

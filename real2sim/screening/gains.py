@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains
+from saltus.real2sim.problem.log import gains, rates
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 
@@ -100,7 +100,7 @@ class _Fit:
 
 def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_Fit]:
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
-    dq = np.gradient(joints.q, joints.time_s, axis=0) if joints.dq is None else joints.dq
+    dq = rates(joints)
     best: dict[int, _Fit] = {}
     for delay in DELAYS_S:
         sent_s = joints.time_s[rows] - delay

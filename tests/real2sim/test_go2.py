@@ -7,7 +7,7 @@ import pytest
 
 from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.importers.go2 import END_STOP, JOINTS, LEGS, bare_model, import_motor_response
-from saltus.real2sim.problem.log import load, segments_of
+from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.real2sim.screening.screen import screen
 from saltus.sim.held import HeldRobot
@@ -102,7 +102,7 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(model: Path, tmp
     logs = import_motor_response(tmp_path / "recording.csv", model, tmp_path / "logs")
     assert [path.name for path in logs] == list(LEGS)
     for path in logs:
-        log = load([path])
+        (log,) = load_rigs([path])
         assert log.meta["joints"] == [f"{path.name}_{joint}" for joint in ("hip", "thigh", "calf")]
         assert Path(log.meta["robot"]).is_file()
         touched = path.name == LEGS[0]
@@ -132,7 +132,7 @@ def recording() -> Path:
 
 def test_gravity_tells_left_from_right_in_the_recording(recording: Path, model: Path, tmp_path: Path) -> None:
     for path in import_motor_response(recording, model, tmp_path / "logs"):
-        log = load([path])
+        (log,) = load_rigs([path])
         assert not any(fault.is_fatal for fault in screen(log)), path.name
         mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}[path.name]
         log.meta["joints"] = [f"{mirror}_{joint}" for joint in ("hip", "thigh", "calf")]

@@ -126,7 +126,7 @@ def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog, monkeypatc
     kept = {"camera"}
     sensors = tuple(s if s.name in kept else dataclasses.replace(s, problem=broken) for s in SENSORS)
     monkeypatch.setattr(pipeline, "SENSORS", sensors)
-    examined = examine(seeing)
+    (examined,) = examine([seeing])
     verdict = judge((examined,), ()).verdict
     assert len(examined.failures) == 2
     assert any("a bad day" in fault for fault in verdict.log_faults)
@@ -135,12 +135,12 @@ def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog, monkeypatc
     assert "camera_latency" in {e.name for e in verdict.effects} | {name for names in verdict.sets for name in names}
     monkeypatch.setattr(pipeline, "SENSORS", tuple(dataclasses.replace(s, problem=broken) for s in SENSORS))
     with pytest.raises(RecordingError, match="a bad day"):
-        judge((examine(seeing),), ())
+        judge(examine([seeing]), ())
 
 
 def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
     degrees = dataclasses.replace(held, joints=dataclasses.replace(held.joints, q=np.rad2deg(held.joints.q)))
-    examined = examine(degrees)
+    (examined,) = examine([degrees])
     judgement = judge((examined,), ())
     assert judgement.verdict.verdict == "bad_log"
     assert not examined.comparisons

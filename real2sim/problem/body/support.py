@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.constants import GRAVITY
-from saltus.real2sim.problem.log import robot_of
+from saltus.real2sim.problem.log import drive_torque, robot_of
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import rotation_matrix
@@ -28,12 +28,7 @@ def carried_by(log: RunLog) -> float:
     if base is None:
         raise ValueError("the log has no base.csv")
     part = slice(None, None, EVERY)
-    torque = np.asarray(log.meta["kp"]) * (joints.q_des[part] - joints.q[part])
-    if joints.dq is not None:
-        wanted = 0.0 if joints.dq_des is None else joints.dq_des[part]
-        torque = torque + np.asarray(log.meta["kd"]) * (wanted - joints.dq[part])
-    if joints.tau_ff is not None:
-        torque = torque + joints.tau_ff[part]
+    torque = drive_torque(log)[part]
     jacobian = np.asarray(LegKinematics(robot).jacobian(joints.q[part])).swapaxes(-1, -2)
     pushed = -np.einsum("nlij,nlj->nli", np.linalg.pinv(jacobian), torque.reshape(-1, 4, 3))  # on the robot, base frame
     row = np.clip(np.searchsorted(base.time_s, joints.time_s[part]), 0, len(base.time_s) - 1)
