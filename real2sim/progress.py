@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from saltus.real2sim.sensors import Sensor
 
 Progress = Callable[[str, float], None]
-"""Told the name of a stage and the share of all that is done."""
+"""Called with the name of a stage and the share of all that is done."""
 
 SCREEN_S, CONCLUDE_S = 1.5, 3.0
 """Screening and aligning, and the verdict with its report [s]."""
@@ -25,7 +25,7 @@ class ComparisonProgress:
     """Shares of a whole comparison.
 
     Args:
-        tell: Told a stage and the share that is done; None for nobody.
+        tell: Called with a stage and the share that is done; None for nobody.
         sensors: That are compared, in their order.
     """
 

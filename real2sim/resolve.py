@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 
 from saltus.effects.registry import EFFECTS
-from saltus.real2sim.problem.problem import Estimate
 from saltus.real2sim.search.findings import Findings, FoundEffect
 
 MARGIN = 1.5
@@ -23,18 +22,18 @@ def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
     result = []
     for each in findings:
         others = [other for other in findings if other is not each]
-        sets, told = [], list(each.effects)
+        sets, effects = [], list(each.effects)
         for members in each.sets:
             if len(named & set(members)) == 1:
                 continue
             left = tuple(name for name in members if not any(_rules_out(other, name, each) for other in others))
             if len(left) == 1 and (values := [rival for rival in each.rivals if rival.name == left[0]]):
-                told += values
+                effects += values
             else:
                 sets.append(left if len(left) > 1 else members)
         decided = each.verdict == "set" and not sets
         result.append(
-            replace(each, effects=tuple(told), sets=tuple(sets), verdict="named" if decided else each.verdict)
+            replace(each, effects=tuple(effects), sets=tuple(sets), verdict="named" if decided else each.verdict)
         )
     return tuple(result)
 
@@ -47,12 +46,10 @@ def deviation(name: str, parameter: str, value: float) -> float:
 
 def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
     """Largest distance of the first parameter of an effect from null over all its places; NaN if unknown."""
-    sizes = [deviation(name, p, found.value) for r in rivals if r.name == name for p, found in _first(r)]
+    sizes = [
+        deviation(name, p, found.value) for r in rivals if r.name == name for p, found in list(r.params.items())[:1]
+    ]
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
-
-
-def _first(rival: FoundEffect) -> list[tuple[str, Estimate]]:
-    return [(name, Estimate(value=at.value, unit=at.unit)) for name, at in list(rival.params.items())[:1]]
 
 
 def _rules_out(other: Findings, name: str, of: Findings) -> bool:

@@ -64,16 +64,16 @@ class StackedProblem(Problem):
         self._alone = [_without_effects(problem) for problem in self._problems]
         """Unknowns of each problem where all unknowns of this one are 0, shape (blocks, unknowns)."""
         each = enumerate(zip(self._problems, self._alone, strict=True), start=1)
-        self._listed = [_listed(problem, alone, number) for number, (problem, alone) in each]
-        places = list(dict.fromkeys(place for listed in self._listed for place in listed))
+        listed_by_log = [_listed(problem, alone, number) for number, (problem, alone) in each]
+        places = list(dict.fromkeys(place for listed in listed_by_log for place in listed))
         self.candidates = tuple(
-            _merged(place, [listed[place] for listed in self._listed if place in listed]) for place in places
+            _merged(place, [listed[place] for listed in listed_by_log if place in listed]) for place in places
         )
         sizes = [len(candidate.unknowns) for candidate in self.candidates]
         starts = dict(zip(places, np.cumsum([0, *sizes[:-1]]), strict=True))
         self._columns = [
             np.concatenate([starts[place] + np.arange(len(c.unknowns)) for place, c in listed.items()])
-            for listed in self._listed
+            for listed in listed_by_log
         ]
         """Columns of each problem's unknowns among all unknowns."""
 

@@ -45,24 +45,24 @@ class Instruments:
         self,
         time_s: Floats,
         states: Sequence[PlantState],
-        told: Sequence[tuple[Commands, int]],
+        sent: Sequence[tuple[Commands, int]],
         believed: Sequence[Floats],
     ) -> JointTable:
-        """What encoders measured, and what drives were told and believed.
+        """What encoders measured, and what commands were sent and what drives believed.
 
         Args:
             time_s: Of the rows, shape (n,).
             states: Of the robot.
-            told: Commands and the tick of them that was sent.
+            sent: Commands and the tick of them that was sent.
             believed: Torque by the drives' own law [Nm], each of shape (12,).
         """
         return JointTable(
             time_s=time_s,
             q=self._noisy(_stacked(states, "joint_position"), self._noise.q_rad),
             dq=self._noisy(_stacked(states, "joint_velocity"), self._noise.dq_rad_s),
-            q_des=np.array([commands.q_des[tick] for commands, tick in told]),
-            dq_des=np.array([commands.dq_des[tick] for commands, tick in told]),
-            tau_ff=np.array([commands.tau_ff[tick] for commands, tick in told]),
+            q_des=np.array([commands.q_des[tick] for commands, tick in sent]),
+            dq_des=np.array([commands.dq_des[tick] for commands, tick in sent]),
+            tau_ff=np.array([commands.tau_ff[tick] for commands, tick in sent]),
             tau_est=self._noisy(np.array(believed), self._noise.tau_nm),
         )
 

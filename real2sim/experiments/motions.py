@@ -18,12 +18,12 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 RAMP_S = 0.5
 """Motions begin and end at rest, over this time."""
 JOINT_PHASE = np.tile([0.0, 2.0, 4.0], 4) + np.repeat([0.0, 0.5, 1.0, 1.5], 3)
-"""Phase of each joint [rad]: joints of a leg do not move in step, so that what one does to another can be told."""
+"""Phase of each joint [rad]: joints of a leg do not move in step, so that coupling between them shows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Commands:
-    """What a drive is told at each tick, shapes (n, 12)."""
+    """Commands at each tick, shapes (n, 12)."""
 
     q_des: Floats
     dq_des: Floats

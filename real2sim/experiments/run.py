@@ -36,7 +36,7 @@ before the base."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Row:
-    """The robot at one tick and what it was told then."""
+    """The robot at one tick and the command that was sent then."""
 
     time_s: float
     state: PlantState
@@ -73,7 +73,7 @@ def run(
         seed: Of the noise and of what effects draw.
         noise: Of the sensors.
         camera: What is claimed of the camera, where the experiment needs one; without it, that of the robot.
-        progress: Told the share of the motion that is done.
+        progress: Called with the share of the motion that is done.
 
     Returns:
         What the robot logged.
@@ -183,9 +183,9 @@ def _log(
     rows = tape.rows
     time_s = np.array([row.time_s for row in rows])
     states = [row.state for row in rows]
-    told = [(sections[row.section].commands, row.tick) for row in rows]
+    sent = [(sections[row.section].commands, row.tick) for row in rows]
     meta = _meta(tape, experiment, robot, terrain)
-    joints = instruments.joints(time_s, states, told, [row.believed for row in rows])
+    joints = instruments.joints(time_s, states, sent, [row.believed for row in rows])
     if experiment.base == "fixed":
         return RunLog(meta=meta, joints=joints)
     return RunLog(

@@ -44,7 +44,7 @@ class Limits:
 
         Args:
             robot: Whose limits these are.
-            commands: What the drives are to be told.
+            commands: That are to be sent.
             kp: Their stiffness [Nm/rad]: a jump of the desired angle asks for a torque, too.
 
         Raises:

@@ -29,7 +29,7 @@ SEED = 20
 STEADY = SensorNoise(base_position_m=1e-6, base_orientation_rad=1e-6)
 """The noise of the base's pose moves when a latency is added: it would look like a motion that shows one."""
 DIGITS = 4
-TELLING = 10.0
+ADDED_SCALES = 10.0
 """Added amount in scales of the unknown: 10 ms of a delay."""
 NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
@@ -93,7 +93,7 @@ def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
 
 
 def _amount(unknown: Unknown) -> float:
-    return min(TELLING * unknown.scale, 0.5 * unknown.high)
+    return min(ADDED_SCALES * unknown.scale, 0.5 * unknown.high)
 
 
 def _size(candidate: Candidate) -> float:

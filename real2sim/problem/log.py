@@ -20,7 +20,7 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
 
-PAUSE_S = 1.0  # between runs that are read as one; joints and cameras remember less
+PAUSE_S = 1.0  # between runs that are read as one; no state of joints or cameras lasts longer
 BLOCK_S = 5.0  # length of segments in a log that names none and never rests: several periods of any motion
 QUIET_S = 0.5  # a rest of the commands this long separates two motions
 SAME_COMMAND = 1e-3  # rad RMS: the commands of repeats are equal up to rounding

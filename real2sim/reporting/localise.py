@@ -86,9 +86,9 @@ def _clues(channel: Channel) -> list[_Clue]:
         [_proportional(channel, driver) for driver in channel.drivers if not driver.is_regime],
         [_beyond(channel, driver) for driver in channel.drivers if driver.unit or driver.is_regime],
     ):
-        told = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T]
-        if told:
-            found.append(max(told, key=lambda clue: clue.share))
+        kept = [clue for clue in clues if clue is not None and clue.share > MIN_SHARE and clue.t_statistic > MIN_T]
+        if kept:
+            found.append(max(kept, key=lambda clue: clue.share))
     return found
 
 

@@ -22,7 +22,7 @@ SEARCH_S = (-0.05, 0.2)  # offsets that are tried: some lead, and the largest la
 GRID_S = 0.005
 ITERATIONS = 8
 SMOOTH_S = 0.02  # to either side; a body turns and heaves at a few hertz
-BLOCK_S = 2.0  # blocks whose offsets are compared: longer than the memory of any motion
+BLOCK_S = 2.0  # blocks whose offsets are compared: longer than a motion is correlated with itself
 MIN_BLOCKS = 3
 MIN_POWER = 1e-3  # of the best block; blocks at rest say nothing
 MIN_CORRELATION = 0.5  # below it the two streams do not show the same motion
@@ -169,11 +169,11 @@ def _trend(
     power = np.bincount(blocks, power, count).astype(np.float64)
     product = np.bincount(blocks, product, count).astype(np.float64)
     middle = np.bincount(blocks, time_s, count) / np.maximum(np.bincount(blocks, minlength=count), 1)
-    telling = power > MIN_POWER * power.max()
-    if telling.sum() < MIN_BLOCKS:
+    significant = power > MIN_POWER * power.max()
+    if significant.sum() < MIN_BLOCKS:
         return None
-    deviation, weight = product[telling] / power[telling], power[telling] / power[telling].sum()
-    since = middle[telling] - np.sum(weight * middle[telling])
+    deviation, weight = product[significant] / power[significant], power[significant] / power[significant].sum()
+    since = middle[significant] - np.sum(weight * middle[significant])
     spread = float(np.sum(weight * since**2))
     mean, slope = float(np.sum(weight * deviation)), float(np.sum(weight * since * deviation)) / spread
     left = weight * (deviation - mean - slope * since)
@@ -226,13 +226,13 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
         return None
     rows = np.linspace(0, log.depth.depth_mm.shape[1] - 1, DEPTH_GRID).astype(int)
     columns = np.linspace(0, log.depth.depth_mm.shape[2] - 1, DEPTH_GRID).astype(int)
-    foretold = _foretold(log, log.base, rows, columns)
+    predicted = _predicted(log, log.base, rows, columns)
     measured: Floats = 1e-3 * log.depth.depth_mm[:, rows][:, :, columns].reshape(len(times), -1).astype(np.float64)
     # a pixel that is often invalid, out of range or crossed by an edge shows no time
     reach = NEAR_RANGE * float(camera.get("range_max", 3.0))
-    steady = (np.mean(measured > 0, axis=0) > MIN_VALID) & np.all(foretold.values < reach, axis=0)
-    foretold_steps = np.diff(np.where(np.isfinite(foretold.values), foretold.values, 1e3), axis=0)
-    steady &= np.abs(foretold_steps).max(axis=0) < JUMP_M
+    steady = (np.mean(measured > 0, axis=0) > MIN_VALID) & np.all(predicted.values < reach, axis=0)
+    predicted_steps = np.diff(np.where(np.isfinite(predicted.values), predicted.values, 1e3), axis=0)
+    steady &= np.abs(predicted_steps).max(axis=0) < JUMP_M
     if not steady.any():
         return None
     for pixel in np.flatnonzero(steady):
@@ -240,11 +240,11 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
         measured[:, pixel] = np.interp(times, times[valid], measured[valid, pixel])
     name = "images by capture stamps" if is_capture else "images by arrival"
     stream = Motion(name=name, time_s=times, values=measured[:, steady])
-    reference = Motion(name="base", time_s=foretold.time_s, values=foretold.values[:, steady])
+    reference = Motion(name="base", time_s=predicted.time_s, values=predicted.values[:, steady])
     return fit_offset(stream, reference, is_relative=True)
 
 
-def _foretold(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
+def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> Motion:
     """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     depth = expected_depth(base.values[::step, :7], log.meta, rows, columns)

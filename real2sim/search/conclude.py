@@ -51,20 +51,20 @@ def findings(
     chosen = comparison.score(fits[chosen.fit.model])  # with the derivatives that `library` has renewed
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, dispersion, problem.collinear)
-    told = stated_model(problem, comparison, evaluate, null, chosen)
-    final = told.residuals
+    model = stated_model(problem, comparison, evaluate, null, chosen)
+    final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
-    is_told = ruling in ("named", "set")
-    effects = {name: _state(problem, name, groups) for name, groups in told.groups.items()} if is_told else {}
+    is_stated = ruling in ("named", "set")
+    effects = {name: _state(problem, name, groups) for name, groups in model.groups.items()} if is_stated else {}
     return Findings(
         problem=problem.name,
         verdict=ruling,
         effects=tuple(one for name, stated in effects.items() if not alike[name] for one in stated),
-        sets=_sets(alike) if is_told else (),
+        sets=_sets(alike) if is_stated else (),
         rivals=(
             *(one for name, stated in effects.items() if alike[name] for one in stated),
-            *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_told else ()),
+            *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_stated else ()),
         ),
         ranking=_ranking(comparison, scored, null),
         confusion=confusion,
@@ -72,7 +72,7 @@ def findings(
         residuals=Residuals(
             before=null.fit.residuals,
             after=final,
-            unknowns=told.unknowns,
+            unknowns=model.unknowns,
             effects=chosen.fit.model,
             is_test=~comparison.split.is_fit,
         ),

@@ -137,10 +137,11 @@ class Experiments:
     For example:
       saltus real2sim experiments
       saltus real2sim experiments --run joint_tour --profile mine --out runs/tour
+      saltus real2sim experiments --run squat --robot robots/mine --profile ideal
     """
 
     list: Flag = False
-    """Print what there is, as the command without flags does."""
+    """Print the list of experiments, as without flags."""
     run_: Annotated[
         str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
     ] = None

@@ -43,8 +43,8 @@ class Starts:
         slope, effect = (noise.plain(s).reshape(*s.shape[:2], -1).transpose(1, 0, 2) for s in (slopes, effects))
         information = slope @ slope.mT + np.eye(len(slopes))
         rest = effect - (effect @ slope.mT) @ np.linalg.solve(information, slope)  # (w, e, m): what no start imitates
-        told = np.sum(rest @ effect.mT, axis=0) + np.eye(len(effects))
-        sizes = -np.linalg.solve(told, np.sum(rest @ error.mT, axis=0))
+        on_effects = np.sum(rest @ effect.mT, axis=0) + np.eye(len(effects))
+        sizes = -np.linalg.solve(on_effects, np.sum(rest @ error.mT, axis=0))
         error = error + sizes.T @ effect
         best = -np.linalg.solve(information, slope @ error.mT)[..., 0]
         norm = np.linalg.norm(best, axis=-1, keepdims=True) / np.sqrt(len(slopes))

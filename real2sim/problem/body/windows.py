@@ -44,7 +44,7 @@ class Windows:
         segment: Index of the segment of each, shape (w,).
         qpos: State at the start, shape (w, 19).
         qvel: Shape (w, 18).
-        drive: What the drives are told: kp q_des + kd dq_des + tau_ff for each physics step, `HISTORY_STEPS` before the
+        drive: Commands to the drives: kp q_des + kd dq_des + tau_ff for each physics step, `HISTORY_STEPS` before the
             start included [Nm], shape (w, HISTORY_STEPS + WINDOW_STEPS, 12).
         measured: Means over blocks, columns as `POSE`, `JOINTS`, `VELOCITY`, `RATES`, shape (w, BLOCKS, 34).
         kp: Shape (12,).

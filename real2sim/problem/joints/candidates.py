@@ -11,7 +11,7 @@ from saltus.real2sim.problem.joints.drives import Drives
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
-NO_KNEE = 200.0  # [Nm] told where the loss never reaches that share
+NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 

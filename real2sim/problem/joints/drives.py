@@ -16,8 +16,8 @@ from saltus.effects.velocity_filter import low_pass_weights
 Hinges = tuple[tuple[Floats, Floats], ...]
 
 
-class Memory:
-    """What encoders and drives remember from the last instant; None where nothing has been yet."""
+class DriveState:
+    """What encoders and drives keep from the last instant; None where nothing has been yet."""
 
     def __init__(self) -> None:
         self.velocity: Floats | None = None
@@ -86,7 +86,7 @@ class Drives:
         late = _late(law, instants, delay / self.dt_s, first, last)
         return late + _late(feedforward, instants, own, first, last)
 
-    def sensed(self, position: Floats, velocity: Floats, memory: Memory) -> tuple[Floats, Floats]:
+    def sensed(self, position: Floats, velocity: Floats, state: DriveState) -> tuple[Floats, Floats]:
         """What the encoders read."""
         if self.bias is not None:
             position = position + self.bias
@@ -95,23 +95,23 @@ class Drives:
             position = position + weight * (np.round(position / step) * step - position)
         if self.velocity_filter is None:
             return position, velocity
-        if memory.velocity is None or memory.filtered is None:
+        if state.velocity is None or state.filtered is None:
             filtered = velocity.copy()
         else:
             new, old, kept = low_pass_weights(self.velocity_filter, self.dt_s)
-            filtered = new * velocity + old * memory.velocity + kept * memory.filtered
-        memory.velocity, memory.filtered = velocity.copy(), filtered
+            filtered = new * velocity + old * state.velocity + kept * state.filtered
+        state.velocity, state.filtered = velocity.copy(), filtered
         return position, filtered
 
-    def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, memory: Memory) -> Floats:
+    def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, state: DriveState) -> Floats:
         """Torque on the motor's side of the play."""
         if self.lag is not None:
-            start = torque if memory.lagged is None else memory.lagged
+            start = torque if state.lagged is None else state.lagged
             in_mean, at_end = lag_weights(self.lag, self.dt_s)
-            memory.lagged = torque + at_end * (start - torque)
+            state.lagged = torque + at_end * (start - torque)
             torque = torque + in_mean * (start - torque)
         if self.speed is not None:
-            torque, memory.steepness = self._limited(torque, velocity, *self.speed)
+            torque, state.steepness = self._limited(torque, velocity, *self.speed)
         if self.saturation is not None or self.hinges:
             torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
         if self.gain is not None:

@@ -17,7 +17,7 @@ FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
 """Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
 BIN = 5e-5
 """Of the histogram of angles [rad]: a tenth of the finest step."""
-TELLING = 6.0
+LEAST_SPREADS = 6.0
 """Spreads of a spectrum by which a step must stand out: of 20000 values noise reaches 4.3."""
 LEAST_SCORE = 0.1
 """Of a step: angles that are multiples of it up to noise of a third of it."""
@@ -105,7 +105,7 @@ def _step(angles: Floats) -> float | None:
     tried = (frequency > 1.0 / COARSEST_STEP) & (frequency < 1.0 / FINEST_STEP)
     spread = float(np.median(np.abs(score[tried]))) / 0.6745
     best = int(np.argmax(np.where(tried, score, -np.inf)))
-    if score[best] < max(TELLING * spread, LEAST_SCORE):
+    if score[best] < max(LEAST_SPREADS * spread, LEAST_SCORE):
         return None
     # the spectrum's lines are wide; near the best one, from the angles themselves
     near = np.linspace(frequency[max(best - 1, 0)], frequency[best + 1], REFINED)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.joints.drives import Drives, Memory
+from saltus.real2sim.problem.joints.drives import Drives, DriveState
 from saltus.real2sim.problem.joints.friction import rubbed, with_inertia
 from saltus.real2sim.problem.joints.play import Play
 
@@ -148,14 +148,14 @@ class _Simulation:
         self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
         self._play = None if drives.width is None else Play(drives.width, rotor, shape)
-        self._memory = Memory()
+        self._drive_state = DriveState()
         self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
         self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
 
     def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
         """What encoders read and drives believe at instant k of all windows."""
         drives = self._drives
-        q, v = drives.sensed(self._q, self._v, self._memory)
+        q, v = drives.sensed(self._q, self._v, self._drive_state)
         seen_q, seen_v = q, v
         if self._play is not None:  # the encoder of the law is on the motor's side
             seen_q, seen_v = q + self._play.offset, v + self._play.rate
@@ -174,7 +174,7 @@ class _Simulation:
         slope = self._falling(v)
         if self._loop is not None and slope is not None:
             torque = torque - self._loop.mean * slope
-        torque = drives.delivered(torque, v, motion.elapsed[rows][:, None, None, None], self._memory)
+        torque = drives.delivered(torque, v, motion.elapsed[rows][:, None, None, None], self._drive_state)
         # 2. what resists it
         load = motion.offset[rows][..., None] + motion.feedback[rows] @ self._state
         added = drives.armature
@@ -184,8 +184,8 @@ class _Simulation:
         if drives.viscous is not None:  # the midpoint rule: at half of the step's change of velocity
             load = load + drives.viscous * v
             added = 0.5 * dt * drives.viscous + (0.0 if added is None else added)
-        if self._memory.steepness is not None:
-            stiff = self._memory.steepness
+        if self._drive_state.steepness is not None:
+            stiff = self._drive_state.steepness
             change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative
             # between the midpoint rule, for gentle slopes, and the implicit one, for steep ones: (3 + x) / (6 + x) is
             # the weight with which a linear decay is exact, to second order
