@@ -33,7 +33,7 @@ def parameter(
     low: float,
     high: float,
     per_joint: bool = False,
-    adds_to: str | None = None,
+    adds_to: str | tuple[str, int] | None = None,
     scales: str | None = None,
 ) -> Any:
     """Declares a parameter of an effect: its unit, bounds, and the value at which it has no effect.
@@ -44,10 +44,11 @@ def parameter(
         low: Least value.
         high: Greatest value.
         per_joint: Whether joints may have different ones.
-        adds_to: Field of the signal that it is added to.
+        adds_to: Field of the signal that it is added to, or that field and the place of one of its entries.
         scales: Field of the signal that is multiplied by the parameter over `null`.
     """
-    changes = {"changes": adds_to or scales, "scales": scales is not None}
+    name, axis = adds_to if isinstance(adds_to, tuple) else (adds_to, None)
+    changes = {"changes": name or scales, "axis": axis, "scales": scales is not None}
     metadata = {"unit": unit, "null": null, "low": low, "high": high, "per_joint": per_joint, **changes}
     return field(default=null, metadata=metadata)
 
@@ -105,12 +106,17 @@ class Effect(Generic[Signal]):
             value, name = getattr(self, f.name), f.metadata.get("changes")
             if name is None:
                 continue
-            array, null = getattr(signal, name), f.metadata["null"]
+            array, null, axis = getattr(signal, name), f.metadata["null"], f.metadata["axis"]
+            xp = namespace(array)
             if f.metadata["scales"]:
                 share = value / null if isinstance(value, float | int) else np.asarray(value) / null
-                changed = array * like(share, array, namespace(array))
+                changed = array * like(share, array, xp)
+            elif axis is None:
+                changed = array + like(value, array, xp)
             else:
-                changed = array + like(value, array, namespace(array))
+                entries = [array[..., i] for i in range(array.shape[-1])]
+                entries[axis] = entries[axis] + like(value, array, xp)
+                changed = xp.stack(entries, axis=-1)
             signal = dataclasses.replace(signal, **{name: changed})  # type: ignore[type-var]
         return signal, state
 
@@ -156,12 +162,6 @@ def pixels_within(value: PerRobot, images: Any) -> Iterator[tuple[int, Any]]:
     reach = per_image(value, images, namespace(images))
     greatest = min(math.floor(float(np.max(value)) + 0.5), images.shape[-1] - 1)
     return ((k, reach > k - 0.5) for k in range(1, greatest + 1))
-
-
-def moved(vector: Any, *by: PerRobot) -> Any:
-    """A vector with a parameter added to each entry, shape (..., entries)."""
-    xp = namespace(vector)
-    return xp.stack([vector[..., i] + like(value, vector, xp) for i, value in enumerate(by)], axis=-1)
 
 
 def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:

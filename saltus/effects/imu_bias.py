@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, like, moved, parameter
+from saltus.effects.effect import Effect, PerRobot, like, parameter
 from saltus.effects.imu import ImuReading
 from saltus.rotations import quaternion_from_roll_pitch_yaw
+
+GYRO = "angular_velocity_base"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,20 +18,19 @@ class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
     """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
 
     # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
-    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
-    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
-    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5)
+    gyro_x: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 0))
+    gyro_y: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 1))
+    gyro_z: PerRobot = parameter(unit="rad/s", null=0.0, low=-0.5, high=0.5, adds_to=(GYRO, 2))
     roll: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
     pitch: PerRobot = parameter(unit="rad", null=0.0, low=-0.35, high=0.35)
 
     def apply(self, signal: ImuReading, time_s: float, state: None) -> tuple[ImuReading, None]:
         """Adds the drift, and turns the reported orientation about the base's own axes."""
-        del time_s, state
-        rate = moved(signal.angular_velocity_base, self.gyro_x, self.gyro_y, self.gyro_z)
+        signal, _ = super().apply(signal, time_s, state)
         turned = signal.quaternion_base_in_world
         if np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)):
             turned = _product(turned, self._mount(turned))
-        return replace(signal, quaternion_base_in_world=turned, angular_velocity_base=rate), None
+        return replace(signal, quaternion_base_in_world=turned), None
 
     def _mount(self, quaternion: Any) -> Any:
         xp = namespace(quaternion)

@@ -1,9 +1,9 @@
 """Effects that add to one field of their signal, or scale it, and do nothing else."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
-from saltus.effects.effect import Effect, PerRobot, Values, moved, parameter
+from saltus.effects.effect import Effect, PerRobot, Values, parameter
 from saltus.effects.signals import CameraView, Drive, JointState, Resistance
 
 
@@ -60,14 +60,9 @@ class ComOffset(Effect[BodyModel], name="com_offset", site="model"):
     """The centre of mass of the trunk alone is off by (`x`, `y`, `z`) in the base frame."""
 
     # +-2 to 5 cm of domain randomisation; the trunk's half length is 0.19 m
-    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19)
-    y: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1)
-    z: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1)
-
-    def apply(self, signal: BodyModel, time_s: float, state: None) -> tuple[BodyModel, None]:
-        """Moves the centre of mass."""
-        del time_s, state
-        return replace(signal, com_shift=moved(signal.com_shift, self.x, self.y, self.z)), None
+    x: PerRobot = parameter(unit="m", null=0.0, low=-0.19, high=0.19, adds_to=("com_shift", 0))
+    y: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 1))
+    z: PerRobot = parameter(unit="m", null=0.0, low=-0.1, high=0.1, adds_to=("com_shift", 2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,12 +110,7 @@ class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
     """The optical centre is `offset` higher in the trunk's frame."""
 
     # 5 to 20 mm on real robots
-    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3)
-
-    def apply(self, signal: CameraView, time_s: float, state: None) -> tuple[CameraView, None]:
-        """Lifts the camera."""
-        del time_s, state
-        return replace(signal, position=moved(signal.position, 0.0, 0.0, self.offset)), None
+    offset: PerRobot = parameter(unit="m", null=0.0, low=-0.3, high=0.3, adds_to=("position", 2))
 
 
 @dataclass(frozen=True, kw_only=True)

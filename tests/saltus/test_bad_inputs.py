@@ -1,6 +1,6 @@
 """Bad inputs to all commands: one line that names the value and what is allowed, code 2, nothing written, nothing lost.
 
-The heightmap's datasets and full disks are in tests/heightmap/test_bad_inputs.py, run logs in
+The heightmap's datasets and full disks are in tests/heightmap/test_bad_files.py, run logs in
 tests/real2sim/test_bad_logs.py, benchmarks in tests/benchmarks/test_bench.py.
 """
 
@@ -206,34 +206,19 @@ BAD = {
     "heightmap give missing.onnx --run-dir run": "missing.onnx",
     "heightmap give junk.onnx --run-dir run": "junk.onnx.sha256",
     "heightmap give junk.onnx --run-dir folder": "robot.toml",
-    "heightmap collect cpu --batches 0": "batches = 0",
-    "heightmap collect cpu --batches nan": "--batches nan: it must be INT",
-    "heightmap collect cpu --profile nosuch": "nosuch",
-    "heightmap collect cpu --processes -1": "from 1 to 4096",
     "heightmap collect cpu --config junk.toml": "junk.toml",
     "heightmap collect cpu --out file": "file",
     "heightmap collect cpu --predictor a.pt": "--predictor",
-    "heightmap collect gpu --episodes -1": "episodes = -1",
-    "heightmap collect gpu --loop.ticks 59": "ticks = 59",
-    "heightmap collect gpu --loop.hardest nan": "hardest = nan",
-    "heightmap collect gpu --loop.cameras d435": "d435",
-    "heightmap collect gpu --device tpu": "cpu",
-    "heightmap dagger --rounds 0": "rounds = 0",
     "heightmap dagger --loop.robots 0": "robots = 0",
-    "heightmap dagger --loop.courses 33": "courses = 33",
     "heightmap dataset info missing": "missing",
     "heightmap dataset info folder": "manifest.json",
     "heightmap dataset merge --out folder": "nothing to merge",
     "heightmap dataset merge folder": "--out PATH",
     "heightmap train --data folder": "manifest.json",
-    "heightmap train --updates -1": "updates = -1",
-    "heightmap train --learning-rate nan": "learning_rate = nan",
     "heightmap train --model.channels 1 2": "--model.channels",
     "heightmap train --model.channels 1 2 x": "--model.channels 1 2 x: it must be INT INT INT",
-    "heightmap train --delivery late": "nominal",
     "heightmap export --checkpoint junk.pt": "junk.pt",
     "heightmap export --out model.onnx": "name a folder",
-    "heightmap eval --runs 0": "runs = 0",
     "heightmap eval --time-limit-s 0.1": "time_limit_s = 0.1",
     "heightmap eval --baselines geometrik": "did you mean 'geometric'?",
     # run logs and patches
@@ -256,6 +241,53 @@ BAD = {
     "real2sim demo --seed -1": "seed = -1",
     "real2sim demo --out file": "'file'",
     "bench nosuch": "qp",
+}
+
+HEIGHTMAP: dict[str, dict[str, list[str]]] = {
+    "train": {
+        "--updates": ["0", "-1", "nan", "99999999999999"],
+        "--batch": ["-5", "100000000000"],
+        "--window": ["0", "100000000000"],
+        "--learning-rate": ["nan", "inf", "-1"],
+        "--gradient-norm": ["0", "nan"],
+        "--forgets": ["-0.1", "1.5", "nan"],
+        "--seed": ["-1", "1e400"],
+        "--save-every-s": ["-1", "nan"],
+        "--model.hidden": ["0", "99999999999"],
+        "--model.head": ["-1"],
+        "--delivery": ["late"],
+    },
+    "dagger": {
+        "--rounds": ["0"],
+        "--batches": ["-1"],
+        "--batch": ["99999999999"],
+        "--loop.courses": ["0", "33"],
+        "--loop.variation": ["nan"],
+        "--processes": ["0"],
+    },
+    "collect cpu": {"--batches": ["0", "nan"], "--seed": ["-1"], "--profile": ["nosuch"], "--processes": ["-1"]},
+    "collect gpu": {
+        "--episodes": ["-1"],
+        "--loop.robots": ["0", "99999999999"],
+        "--loop.ticks": ["59", "nan"],
+        "--loop.hardest": ["1.3", "nan"],
+        "--loop.cameras": ["d435"],
+        "--device": ["tpu"],
+    },
+    "eval": {
+        "--runs": ["0", "-1", "99999999"],
+        "--seed": ["-1", "99999999"],
+        "--time-limit-s": ["nan", "inf", "-3", "0"],
+        "--processes": ["0"],
+        "--camera": ["d436"],
+    },
+}
+"""Values that flags of the heightmap's commands refuse; each is named."""
+BAD |= {
+    f"heightmap {name} {flag} {value}": value
+    for name, flags in HEIGHTMAP.items()
+    for flag in flags
+    for value in flags[flag]
 }
 
 
