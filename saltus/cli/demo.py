@@ -13,7 +13,6 @@ from saltus.flags import Flag
 from saltus.wire.messages import GroundTruth
 
 if TYPE_CHECKING:
-    from saltus.recordings.summary import RunSummary
     from saltus.terrain.terrain import Terrain
 
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
@@ -41,7 +40,7 @@ class Demo(RunOptions):
         """Runs it; 0 where the robot crossed the terrain, else 1."""
         from saltus.recordings.recording import read_recording
         from saltus.recordings.report import write_report
-        from saltus.recordings.summary import summarise
+        from saltus.recordings.summary import sentence, summarise
 
         config = self.config(self.time_limit_s)
         directory = run_directory("demo", self.out)
@@ -63,20 +62,11 @@ class Demo(RunOptions):
         if self.json:
             print_json(table)
         else:
-            print(_sentence(summary))
+            print(sentence(summary))
             for name in ("recording", "report", "video"):
                 if table[name]:
                     print(f"{name:9} {table[name]}")
         return 0 if summary.success else 1
-
-
-def _sentence(summary: "RunSummary") -> str:
-    from saltus.recordings.summary import shown
-
-    verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
-    way = f"{shown(summary.distance_m, 2, 'm')} in {shown(summary.time_s, 2, 's')}"
-    speed, error = shown(summary.mean_speed_mps, 2, "m/s"), shown(100 * summary.heightmap_mae_m, 1, "cm")
-    return f"{verdict} {summary.terrain}: {way}, {speed}, heightmap error {error}"
 
 
 def run_stack(config: RunConfig, directory: Path) -> None:

@@ -1,10 +1,12 @@
 """`saltus up`: the processes, until Ctrl-C."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from saltus.cli.output import follow, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.config import LONGEST_RUN_S, Pace
+from saltus.runtime.run_folder import CLIENT_FILE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,13 +21,29 @@ class Up(RunOptions):
     pace: Pace = "realtime"
 
     def run(self) -> int:
-        """Runs until the end; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.runtime.stack import Stack
 
         config = self.config(LONGEST_RUN_S)
         directory = run_directory("up", self.out)
-        with Stack(config, directory) as stack:
-            print(f"running at {stack.endpoint}, keys under {config.prefix}; Ctrl-C ends it; logs in {directory}/logs")
-            for _ in follow(stack):
-                pass
+        stack = Stack(config, directory)
+        try:
+            with stack:
+                print(f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; Ctrl-C ends it")
+                for _ in follow(stack):
+                    pass
+        finally:
+            if stack.recording.is_file():
+                _tell(stack.recording, stack.restarts)
         return 0
+
+
+def _tell(path: Path, restarts: dict[str, int]) -> None:
+    from saltus.recordings.recording import read_recording
+    from saltus.recordings.summary import sentence, summarise
+
+    print(sentence(summarise(read_recording(path))))
+    for process, times in restarts.items():
+        if times:
+            print(f"{process} was started again {times} times")
+    print(f"recording {path}")

@@ -68,7 +68,7 @@ def summarise(recording: Recording) -> RunSummary:
         success=success,
         cause=cause,
         explanation="" if success else "; ".join([cause.replace("_", " "), *_reasons(recording)]),
-        distance_m=float(outcome.get("distance_m", np.nan)),
+        distance_m=float(outcome["distance_m"]) if outcome else _way(recording),
         time_s=float(outcome.get("time_s", np.nan)),
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
@@ -78,6 +78,20 @@ def summarise(recording: Recording) -> RunSummary:
         age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
         rejected=_rejected(recording),
     )
+
+
+def sentence(summary: RunSummary) -> str:
+    """How a run went, for people."""
+    verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
+    way = f"{shown(summary.distance_m, 2, 'm')} in {shown(summary.time_s, 2, 's')}"
+    speed, error = shown(summary.mean_speed_mps, 2, "m/s"), shown(100 * summary.heightmap_mae_m, 1, "cm")
+    return f"{verdict} {summary.terrain}: {way}, {speed}, heightmap error {error}"
+
+
+def _way(recording: Recording) -> float:
+    """How far along x the base came in a run without an end [m]."""
+    x = [truth.position_base_in_world[0] for truth in recording.of(GroundTruth)]
+    return float(max(x) - x[0]) if x else np.nan
 
 
 def _digest(recording: Recording) -> str:

@@ -1,6 +1,11 @@
 """The whole stack: it repeats to the bit in lockstep, leaves readable files behind, and can be replayed."""
 
 import json
+import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +63,25 @@ def test_replay_of_a_lockstep_run_gives_the_same_heightmaps(folder: Path, capsys
     assert table["compared"] == table["heightmaps"] > 200
     assert table["max_difference_m"] < 1e-6
     assert table["status_differs"] == 0
+
+
+def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["up", "--pace", "lockstep", "--terrain", "gap", "--out", str(tmp_path)]) == 0
+    joined, verdict, recording = capsys.readouterr().out.splitlines()
+    assert str(tmp_path / "client.json5") in joined
+    assert verdict.startswith("crossed gap: 3.")
+    assert recording == f"recording {tmp_path / 'recording.mcap'}"
+
+
+def test_up_that_is_interrupted_says_how_far_it_came(tmp_path: Path) -> None:
+    command = [sys.executable, "-P", "-m", "saltus.cli.main", "up", "--pace", "lockstep", "--terrain", "flat"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as up:
+        assert up.stdout is not None
+        assert "Ctrl-C ends it" in up.stdout.readline()
+        recording = tmp_path / "recording.mcap"
+        while recording.stat().st_size < 400_000:  # some seconds of the run
+            time.sleep(0.05)
+        up.send_signal(signal.SIGINT)
+        verdict = up.stdout.readline()
+        assert up.wait(60.0) == 130
+    assert re.match(r"did not cross \(the run was cut off.*\) flat: [0-9]\.\d\d m", verdict)
