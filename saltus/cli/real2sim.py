@@ -96,7 +96,7 @@ class Apply:
 
     For example:
       saltus real2sim apply runs/found/patch.toml --profile mine
-      saltus real2sim apply runs/found/patch.toml --profile mine --base go1
+      saltus real2sim apply runs/found/patch.toml --profile mine --base shipped
     """
 
     patch: tyro.conf.Positional[Path]
