@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from samples import put_robot
+from samples import put_run
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.controller import __main__ as process
@@ -95,7 +95,7 @@ def run_controller(tmp_path, pace="lockstep", seed=3, **stand_ins):
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
     config = RunConfig(terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace)
-    context = ProcessContext("controller", config, put_robot(tmp_path), bus)
+    context = ProcessContext("controller", config, put_run(tmp_path, config), bus)
     with StandIns(hub, **stand_ins).running():
         process.body(context)
     return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
