@@ -105,7 +105,7 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     for _ in range(ROUNDS):
         _record(experiments[-1], robot, hidden, seed, out, tell)
         logs = [out / "logs" / experiment.name for experiment in experiments]
-        found = find(logs, _folder(out / "found"), seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
+        found = find(logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
         proposed = found.verdict.next_experiment
         if found.verdict.verdict != "set" or proposed is None or proposed.name == experiments[-1].name:
             break
@@ -115,17 +115,10 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     if profile == IDEAL:
         raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
     (out / "profile.toml").write_text(profile_to_toml(profile))
-    again = find(
-        logs, _folder(out / "again"), profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x)
-    )
+    again = find(logs, out / "again", profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x))
     return Demonstration(hidden=hidden, experiments=tuple(experiments), found=found, profile=profile, again=again)
 
 
 def _record(experiment: Experiment, robot: Robot, hidden: Profile, seed: int, out: Path, tell: Progress) -> None:
     log = run(experiment, robot, hidden, seed=seed, progress=lambda share: tell(f"run {experiment.name}", share))
     write_run_log(log, out / "logs" / experiment.name, robot)
-
-
-def _folder(path: Path) -> Path:
-    path.mkdir(parents=True, exist_ok=True)
-    return path
