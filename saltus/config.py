@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import re
 import tomllib
 import typing
 from collections.abc import Callable
@@ -88,8 +89,10 @@ class RunConfig:
         """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.
 
         Raises:
-            ConfigError: it has no end, a speed that no run can have, or a renderer that would be ignored.
+            ConfigError: it has no end, a prefix or speed that no run can have, or a renderer that would be ignored.
         """
+        if not re.fullmatch(r"[\w.-]+(/[\w.-]+)*", self.prefix):
+            raise ConfigError(f"prefix = '{self.prefix}': it must be names with / between them, e.g. robot/0")
         if not 0.0 < self.speed <= 1.0:
             raise ConfigError(f"speed = {self.speed:g}: it must be more than 0 and at most 1 (real time)")
         if self.speed < 1.0 and self.pace == "lockstep":

@@ -44,6 +44,7 @@ class Router:
 
         robot, terrain = load_robot(self.robot), TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, pace="realtime")
+        config.check()
         endpoint, router = open_router(self.endpoint)
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
