@@ -146,10 +146,12 @@ def _read(recording: Path) -> dict[str, Floats]:
     try:
         with recording.open(newline="") as file:
             header = next(csv.reader(file), [])
+            missing = [name for name in wanted if name not in header]
+            if missing:
+                raise RecordingError(f"{recording} is not the Go2 recording: column '{missing[0]}' is missing")
             rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise RecordingError(f"cannot read {recording}: {error}") from error
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        raise RecordingError(f"{recording} is not the Go2 recording: column '{missing[0]}' is missing")
+    if rows.shape[1] != len(header):
+        raise RecordingError(f"cannot read {recording}: {rows.shape[1]} columns below {len(header)} names")
     return {name: rows[:, header.index(name)] for name in wanted}

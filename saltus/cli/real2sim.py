@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from saltus.cli.output import print_json, run_directory
 from saltus.config import DEFAULT_ROBOT
-from saltus.errors import ConfigError
+from saltus.errors import ConfigError, RecordingError
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
 
@@ -30,10 +30,12 @@ class Find:
       saltus real2sim find logs/monday logs/tuesday
       saltus real2sim find logs/monday --profile mine --out runs/again
       saltus real2sim find logs/monday --no-report --json
+      saltus real2sim find runs/one
     """
 
     runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], AT_LEAST_ONE]
-    """Folders of run logs. Those that claim the same rig are read as one log."""
+    """Folders of run logs, or of runs of Saltus, whose logs are written into OUT/logs. Logs that claim the same rig are
+    read as one."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for the results."""
     profile: str = "ideal"
@@ -51,11 +53,13 @@ class Find:
         from saltus.real2sim.pipeline import find
         from saltus.real2sim.problem.log import robot_of_runs
         from saltus.real2sim.reporting.words import sentence
+        from saltus.recordings.run_log_export import as_run_log
 
-        profile = load_profile(self.profile, robot_of_runs(self.runs))
         directory = self.out or new_folder("real2sim")
+        runs = [as_run_log(run, directory / "logs" / run.name) for run in self.runs]
+        profile = load_profile(self.profile, robot_of_runs(runs))
         with Bar() as bar:
-            judgement = find(self.runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
+            judgement = find(runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
         print(sentence(verdict))
         if verdict.next_experiment is not None:
@@ -66,6 +70,42 @@ class Find:
         if self.json:
             print_json(verdict.to_dict())
         return 1 if verdict.verdict == "bad_log" else 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Import:
+    """Makes run logs of recordings of other forms.
+
+    For example:
+      saltus real2sim import runs/one --out logs/one
+      saltus real2sim import motor_response.csv --model go2.xml --out logs/go2
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """Folder or recording.mcap of a run of Saltus; or, with --model, the public CSV of a Go2 in the air
+    (docs/real2sim.md)."""
+    model: Annotated[Path | None, shown("PATH", "none")] = None
+    """MJCF of the robot of a CSV."""
+    out: Annotated[Path | None, NEW_FOLDER] = None
+    """Folder of the log; of a CSV, of one log for each leg."""
+
+    def run(self) -> int:
+        """Writes the logs and says where they are."""
+        from saltus.real2sim.importers.go2 import import_motor_response
+        from saltus.recordings.run_log_export import as_run_log
+
+        if not self.recording.exists():
+            raise RecordingError(f"cannot read {self.recording}: there is no such file")
+        directory = self.out or new_folder("real2sim-import")
+        if self.model is not None:
+            logs = import_motor_response(self.recording, self.model, directory)
+        else:
+            logs = (as_run_log(self.recording, directory),)
+        if logs == (self.recording,):
+            raise RecordingError(f"{self.recording} is no run of Saltus: of a CSV name the robot's MJCF with --model")
+        for log in logs:
+            print(log)
+        return 0
 
 
 class Bar:
@@ -266,4 +306,4 @@ class Demo:
 class Real2sim(Group):
     """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
 
-    command: Subcommands[Find | Apply | Experiments | Demo]
+    command: Subcommands[Find | Import | Apply | Experiments | Demo]

@@ -34,6 +34,8 @@ from saltus.wire.schemas import TYPE_NAME
 CHUNK_BYTES = 256 * 1024
 FLUSH_S = 0.5  # what a crash may cost
 SCHEMA = "saltus-recording/1"
+RECORDING_FILE = "recording.mcap"
+"""Name of a recording in the folder of its run."""
 METADATA = "saltus"
 METADATA_END = "saltus/end"
 PACKAGES = ("saltus", "numpy", "mujoco", "eclipse-zenoh", "onnxruntime", "mcap", "rosbags")

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
-from saltus.recordings.recording import Recording
+from saltus.recordings.recorder import RECORDING_FILE
+from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS, Robot
@@ -26,6 +27,19 @@ def export_run_log(recording: Recording, directory: Path) -> None:
         RecordingError: the recording has no joint data, or the directory cannot be written.
     """
     write_run_log(_collect(recording), directory, recording.robot)
+
+
+def as_run_log(run: Path, folder: Path) -> Path:
+    """A run log as it is; of a run of Saltus, by its folder or its recording, one that is written into `folder`.
+
+    Raises:
+        RecordingError: the recording cannot be read, has no joint data, or the log cannot be written.
+    """
+    recording = run / RECORDING_FILE if run.is_dir() else run
+    if recording.suffix != Path(RECORDING_FILE).suffix or not recording.is_file():
+        return run
+    export_run_log(read_recording(recording), folder)
+    return folder
 
 
 def _collect(recording: Recording) -> RunLog:

@@ -18,7 +18,7 @@ from types import TracebackType
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
-from saltus.recordings.recorder import Recorder
+from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
 from saltus.runtime.process import PEER_FLAG
@@ -52,7 +52,6 @@ RECORDED_AT_A_TIME = 20
 """Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
 ANSWER_TIMEOUT_S = 0.1
 SUPERVISOR = "supervisor"
-RECORDING_FILE = "recording.mcap"
 
 
 class Stack:

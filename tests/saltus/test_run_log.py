@@ -10,11 +10,12 @@ import pyarrow.parquet
 import pytest
 from test_recording import STEPS, run_samples, write
 
+from saltus.cli.main import main
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import read_run_log, write_run_log
-from saltus.recordings.run_log_export import export_run_log
+from saltus.recordings.run_log_export import as_run_log, export_run_log
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
 
@@ -168,3 +169,19 @@ def test_a_clock_that_runs_backwards_is_read_as_it_is(directory: Path) -> None:
     imu = read_run_log(directory).imu
     assert imu is not None
     assert (np.diff(imu.time_s) < 0).all()
+
+
+def test_a_run_is_imported_by_its_folder_its_recording_and_by_find(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    write(run / "recording.mcap", list(run_samples()))
+    logs = []
+    for name, source in (("folder", run), ("file", run / "recording.mcap")):
+        assert main(["real2sim", "import", str(source), "--out", str(tmp_path / name)]) == 0
+        logs.append(read_run_log(tmp_path / name))
+    assert as_run_log(tmp_path / "folder", tmp_path / "unused") == tmp_path / "folder"
+    np.testing.assert_array_equal(logs[0].joints.q, logs[1].joints.q)
+    assert len(logs[0].joints.q) > 0
+    main(["real2sim", "find", str(run), "--no-report", "--out", str(tmp_path / "found")])
+    assert (tmp_path / "found" / "logs" / "run" / "meta.json").is_file()
+    assert (tmp_path / "found" / "verdict.json").is_file()
