@@ -49,17 +49,12 @@ class Ticker:
         clock: Of the run; that of the machine where none is given.
     """
 
-    BUCKETS_US = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
-    """Upper edges of the histogram of lateness."""
-
     def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:
         self._clock = clock or RunClock()
         self.period_ns = round(1e9 / rate_hz)
         self.catch_up = catch_up
         self.ticks = 0
         self.overruns = 0
-        self.late_max_ns = 0
-        self.late_counts = [0] * (len(self.BUCKETS_US) + 1)
         self._deadline_ns: int | None = None
 
     def wait(self) -> int:
@@ -76,22 +71,6 @@ class Ticker:
         self._deadline_ns += missed * self.period_ns
         while (left_ns := self._deadline_ns - self._clock.elapsed_ns()) > 0:
             time.sleep(self._clock.machine_s(1e-9 * left_ns))
-        self._note(self._clock.elapsed_ns() - self._deadline_ns)
         self.ticks += 1
         self.overruns += missed
         return missed
-
-    def late_us(self, quantile: float) -> float:
-        """Upper bound of a quantile of the lateness at the start of a tick [us], from the histogram."""
-        wanted = quantile * sum(self.late_counts)
-        seen = 0
-        for count, edge in zip(self.late_counts, self.BUCKETS_US, strict=False):
-            seen += count
-            if seen >= wanted:
-                return min(float(edge), 1e-3 * self.late_max_ns)
-        return 1e-3 * self.late_max_ns
-
-    def _note(self, late_ns: int) -> None:
-        self.late_max_ns = max(self.late_max_ns, late_ns)
-        bucket = sum(1 for edge in self.BUCKETS_US if late_ns > 1000 * edge)
-        self.late_counts[bucket] += 1

@@ -108,8 +108,6 @@ class Plant(DrivenRobots):
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
         self._seed = seed
-        self._thighs = [self.model.body(f"{leg}_thigh").id for leg in LEGS]
-        self._calves = [self.model.body(f"{leg}_calf").id for leg in LEGS]
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
         self.reset()
 
@@ -127,11 +125,6 @@ class Plant(DrivenRobots):
         self._forget()
         mujoco.mj_forward(self.model, self.data)
         return self._look(np.zeros(12))
-
-    def leg_points_in_world(self) -> Floats:
-        """Thigh axis, knee and foot centre of each leg [m], to draw the legs with, shape (4, 3, 3)."""
-        data = self.data
-        return np.stack([data.xpos[self._thighs], data.xpos[self._calves], data.geom_xpos[self._feet]], axis=1)
 
     def _advance(self, torque: Torques) -> None:
         if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero

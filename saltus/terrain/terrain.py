@@ -75,11 +75,6 @@ class Terrain(Value):
         return float(self.edges_x[0]) if self.edges_x.size else float("inf")
 
     @property
-    def last_edge_x(self) -> float:
-        """The last edge [m]; minus infinity on flat ground."""
-        return float(self.edges_x[-1]) if self.edges_x.size else float("-inf")
-
-    @property
     def timing_x(self) -> float:
         """Where the time of a trial starts to run: 0.5 m before the first edge; the start on flat ground [m]."""
         return self.first_edge_x - TIMING_BEFORE_FIRST_EDGE if self.edges_x.size else self.start_x

@@ -157,15 +157,6 @@ def test_believed_torque_is_that_of_the_drive_and_the_applied_one_is_limited() -
         np.testing.assert_array_equal(ideal.step(command).joint_torque, ideal.data.ctrl)
 
 
-def test_leg_points_are_a_leg() -> None:
-    plant = Plant(ROBOT, flat.make())
-    for command in random_commands(30):
-        state = plant.step(command)
-    points = plant.leg_points_in_world()
-    np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=1), axis=-1), ROBOT.thigh_length)
-    np.testing.assert_allclose(points[:, 2], state.foot_position_in_world)
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["position", "velocity", "torque"])
 def test_a_command_that_is_not_finite_is_refused(value: float, field: str) -> None:

@@ -102,7 +102,7 @@ def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(config
     if terrain.edges_x.size:
         assert terrain.first_edge_x == 1.5
         assert terrain.timing_x == 1.0
-        assert terrain.finish_x - terrain.last_edge_x == pytest.approx(
+        assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(
             1.0 if config.terrain in ("step", "gap") else 0.5
         )
 
@@ -122,7 +122,7 @@ def test_there_is_ground_behind_the_start_and_the_finish(config: TerrainConfig) 
     assert terrain.boxes[0].low[0] == -2.0
     assert terrain.boxes[-1].high[0] == pytest.approx(terrain.finish_x + 4.0)
     assert np.all(terrain.height_at(np.linspace(-2.0, 1.49, 100), 0.0) == 0.0)
-    behind = np.linspace(max(terrain.last_edge_x, 1.5), terrain.finish_x + 4.0, 100)
+    behind = np.linspace(max([1.5, *terrain.edges_x]), terrain.finish_x + 4.0, 100)
     assert np.ptp(terrain.height_at(behind, 0.0)) == 0.0
 
 

@@ -90,7 +90,6 @@ def test_a_long_stall_is_counted_not_made_up_for(clock: FakeTime) -> None:
     assert ticker.wait() == 0
     assert clock.now_ns - before == 2 * MS
     assert ticker.overruns == 499
-    assert ticker.late_max_ns < 2 * MS
 
 
 def _waits_at_once(ticker: Ticker, fake: FakeTime) -> bool:
@@ -123,8 +122,7 @@ def test_rate_of_a_real_loop() -> None:
         ticker.wait()
     elapsed = time.monotonic() - start
     assert elapsed >= 20 / 200 - 1e-3
-    assert sum(ticker.late_counts) == ticker.ticks == 21
-    assert 0 <= ticker.late_us(0.5) <= ticker.late_us(0.99) <= 1e-3 * ticker.late_max_ns
+    assert ticker.ticks == 21
 
 
 def test_real_time_counts_from_the_epoch(clock: FakeTime) -> None:
