@@ -37,14 +37,6 @@ def unit_uniform(keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> 
     return _unit(white(keys, time_s, shape), dtype)
 
 
-def unit_uniform_at(place: Any, keys: Any, time_s: Any, shape: tuple[int, int], dtype: Any) -> Any:
-    """What `unit_uniform` has at places of its flattened result, shape as `place`."""
-    xp, size = namespace(time_s), shape[0] * shape[1]
-    counters = xp.reshape(_counters(xp, shape, time_s.device), (-1,))
-    seeds = xp.reshape(_seeds(keys, time_s), (-1,))
-    return _unit(_hashed(counters[place % size] ^ seeds[place // size]), dtype)
-
-
 def _seeds(keys: Any, time_s: Any) -> Any:
     xp = namespace(time_s)
     return xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)

@@ -26,7 +26,7 @@ from saltus.render.stereo_torch import KorniaWindows, TorchStereo
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 
-ASKED_BY = ("saltus.render.holes", "saltus.render.postfilter", "saltus.render.stereo.flying_pixels")
+ASKED_BY = ("saltus.render.holes", "saltus.render.postfilter")
 COUNT, FRAMES = 24, 4
 SAMPLES = [(3, 1), (5, 5)]
 EACH_ITS_OWN = replace(
