@@ -33,16 +33,17 @@ import numpy as np
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles, processor_s, random_frames, resident_mb
 from saltus.action import REST, plan_message
-from saltus.config import DEFAULT_ROBOT, RunConfig, to_toml
+from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.depth import D435I
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG
-from saltus.runtime.run_folder import RUN_FILE
+from saltus.runtime.run_folder import write_run
 from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
+from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
 from saltus.wire.messages import DepthFrame, Floats, Message, PlanStatus, RobotState
@@ -226,7 +227,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         ZenohBus(endpoint, prefixes[0], peer=True) as bus,
     ):
         config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
-        (Path(directory) / RUN_FILE).write_text(to_toml(config))
+        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain))
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, **ENVIRONMENT}

@@ -78,7 +78,7 @@ def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
     endpoint, router = open_router()
     began_ns = time.monotonic_ns() - round(1e9 / speed)
     config = RunConfig(pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
-    (tmp_path / RUN_FILE).write_text(to_toml(config))
+    (put_robot(tmp_path) / RUN_FILE).write_text(to_toml(config))
     clock = RunClock.of(config)
     robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]
     process = subprocess.Popen(
@@ -139,7 +139,7 @@ def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(robots:
     run_until(active, "model_refused")
     assert {model for robot in robots for model, _ in robot.answered} == {shipped}
 
-    model_id = give(another_model(tmp_path), put_robot(tmp_path))
+    model_id = give(another_model(tmp_path), tmp_path)
     for robot in active:
         robot.answered.clear()
     run_until(active, "model_swapped")
