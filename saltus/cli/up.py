@@ -6,7 +6,6 @@ from pathlib import Path
 from saltus.cli.output import follow, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.config import LONGEST_RUN_S, Pace
-from saltus.runtime.run_folder import CLIENT_FILE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +21,7 @@ class Up(RunOptions):
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 130 after Ctrl-C (the recording is closed either way)."""
+        from saltus.runtime.run_folder import CLIENT_FILE
         from saltus.runtime.stack import Stack
 
         config = self.config(LONGEST_RUN_S)
