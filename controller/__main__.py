@@ -1,12 +1,9 @@
 """The controller process: the leg controller and the robot behind it, wired to the bus."""
 
-import contextlib
 import gc
 import json
-import os
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.course import Course, CourseState
@@ -22,10 +19,6 @@ from saltus.wire.messages import ControllerMode
 
 TICK_NS = round(1e9 * PHYSICS_DT)
 STEP_NS = TICK_NS * POLICY_STEPS
-PRIORITY = -15
-"""Before everything of ordinary priority, behind what the system keeps for itself."""
-AUTOGROUP = Path("/proc/self/autogroup")
-"""Where a session's priority is set (sched(7))."""
 CATCH_UP_TICKS = 10
 """20 ms: the robot is simulated, and its time should not fall behind the run's clock when the machine stalls."""
 STEPS_AT_REST = 30
@@ -91,7 +84,6 @@ class Run:
 
     def realtime(self) -> None:
         """Runs at 500 Hz of the run's clock; the others answer when they can."""
-        _come_first()
         ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=self._context.clock)
         gc.collect()
         gc.freeze()  # what was loaded lives on: the collector need not look at it in the middle of a tick
@@ -157,16 +149,6 @@ class Run:
         if outcome is not None and before.outcome is None:
             code = {"": "finished", "time_limit": "timeout"}.get(outcome.cause, "fell")
             self._context.event(code, json.dumps(asdict(outcome)))
-
-
-def _come_first() -> None:
-    """Asks the scheduler to prefer this process; without the right to (CAP_SYS_NICE) it takes its turn."""
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
-    # Linux shares processors among sessions first, and the supervisor starts every process in a session of its own
-    if os.getsid(0) == os.getpid():
-        with contextlib.suppress(OSError):  # no right to, or a kernel without groups of sessions
-            AUTOGROUP.write_text(str(PRIORITY))
 
 
 if __name__ == "__main__":

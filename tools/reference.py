@@ -98,6 +98,7 @@ def messages_page() -> str:
         "below, attachments are those of rmw_zenoh: int64 sequence from 1, int64 capture time [ns], the byte 16, and "
         "16 bytes that name the sender anew at each start. `examples/own_robot.py` sends and reads them without "
         "Saltus.",
+        "The table is `saltus/wire/topics.py`; limits of age are checked by whoever uses a message.",
         _topics(),
         _wrapped(textwrap.dedent(messages.__doc__ or "").split("\n\n", 1)[1]),
         "## What the heightmap network reads",
@@ -114,7 +115,9 @@ def messages_page() -> str:
 
 
 def _topics() -> str:
-    head = "| topic | message | who sends it | rate [Hz] | age on time [ms] | used up to [ms] | recorded |\n"
+    head = (
+        "| topic | message | who sends it | rate [Hz] | age on time [ms] | not used when older than [ms] | recorded |\n"
+    )
     rows = []
     for t in TOPICS.values():
         sender = "every process" if t.publisher == "*" else t.publisher

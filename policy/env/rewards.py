@@ -62,7 +62,7 @@ class RewardInputs:
     base_height: Array
     """Above the terrain [m], shape (n,)."""
     tracking_cost: Array
-    """Of the stance forces, shape (n,)."""
+    """How far the leg controller's stance forces stay from what the plan asks for: its cost, shape (n,)."""
 
 
 _CLEARANCE = 0.02  # a foot that is higher above the ground earns no more [m]; original

@@ -53,6 +53,7 @@ from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
+from saltus.runtime.priority import come_first
 from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
@@ -76,7 +77,8 @@ class ProcessContext:
         run_config: Of the run.
         run_dir: Of the run.
         bus: To the other processes.
-        cued: Whether `ready` waits for the supervisor (`saltus.runtime.cue`).
+        cued: Whether the supervisor has started it: `ready` waits for it (`saltus.runtime.cue`), and in real time the
+            scheduler is asked to prefer it.
     """
 
     def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: bool = False) -> None:
@@ -111,6 +113,8 @@ class ProcessContext:
         if self._cued and not cue.await_cue(lambda: self.stopped):
             self.stopped = True
             return
+        if self._cued and self.config.pace == "realtime":
+            come_first(self.name)
         self._ready = True
         self._next_status_s = -math.inf
         self.beat(ticks=0)

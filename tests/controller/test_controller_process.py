@@ -145,8 +145,7 @@ def test_a_silent_process_is_named(tmp_path, monkeypatch, silent):
         run_controller(tmp_path, alive=order[: order.index(silent)])
 
 
-def test_realtime_run_ends_at_its_time_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr(process, "_come_first", lambda: None)  # this process has other tests to run
+def test_realtime_run_ends_at_its_time_limit(tmp_path):
     samples = run_controller(tmp_path, pace="realtime")
     states = of(samples, RobotState)
     assert [state.step for state in states] == list(range(len(states)))

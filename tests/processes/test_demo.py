@@ -15,7 +15,7 @@ from saltus.cli.main import main
 from saltus.recordings.recording import read_recording
 from saltus.wire.messages import RobotState
 
-FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "3", "--no-video", "--json"]
+FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "3", "--no-video", "--json", "--camera", "ideal"]
 REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_m", "digest")
 
 

@@ -16,7 +16,19 @@ from saltus.resources import resource
 from saltus.terrain.terrain import Terrain
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "course.toml"
-FLAGS = ["demo", "--terrain", "flat", "--planner", "learned", "--seed", "3", "--time-limit-s", "2.5"]
+FLAGS = [
+    "demo",
+    "--terrain",
+    "flat",
+    "--planner",
+    "learned",
+    "--seed",
+    "3",
+    "--time-limit-s",
+    "2.5",
+    "--camera",
+    "ideal",
+]
 
 
 def test_two_lockstep_runs_with_the_learned_policy_are_equal(

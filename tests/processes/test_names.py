@@ -42,7 +42,8 @@ def test_a_folder_of_ones_own_breaks_no_command(name: str, tmp_path: Path) -> No
 def test_all_of_them_break_neither_a_run_nor_its_processes(trap: Trap, tmp_path: Path) -> None:
     for name in NAMES:
         trap(tmp_path, name)
-    table = last_line(tmp_path, "demo", "--terrain", "flat", "--time-limit-s", "2", "--no-video", "--out", "run")
+    flags = ["--terrain", "flat", "--camera", "ideal", "--time-limit-s", "2", "--no-video"]
+    table = last_line(tmp_path, "demo", *flags, "--out", "run")
     assert table["digest"]
     assert table["rejected"] == {}
 
