@@ -12,16 +12,19 @@ AUTOGROUP = Path("/proc/self/autogroup")
 """Where a session's priority is set (sched(7))."""
 
 
-def come_first(process: str) -> None:
+def prefer_process(process: str) -> None:
     """Asks the scheduler to prefer this process; without the right to (CAP_SYS_NICE) it takes its turn.
 
     Linux shares processors among sessions first, and the supervisor starts every process in a session of its own: of
     six busy programs of ordinary priority each kept the threads of a camera waiting for up to 0.5 s.
     """
-    priority = FIRST.get(process, PRIORITY)
-    if process in FIRST:  # its loop alone, not the threads of its libraries
-        with contextlib.suppress(PermissionError):
-            os.setpriority(os.PRIO_PROCESS, 0, priority)
     if os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # no right to, or a kernel without groups of sessions
-            AUTOGROUP.write_text(str(priority))
+            AUTOGROUP.write_text(str(FIRST.get(process, PRIORITY)))
+
+
+def prefer_loop(process: str) -> None:
+    """The same for the calling thread of a process whose loop comes before the threads of its libraries."""
+    if process in FIRST:
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, FIRST[process])

@@ -53,7 +53,7 @@ from saltus.config import RunConfig
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
-from saltus.runtime.priority import come_first
+from saltus.runtime.priority import prefer_loop, prefer_process
 from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
@@ -114,7 +114,7 @@ class ProcessContext:
             self.stopped = True
             return
         if self._cued and self.config.pace == "realtime":
-            come_first(self.name)
+            prefer_loop(self.name)
         self._ready = True
         self._next_status_s = -math.inf
         self.beat(ticks=0)
@@ -179,6 +179,10 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
         with ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
+            if (
+                options.cued and run_config.pace == "realtime"
+            ):  # while it loads, too: one that has died must be back soon
+                prefer_process(name)
             return _run_body(context, body)
     except SaltusError as error:
         return _failed(name, error)
