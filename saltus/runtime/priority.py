@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 PRIORITY = -10
@@ -28,3 +29,19 @@ def prefer_loop(process: str) -> None:
     if process in FIRST:
         with contextlib.suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, FIRST[process])
+
+
+@contextlib.contextmanager
+def preferred() -> Iterator[None]:
+    """The same for the calling thread and those that it starts, while the block lasts: for the supervisor.
+
+    It dates what it records, and shares a session with whatever else was started from the same shell.
+    """
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, min(before, PRIORITY))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)

@@ -21,6 +21,7 @@ from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import Child, Program, name_exit
+from saltus.runtime.priority import preferred
 from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
@@ -168,6 +169,8 @@ class Stack:
         return True
 
     def _open(self) -> None:
+        if self.config.pace == "realtime":
+            self._resources.enter_context(preferred())
         self.endpoint, router = open_router()
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint)
