@@ -54,7 +54,7 @@ stand_pose = [0.0, 0.9, -1.8]      # [rad]
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
     models: Path | None = None
-    """Folder of the unpacked models; fetched where it is not given."""
+    """Folder of the unpacked models; fetched by default."""
     poses: int = 100
     """Of each robot."""
     trials: int = 10

@@ -56,7 +56,7 @@ def closed_loop_batches(
         model: ONNX file of the predictor in the loop; true heights where there is none.
         keys: Of the batches, from which everything is drawn.
         profile: Hardware of the robots, by name or file.
-        processes: One for each core where it is not given. The batches do not depend on it.
+        processes: By default one for each core. The batches do not depend on it.
         cluster: Address of a Ray cluster, see `saltus.heightmap.data.ray_workers`; nor do they depend on this.
         listener: Is told of steps while batches are made, but not by a cluster.
     """

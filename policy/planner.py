@@ -36,7 +36,7 @@ def make_planner(name: PlannerName, robot: Robot, model: str | Path | None = Non
     Args:
         name: Which.
         robot: For which it plans.
-        model: ONNX file of the learned one; the shipped policy where it is not given.
+        model: ONNX file of the learned one; by default the shipped policy.
 
     Raises:
         ModelError: the policy is damaged, or made for another program or another robot.

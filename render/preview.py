@@ -58,7 +58,7 @@ class Scale:
         return cls(near=min(float(seen.min(initial=far)), 0.9 * far), far=far)
 
     def coloured(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Colours of depth (BGR): nothing within sight is grey, invalid is black."""
+        """Colours of depth (BGR): nothing within range is grey, invalid is black."""
         share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(self.far / self.near)
         colours = cv2.applyColorMap(np.rint(255 - (255 - DARKEST) * share).astype(np.uint8), cv2.COLORMAP_TURBO)
         colours[~np.isfinite(depth)] = NOTHING_COLOUR
@@ -79,7 +79,7 @@ class Scale:
         colours = ", ".join(f"rgb({r},{g},{b})" for b, g, r in self.coloured(depths[None])[0].tolist())
         marks = "".join(f"<span>{depth:.2g} m</span>" for depth in depths[::5])
         return (
-            "<p>Grey: nothing in sight. Black: invalid.</p>"
+            "<p>Grey: nothing within range. Black: invalid.</p>"
             f'<div class="scale" style="background: linear-gradient(to right, {colours})"></div>'
             f'<div class="marks">{marks}</div>'
         )
@@ -212,7 +212,7 @@ def cloud_figure(wide: StereoEmbree, robots: Poses, true: Depth, reported: Depth
 
 def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:
     nearest = float(wide.min())
-    text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing in sight"
+    text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing within range"
     return [scale.figure(view.title, text, wide), scale.figure("", "", narrow)]
 
 

@@ -118,7 +118,7 @@ class StereoEmbree(EmbreeRenderer):
 def right_camera(camera: Intrinsics, optics: Optics, nearest_m: float) -> Intrinsics:
     """A camera at the right imager that sees all that `camera`, at the left one, sees from `nearest_m` on.
 
-    It is wider to the left by the largest disparity; what lies outside it counts as in sight.
+    It is wider to the left by the largest disparity; what lies outside it counts as visible.
     """
     extra = int(np.ceil(optics.disparity_at_1m / nearest_m / optics.pitch_x))
     return replace(camera, width=camera.width + extra, cx=camera.cx + extra)

@@ -76,9 +76,9 @@ class RunConfig:
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: str | None = None
-    """Path of the learned planner's ONNX file; the shipped policy where it is not given."""
+    """Path of the learned planner's ONNX file; by default the shipped policy."""
     heightmap_model: str | None = None
-    """Path of the heightmap service's ONNX file; the shipped one where it is not given."""
+    """Path of the heightmap service's ONNX file; by default the shipped one."""
     time_limit_s: float = 20.0
     speed: float = 1.0
     """Real time: seconds of the run for each second of the machine, more than 0 and at most 1."""

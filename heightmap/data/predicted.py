@@ -36,7 +36,7 @@ class PredictedHeightsFactory:
     profile: str = "shipped"
     """Effects of the hardware; those of the camera matter here."""
     model: Path | None = None
-    """ONNX file; the shipped model where it is not given."""
+    """ONNX file; by default the shipped model."""
     camera: Camera = "ideal"
     """ideal: true depth. d435i: with the errors of a stereo camera, by the fast chain."""
 
@@ -98,8 +98,8 @@ class PredictedHeights:
             if arrived is not None:
                 self.captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
                 new[i] = True
-        felt = proprioception_of_states(states, self._network.legs)
-        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, felt, self._hidden)
+        features = proprioception_of_states(states, self._network.legs)
+        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, features, self._hidden)
         good = _plausible(tick)
         self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
         self.half_width_90[good] = tick.half_width_90[good]

@@ -72,7 +72,7 @@ class HeldOutRuns:
     camera: Camera = "d435i"
     """ideal: true depth. d435i: a stereo camera whose errors have another strength in each run."""
     policy: Path | None = None
-    """ONNX file of the learned policy; the shipped one where it is not given."""
+    """ONNX file of the learned policy; by default the shipped one."""
     baselines: tuple[str, ...] = tuple(BASELINES)
     """Predictors that are shown the same images."""
     time_limit_s: float = 10.0

@@ -159,7 +159,7 @@ class _Search:
             self._fits[each.model] = each
 
     def _fit_larger(self, leader: Model, size: int) -> None:
-        """Fits models of up to `size` effects that the derivatives at the leader propose."""
+        """Fits models of up to `size` effects that the derivatives at the best model so far propose."""
         others = self._others(leader, size - 1)
         for model in (leader, *others):
             self._library(model)
@@ -258,7 +258,7 @@ class _Search:
                 self._refit([each.model], "elimination")
 
     def _propose(self, leader: Model, size: int) -> list[Model]:
-        """Models of `size` effects, and swaps in the leader, that fit best by the quadratic at the leader."""
+        """Models of `size` effects, and swaps in the best one so far, that fit best by its quadratic."""
         quadratic = self._library_quadratic(leader)
         effects = self._layout.effects
         if size == 2:

@@ -72,7 +72,7 @@ class SettingsCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class Train(SettingsCommand):
-    """Trains the heightmap network on a dataset; the same command goes on from where it was interrupted.
+    """Trains the heightmap network on a dataset; the same command resumes it after an interruption.
 
     The settings can also stand in a TOML file (--config), those of the network as model.hidden = 128. A flag wins over
     the file, the file over the training that goes on, or over the defaults.

@@ -39,7 +39,7 @@ def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description:
 
 
 def _defaults_of(command: Any) -> Any:
-    """The command with its method `defaults` applied, e.g. to the training that it goes on from; None for others."""
+    """The command with its method `defaults` applied, e.g. to the training that it resumes; None for others."""
     if hasattr(command, "defaults"):
         return command.defaults()
     inner = getattr(command, "command", None)

@@ -27,7 +27,7 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
     width: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.3, per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
-    # inertia of the rotors; the robot's armature where it is not given
+    # inertia of the rotors; by default the robot's armature
     rotor: Values | None = from_robot("armature", unit="kg m^2", high=10.0)
 
     @cached_property

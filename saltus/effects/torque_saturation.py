@@ -31,9 +31,9 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
     knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
     # delivered where `limit` is commanded
     plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
-    # the robot's torque limit where it is not given
+    # by default the robot's torque limit
     limit: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
-    # the robot's from motor to joint where it is not given
+    # from motor to joint; by default the robot's
     reduction: Values | None = from_robot("reduction", unit="", high=1e3)
 
     def __post_init__(self) -> None:

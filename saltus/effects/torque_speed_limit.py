@@ -27,7 +27,7 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
 
     corner: Values = parameter(unit="rad/s", null=math.inf, low=0.0, high=200.0, per_joint=True)
     no_load: Values = parameter(unit="rad/s", null=math.inf, low=1.0, high=200.0, per_joint=True)
-    # torque up to the corner; the robot's torque limit where it is not given
+    # torque up to the corner; by default the robot's torque limit
     stall: Values | None = from_robot("torque_limit", unit="Nm", high=1e5)
 
     def __post_init__(self) -> None:

@@ -80,7 +80,7 @@ class Recorder:
         arrival_ns = self._arrival_ns(raw, message)
         self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
         self._viewed[raw.key] += 1
-        if sum(self._viewed.values()) == 1:  # with the first message, whose sender and time it takes
+        if len(self._channels) == 1 and self._viewed[raw.key] == 1:  # with the first message: its sender and time
             still = self._viewer.first()
             self._add(still.topic, still.type_name, envelope, arrival_ns, still.payload)
         for derived in self._viewer.derive(message, self._viewed[raw.key]):

@@ -140,5 +140,5 @@ def specific_force(qacc: Floats, rotation: Floats) -> Floats:
     Returns:
         Base frame [m/s^2], shape (..., 3).
     """
-    felt = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
-    return np.einsum("...ji,...j->...i", rotation, felt)
+    specific_force = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
+    return np.einsum("...ji,...j->...i", rotation, specific_force)

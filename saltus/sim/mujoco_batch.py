@@ -18,7 +18,7 @@ from saltus.terrain.boxes import Boxes
 class MujocoBatch:
     """`count` copies of one robot, which may differ in body, joints and terrain; live numpy arrays of float64.
 
-    `robots` picks those that a call is about, by their numbers or as a slice; all of them where it is not given.
+    `robots` picks those that a call is about, by their numbers or as a slice; by default all of them.
 
     Args:
         robot: Which one.

@@ -5,11 +5,14 @@ import pytest
 import torch
 from heightmap_inputs import WARMUP
 from samples import ROBOT
+from synthetic_motion import gliding_episodes
 
+from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ModelConfig
 from saltus.heightmap.training import calibration
+from saltus.heightmap.training.dataset import EpisodeStore
 from saltus.heightmap.training.export import Origin, export
 
 
@@ -35,3 +38,15 @@ def short_calibration() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration, "WINDOWS", 3)
         yield
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("data")
+    write_shard(path, gliding_episodes(20, seed=0), seed=0, config={"source": "synthetic"})
+    return path
+
+
+@pytest.fixture(scope="module")
+def store(data: Path) -> EpisodeStore:
+    return EpisodeStore(read_dataset(data), torch.device("cpu"))
