@@ -115,7 +115,7 @@ def page(title: str, body: str, more_style: str = "", head: str = "") -> str:
 
 def figure_html(figure: go.Figure, *, first: bool = False) -> str:
     """A figure as part of a page; the first brings plotly with it."""
-    figure.update_layout(template="simple_white", hovermode="closest")
+    figure.update_layout(template="simple_white", hovermode="closest", legend_itemsizing="constant")
     if figure.layout.margin.l is None:
         figure.update_layout(margin={"l": 60, "r": 20, "t": 20, "b": 50})
     fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
