@@ -4,11 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from realsense_bag import write_bag
+from samples import ROBOT
 
 from saltus.cli.main import main
 from saltus.depth import MODEL_CAMERA, model_image
 from saltus.errors import RecordingError
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames
 from saltus.recordings.realsense import read_realsense
 from saltus.resources import resource
@@ -54,7 +56,8 @@ def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None
 
 
 def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> None:
-    answers = replay_frames(resource("models/heightmap.onnx"), frames, LevelRobot(base_height_m=0.3))
+    network = HeightmapNetwork(ROBOT, resource("models/heightmap.onnx"))
+    answers = replay_frames(network, frames, LevelRobot(base_height_m=0.3))
     assert [h.status for h in answers] == [HeightmapStatus.WARMING] * 2
     assert [h.frame_id for h in answers] == [0, 1]
     assert all(np.isfinite(h.height).all() for h in answers)
