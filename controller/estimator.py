@@ -70,13 +70,7 @@ class Estimator:
         return EstimatorState(mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance)
 
     def step(self, measured: Measurement, trusted: Array, state: EstimatorState) -> EstimatorState:
-        """One tick of 2 ms.
-
-        Args:
-            measured: now.
-            trusted: leg is known to stand, bool, shape (..., 4): the gait's `trusted`.
-            state: from `init` or the last step.
-        """
+        """One tick of 2 ms; legs that are `trusted`, bool, shape (..., 4), are known to stand (as the gait says)."""
         xp = namespace(state.mean)
         rotation = rotation_matrix(measured.quaternion_base_in_world)
         acceleration = (rotation @ measured.acceleration_base[..., None])[..., 0] + _GRAVITY.like(state.mean)

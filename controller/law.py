@@ -82,10 +82,7 @@ class Diagnostics:
 class LegController:
     """Turns a plan and what is sensed into joint commands.
 
-    Args:
-        robot: Whose joints they are.
-        config: Numbers of the law; by default those of the paper.
-        solver: Of the stance problem; by default the exact one, robot by robot. Training hands in a batched one.
+    The stance problem is by default solved exactly, robot by robot; training hands in a batched solver.
     """
 
     def __init__(
@@ -133,16 +130,10 @@ class LegController:
     def step(
         self, plan: Plan, sensed: Proprioception, state: LawState, mode: ControllerMode = ControllerMode.RUN
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        """One tick of 2 ms.
+        """One tick of 2 ms: the command, the next state, and the details of this step.
 
-        Args:
-            plan: reference; read while running and coasting; of it, while landing, frequency and foot residual.
-            sensed: the robot now.
-            state: from `init` or the last step.
-            mode: what to do; a change of mode starts its blend or its landing.
-
-        Returns:
-            The command, the next state, and the details of this step.
+        The plan is read while running and coasting; of it, while landing, frequency and foot residual. A change of mode
+        starts its blend or its landing.
         """
         body = observe(sensed, self._legs)
         state = self._entered(state, mode, sensed)
@@ -190,10 +181,8 @@ class LegController:
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
 
-        The plan's foot residual is added, so that legs can follow a slope.
-
-        Forces cannot be planned here: without a plan that fits the motion, feet come down when the schedule does not
-        say so. The schedule still tells the estimator which feet to trust.
+        Forces cannot be planned here: feet come down when the schedule does not say so. It still tells the estimator
+        which feet to trust. The plan's foot residual is added, so that legs can follow a slope.
         """
         xp = namespace(body.roll)
         config = self.config

@@ -27,14 +27,10 @@ class Lockstep:
         self._depth_due = -1
 
     def answered(self, truth: GroundTruth, state: Callable[[int, int, int], RobotState]) -> bool:
-        """Takes one policy step through camera, heightmap and planner.
+        """Takes one policy step through camera, heightmap and planner; False if the process is to stop.
 
-        Args:
-            truth: of this step, for the camera.
-            state: makes the robot state from time, step and the newest camera frame that is due.
-
-        Returns:
-            False if the process is to stop; else the plan of this step has been taken by `Plans`.
+        `state` makes the robot state from time, step and the newest camera frame that is due. The plan is then in
+        `Plans`.
 
         Raises:
             StackError: one of them has not answered for 5 s.

@@ -31,10 +31,7 @@ class _Row:
 
 
 class ControlLoop:
-    """Estimator, watchdog, braking and law of one robot.
-
-    Each tick is `sense(reading)`, then `act(plan, age)`; `state` describes the robot between the two.
-    """
+    """Estimator, watchdog, braking and law of one robot: `sense(reading)`, then `state`, then `act(plan, age)`."""
 
     def __init__(
         self,
@@ -78,12 +75,7 @@ class ControlLoop:
         self._estimate = self._estimator.step(measured, self._gait.trusted, self._estimate)
 
     def act(self, plan: MotionPlan | None, plan_age_s: float) -> JointCommand:
-        """Decides the mode and computes the command.
-
-        Args:
-            plan: the newest plan; None before the first.
-            plan_age_s: its age; infinite before the first.
-        """
+        """Decides the mode and computes the command; before the first plan there is none, and its age is infinite."""
         reading = self._sensed_reading()
         self._watch = watch(
             self._watch,

@@ -31,9 +31,7 @@ class Plans:
     def newest(self, now_ns: int, *, halt: bool) -> tuple[MotionPlan | None, float]:
         """The newest plan and its age [s]; infinite before the first.
 
-        Args:
-            now_ns: in the run's clock.
-            halt: the run is over for the robot: its plan says STAND and is never late.
+        `halt` is for a run that is over for the robot: its plan says STAND and is never late.
         """
         self.take()
         age_s = self._age_s(now_ns)

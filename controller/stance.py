@@ -87,12 +87,9 @@ class StanceLegs:
         self._torque_limit = Constant(robot.torque_limit)
 
     def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
-        """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
+        """Reference acceleration (linear, angular) in the base frame, clipped, shape (..., 2, 3).
 
-        Args:
-            body: the robot now.
-            velocity: reference, yaw frame [m/s], shape (..., 3).
-            angular_velocity: reference, yaw frame [rad/s], shape (..., 3).
+        References are in the yaw frame [m/s, rad/s], shape (..., 3).
         """
         xp = namespace(velocity)
         error = xp.stack([velocity - body.velocity, angular_velocity - body.angular_velocity], -2)
@@ -165,11 +162,7 @@ class ExactSolver:
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 
     def solve(self, qp: StanceQP) -> Array:
-        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air.
-
-        Raises:
-            SaltusError: the solver failed, which a problem of finite numbers cannot bring about.
-        """
+        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
         xp = namespace(qp.gradient)
         if isinstance(qp.gradient, np.ndarray):
             return self._solve_all(qp.hessian, qp.gradient, np.asarray(qp.contact))

@@ -22,13 +22,7 @@ STEPS = 16
 
 
 class BatchedSolver:
-    """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64.
-
-    Args:
-        robot: Whose forces they are.
-        config: The same as that of `saltus.controller.stance.StanceLegs`.
-        steps: Of ADMM.
-    """
+    """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64; `steps` of ADMM."""
 
     def __init__(self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS) -> None:
         config = config or StanceConfig()

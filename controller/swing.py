@@ -49,12 +49,8 @@ class SwingLegs:
     ) -> Array:
         """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
 
-        Args:
-            body: the robot now.
-            liftoff: foot relative to the base at lift-off, yaw frame [m], shape (..., 4, 3).
-            progress: of the swing, [0, 1], shape (..., 4).
-            stance_duration: [s], shape (...).
-            base_height: base over terrain [m], shape (...).
+        `liftoff` is the same where a foot lifted off; `progress` of the swing is in [0, 1], shape (..., 4); duration of
+        a stance [s] and height of the base over the terrain [m] have the shape (...).
         """
         xp = namespace(liftoff)
         hip = self._hip.like(liftoff) @ body.base_in_yaw.mT
@@ -82,15 +78,12 @@ class SwingLegs:
         return hip * self._horizontal.like(body.roll) + (step + ground)[..., None, :]
 
     def joint_target(self, body: Body, target: Array, joint_position: Array) -> Array:
-        """Joint angles for feet at `target`, with every clip applied.
+        """Joint angles [rad], shape (..., 12), for feet at `target`, with every clip applied.
 
         Args:
             body: the robot now.
             target: foot relative to the base, yaw frame [m], shape (..., 4, 3).
             joint_position: measured [rad], shape (..., 12).
-
-        Returns:
-            [rad], shape (..., 12).
         """
         xp = namespace(target)
         low, high = self._foot_low.like(target), self._foot_high.like(target)

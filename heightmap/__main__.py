@@ -13,14 +13,7 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 
 def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:
-    """Runs the process; see `saltus.runtime.process`.
-
-    Args:
-        context: With the bus of run.toml's robot.
-        robots: Whom to serve; run.toml's robot where there are none. Each of the others has a bus of its own.
-        endpoint: Zenoh router.
-        peer: How their buses are linked, see `ZenohBus`.
-    """
+    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""
     own = context.config.prefix
     with contextlib.ExitStack() as buses:
         contexts = []

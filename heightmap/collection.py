@@ -49,16 +49,10 @@ def closed_loop_batches(
     cluster: str | None = None,
     listener: Listener | None = None,
 ) -> Generator[list[Episode], None, None]:
-    """The batch of each key, in the order of the keys, from this machine or from a cluster.
+    """The batch of each key, in the order of the keys, from this machine or from a Ray cluster.
 
-    Args:
-        loop: How robots are let run.
-        model: ONNX file of the predictor in the loop; true heights where there is none.
-        keys: Of the batches, from which everything is drawn.
-        profile: Hardware of the robots, by name or file.
-        processes: By default one for each core. The batches do not depend on it.
-        cluster: Address of a Ray cluster, see `saltus.heightmap.data.ray_workers`; nor do they depend on this.
-        listener: Is told of steps while batches are made, but not by a cluster.
+    Batches follow from the keys alone, wherever they are made. Without a model robots go by true heights; the listener
+    is told of steps while batches are made, but not by a cluster.
     """
     if cluster is not None:
         return in_order_on_ray(partial(closed_loop_episodes, loop, profile=profile), model, keys, cluster, processes)

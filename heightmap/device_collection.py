@@ -44,19 +44,13 @@ def collect(
     done: Callable[[DeviceSpeed, float], object],
     code: str | None = None,
 ) -> Collection:
-    """Adds one shard to each dataset; all show the same motion.
+    """Adds one shard to each dataset, one for each of the loop's cameras; all show the same motion.
 
-    Args:
-        settings: What to collect.
-        outputs: Dataset for the images of each of the loop's cameras.
-        ticked: Is called after each tick.
-        done: Is told after each batch how fast it is, and the share of robots whose physics left out contacts for want
-            of room.
-        code: Which code collects, where this machine cannot tell.
+    `ticked` is called after each tick; `done` is told after each batch how fast it is, and the share of robots whose
+    physics left out contacts for want of room. `code` and interruptions are as in `collect_batches`.
 
     Raises:
-        SaltusError: there is no such device, a checkpoint cannot be read, or as `collect_batches`.
-        KeyboardInterrupt: it was interrupted before the first batch was whole.
+        SaltusError: there is no such device, or a checkpoint cannot be read.
     """
     device = checked_device(settings.device)
     loop = replace(settings.loop, robots=-(-settings.episodes // settings.batches))

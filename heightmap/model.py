@@ -1,9 +1,8 @@
 """The heightmap network: a small CNN reads the newest depth image, a GRU keeps what has left the view.
 
-One call of `step` is one tick at 100 Hz. Sizes follow the paper's network (original: channels 2, 4, 8, one GRU layer
-of 256, three hidden layers of 256 with ELU); beyond it, this one sees which pixels are valid, how old its image is,
-and states an interval for every height. Normalisation is part of the network, so that whoever runs it
-hands over plain SI units.
+One call of `step` is one tick at 100 Hz. Beyond the paper's network (original: channels 2, 4, 8, one GRU layer of 256,
+three hidden layers of 256 with ELU) it sees which pixels are valid and how old its image is, and states an interval for
+every height. Normalisation is part of it: whoever runs it hands over plain SI units.
 """
 
 import math
@@ -112,10 +111,7 @@ class HeightmapModel(nn.Module):
     def step(
         self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
     ) -> tuple[Estimate, Tensor]:
-        """One tick: the same law as `ticks`, written out for export (no GRU operator whose variants differ).
-
-        Images have shape (batch, 2, 48, 16); the rest is as in `ticks`, without the time axis.
-        """
+        """One tick: the same law as `ticks`, written out for export; images have shape (batch, 2, 48, 16)."""
         inputs = self._inputs(self.encode(image), age, new, proprioception)
         weight_input, weight_hidden, bias_input, bias_hidden = self.gru.all_weights[0]
         from_input = functional.linear(inputs, weight_input, bias_input)

@@ -20,13 +20,9 @@ _TOLERANCE = 1e-6  # of a number that went through text
 
 
 class PolicyActor:
-    """Plans for any batch of robots, with the interface of the scripted planner.
+    """Plans for any batch of robots, with the interface of the scripted planner, by a file of `policy.training.export`.
 
     One thread that sleeps between calls; a plan follows from one observation and one heightmap.
-
-    Args:
-        robot: For which it plans.
-        path: A file written by `saltus.policy.training.export`.
 
     Raises:
         ModelError: the file is unreadable or made for another robot, features or actions; the message names which.

@@ -25,15 +25,7 @@ SIZE = sum(LAYOUT.values())
 
 
 def features(observation: Observation, heights: Array) -> Array:
-    """The vector that goes into the policy's network.
-
-    Args:
-        observation: of the robots, leading dimensions (...).
-        heights: Terrain relative to the base [m], shape (..., 30).
-
-    Returns:
-        Shape (..., SIZE), of the type of `heights`.
-    """
+    """The vector that goes into the policy's network, shape (..., SIZE); heights are relative to the base [m]."""
     xp = namespace(heights)
     one = xp.ones_like(observation.progress)
     parts = {

@@ -21,22 +21,12 @@ class Planner(Protocol):
     """Plans for any batch of robots; keeps no state."""
 
     def step(self, observation: Observation, heights: Floats) -> Action:
-        """Plans the next 10 ms.
-
-        Args:
-            observation: of the robots, leading dimensions (...).
-            heights: Terrain relative to the base [m], shape (..., 30).
-        """
+        """Plans the next 10 ms; heights are relative to the base [m], shape (..., 30)."""
         ...
 
 
 def make_planner(name: PlannerName, robot: Robot, model: str | Path | None = None) -> Planner:
-    """A planner by its name.
-
-    Args:
-        name: Which.
-        robot: For which it plans.
-        model: ONNX file of the learned one; by default the shipped policy.
+    """A planner by its name; the learned one from an ONNX file, by default the shipped policy.
 
     Raises:
         ModelError: the policy is damaged, or made for another program or another robot.

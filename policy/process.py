@@ -34,10 +34,6 @@ class PlannerProcess:
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps that are degraded.
     STOP, which is final, when heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while
     the robot has not moved yet, as on a computer that is still busy with starting.
-
-    Args:
-        robot: Which one bounds.
-        planner: Decides how to bound while the robot goes.
     """
 
     def __init__(self, robot: Robot, planner: Planner) -> None:
@@ -52,12 +48,9 @@ class PlannerProcess:
         """What has happened since the caller last emptied the list."""
 
     def step(self, state: RobotState, heightmap: Heightmap | None, now_ns: int) -> MotionPlan:
-        """Answers one robot state.
+        """Answers one robot state; the same step again gets the same plan again.
 
-        Args:
-            state: The newest; the same step again gets the same plan again.
-            heightmap: The newest, if one has arrived since the last call.
-            now_ns: In the run's clock.
+        A heightmap is given once, when it has arrived since the last call; `now_ns` is in the run's clock.
         """
         if heightmap is not None:
             self._heightmap, self._arrival_ns = heightmap, now_ns

@@ -139,12 +139,7 @@ LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot count
 
 
 class ScriptedPlanner:
-    """Plans for any batch of robots, numpy or torch.
-
-    Args:
-        robot: Which ones.
-        parameters: Numbers of the rules for a robot of the reference's size.
-    """
+    """Plans for any batch of robots, numpy or torch."""
 
     def __init__(self, robot: Robot, parameters: ScriptedParameters | None = None) -> None:
         self.parameters = (parameters or ScriptedParameters()).of_robot(robot)

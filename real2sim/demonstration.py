@@ -90,11 +90,8 @@ class Demonstration:
 def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | None = None) -> Demonstration:
     """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
 
-    Args:
-        robot: The robot without effects.
-        out: Existing folder for logs and results.
-        seed: Decides which effect is hidden, where and how large it is, and the noise of the sensors.
-        progress: Called with the stage and the share of the stage that is done.
+    The seed decides which effect is hidden, where and how large it is, and the noise of the sensors. The folder `out`,
+    in which logs and results land, exists.
 
     Raises:
         SaltusError: no effect that could be applied was found.

@@ -89,22 +89,14 @@ class Patch:
         return tomli_w.dumps(table)
 
     def applied_to(self, profile: Profile, robot: Robot) -> Profile:
-        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints.
-
-        Raises:
-            ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
-        """
+        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints."""
         for found in self.effects:
             profile = _with(profile, robot, found, self.range)
         return profile
 
 
 def patch_from_toml(text: str) -> Patch:
-    """Reads a patch.
-
-    Raises:
-        ConfigError: not TOML, another schema, or an entry that is missing or of the wrong kind.
-    """
+    """Reads a patch; `ConfigError` says what is wrong with it."""
     table = read_toml(text)
     if table.get("schema") != SCHEMA:
         raise ConfigError(f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'")

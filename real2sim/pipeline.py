@@ -58,9 +58,6 @@ def find(
         seed: Seed of the bootstrap.
         report: Whether to write report.html, which takes two seconds.
         progress: Called with the stage and the share that is done.
-
-    Raises:
-        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
     """
     logs = load_rigs(runs)
     with _results_folder(out):
@@ -86,16 +83,9 @@ def examine(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Examination, ...]:
-    """Compares logs of one robot on several rigs with the simulator, sensor by sensor.
+    """Compares logs of one robot on several rigs with the simulator, sensor by sensor; nothing if one log is damaged.
 
-    If one log is damaged, nothing is compared.
-
-    Args:
-        logs: One for each rig.
-        profile: As in `find`.
-        without: Effects that are taken out of the library.
-        seed: As in `find`.
-        progress: As in `find`.
+    Effects in `without` are taken out of the library; all else is as in `find`.
     """
     if progress is not None:
         progress("screen", 0.0)
@@ -186,11 +176,7 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[st
 
 
 def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...]) -> Judgement:
-    """One verdict for all logs, and the patch that follows from it.
-
-    Raises:
-        RecordingError: no sensor of any log could be compared.
-    """
+    """One verdict for all logs, and the patch; `RecordingError` if no sensor of any log could be compared."""
     bad = [fault.text for each in examinations for fault in each.faults if fault.is_fatal]
     remarks = [text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)]
     if bad:

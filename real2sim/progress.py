@@ -22,12 +22,7 @@ SIMULATIONS = (65, 100, 200, 200, 10)
 
 
 class ComparisonProgress:
-    """Shares of a whole comparison.
-
-    Args:
-        tell: Called with a stage and the share that is done; None for nobody.
-        sensors: That are compared, in their order.
-    """
+    """Shares of a whole comparison of these sensors; tells a stage and the share that is done."""
 
     def __init__(self, tell: Progress | None, sensors: Sequence[Sensor]) -> None:
         self._tell = tell

@@ -20,12 +20,7 @@ FITS = 0.02
 
 
 class RebasedProblem(WrappedProblem):
-    """`inner` with unknowns that are 0 at the values of a profile.
-
-    Args:
-        inner: Problem of the simulator without effects.
-        profile: Effects that the simulator has from the start.
-    """
+    """`inner`, whose simulator has no effects, with unknowns that are 0 at the values of a profile."""
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
         saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
@@ -48,8 +43,7 @@ class RebasedProblem(WrappedProblem):
 def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
     """The problem of a simulator with this saturation.
 
-    Raises:
-        ConfigError: a curve, and the log names an MJCF, which does not say to which motors the curve refers.
+    `ConfigError` for a curve where the log names an MJCF, which does not say to which motors it refers.
     """
     if saturation.curve and not isinstance(problem.model, Robot):
         raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {problem.model}")

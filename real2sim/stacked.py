@@ -21,11 +21,9 @@ Place = tuple[str, str]
 
 
 class StackedProblem(Problem):
-    """One problem with the residuals of several.
+    """One problem with the residuals of several of one kind of sensor (see `stackable`).
 
-    Args:
-        problems: Problems of one kind of sensor; see `stackable`.
-        shifts_s: Seconds by which each clock is set later so that logs follow each other, shape (logs,).
+    Each clock is set later by some seconds, so that logs follow each other.
     """
 
     collinear = 1.0

@@ -121,11 +121,7 @@ def effect_to_dict(effect: FoundEffect) -> dict[str, Any]:
 
 
 def effect_from_dict(data: dict[str, Any]) -> FoundEffect:
-    """The effect that `effect_to_dict` was called on.
-
-    Raises:
-        ConfigError: an entry that is missing, unknown or of the wrong kind.
-    """
+    """The effect that `effect_to_dict` was called on; `ConfigError` says what is wrong with an entry."""
     params = dict(data.get("params", {}))
     curve = params.pop("curve", {}).get("value", [])
     return from_table(FoundEffect, {**data, "params": params, "curve": curve})

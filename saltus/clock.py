@@ -9,15 +9,10 @@ from saltus.errors import ConfigError
 class RunClock:
     """The clock of a run: nanoseconds since its start.
 
-    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all processes agree: a
-    run at speed 0.25 takes four seconds for each of its own. All rates, ages and limits of a run are in this clock, so
-    that the same code with the same limits runs on a computer that is too slow for real time. In lockstep it stands at
-    the time that the caller has set: that of the step being answered.
-
-    Args:
-        epoch_ns: Start of the run on the monotonic clock of this machine.
-        lockstep: Whether the caller sets the time.
-        speed: Seconds of the run for each second of the machine.
+    In real time it is the monotonic clock of the machine minus `epoch_ns`, times `speed`, so all processes agree. All
+    rates, ages and limits of a run are in this clock, so that the same code with the same limits runs on a computer
+    that is too slow for real time. In lockstep it stands at the time that the caller has set: that of the step being
+    answered.
     """
 
     def __init__(self, epoch_ns: int = 0, *, lockstep: bool = False, speed: float = 1.0) -> None:
@@ -44,11 +39,7 @@ class RunClock:
         return 1e-9 * self.elapsed_ns()
 
     def set(self, time_ns: int) -> None:
-        """Lockstep: moves the clock to the step being answered. It never goes back.
-
-        Raises:
-            ConfigError: in real time nobody sets the clock.
-        """
+        """Lockstep: moves the clock to the step being answered. It never goes back."""
         if not self.lockstep:
             raise ConfigError('the clock of a real-time run cannot be set: use pace = "lockstep"')
         self._now_ns = max(self._now_ns, time_ns)

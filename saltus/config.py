@@ -157,11 +157,7 @@ def from_toml(kind: type[Config], text: str) -> Config:
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text.
-
-    Raises:
-        ConfigError: not TOML.
-    """
+    """The tables of a TOML text, or `ConfigError`."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -196,11 +192,7 @@ def load_changes(config: Config, path: Path) -> Config:
 
 
 def read_file(path: Path, make: Callable[[str], Config]) -> Config:
-    """What `make` makes of the text of a file; errors name the file.
-
-    Raises:
-        ConfigError: the file cannot be read, is no text, or what `make` raises.
-    """
+    """What `make` makes of the text of a file; errors name the file."""
     try:
         return make(path.read_text())
     except OSError as error:

@@ -39,11 +39,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any], where: str = 
 
 
 def ask_for_room(folder: Path) -> None:
-    """Makes a folder and finds out before the work whether results can be written into it.
-
-    Raises:
-        SaltusError: they cannot.
-    """
+    """Makes a folder and finds out before the work whether results can be written into it, else `SaltusError`."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -55,13 +51,7 @@ def ask_for_room(folder: Path) -> None:
 
 
 def another_training(checkpoint: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> SaltusError:
-    """The error of a training that would write over the checkpoint of another one; it says what differs.
-
-    Args:
-        checkpoint: The file that is there.
-        before: Configuration of the training that wrote it.
-        now: Configuration of the training that would.
-    """
+    """The error of a training that would write over the checkpoint of another one; it says what differs."""
     differs = ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in differences(before, now))
     return SaltusError(
         f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on from it with "

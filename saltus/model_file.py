@@ -56,11 +56,7 @@ class ModelFile:
         self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
 
     def field(self, name: str) -> Any:
-        """One of its metadata, which are JSON.
-
-        Raises:
-            ModelError: it is missing or not JSON.
-        """
+        """One of its metadata, which are JSON; `ModelError` where it is missing."""
         if name not in self.metadata:
             raise ModelError(f"model {self.path} does not fit: '{name}' is missing from its metadata")
         try:
@@ -75,11 +71,9 @@ def checksum_path(path: Path) -> Path:
 
 
 def put_model(written: Path, path: Path) -> None:
-    """Moves a model to its place, with its checksum beside it; one that is killed half-way leaves no wrong checksum.
+    """Moves a model from the same file system to its place, with its checksum beside it.
 
-    Args:
-        written: The file, in the file system of `path`.
-        path: Its place, where another model may be.
+    One that is killed half-way leaves no wrong checksum.
     """
     checksum, partial = checksum_path(path), written.with_name(f"{written.name}{CHECKSUM_SUFFIX}")
     partial.write_text(f"{hashlib.sha256(written.read_bytes()).hexdigest()}  {path.name}\n")

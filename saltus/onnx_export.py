@@ -27,16 +27,8 @@ def write_onnx(
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.
 
-    Args:
-        module: What the file computes.
-        example: Arguments of its `forward`, each with a leading dimension of robots.
-        path: The file; its folder is made where it is missing.
-        inputs: Names of the arguments.
-        outputs: Names of the results.
-        metadata: What the file says about itself; values become JSON.
-
-    Raises:
-        ModelError: the file cannot be written.
+    Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading dimension of robots.
+    Metadata say what the file is; values become JSON.
     """
     temporary = path.with_name(f".{path.name}.partial")
     try:

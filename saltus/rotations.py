@@ -44,11 +44,9 @@ def roll_pitch_yaw(rotation: Array) -> tuple[Array, Array, Array]:
 
 
 def angles_of_axes(forward: tuple[Array, Array], up: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-    """The same from those components of R that they depend on, which may be arrays or floats.
+    """The same from those components of R that they depend on, arrays or floats.
 
-    Args:
-        forward: x and y in the world of the base's x axis.
-        up: x, y, z in the base of the world's z axis.
+    `forward` is x and y in the world of the base's x axis, `up` x, y, z in the base of the world's z axis.
     """
     xp = namespace(up[0])
     pitch = xp.asin(xp.clip(-up[0], -1.0, 1.0))

@@ -152,16 +152,10 @@ def state_message(
     joint_torque: Floats | None = None,
     depth_due: int = -1,
 ) -> RobotState:
-    """What one robot sends about itself.
+    """What one robot of a batch, or the only one, sends about itself at a policy step; times are as in `RobotState`.
 
-    Args:
-        states: Of that robot, or of a batch with one leading dimension.
-        robot: Its place in the batch.
-        time_ns: As the others, see `RobotState`.
-        step: Policy step.
-        mode: Of its leg controller.
-        joint_torque: As its drives believe [Nm], shape (12,); zero where nobody asks.
-        depth_due: Newest image that is due.
+    Drives believe in `joint_torque` [Nm], shape (12,), zero where nobody asks. `depth_due` is the newest image that is
+    due.
     """
     return RobotState(
         time_ns=time_ns,

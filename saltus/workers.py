@@ -44,9 +44,6 @@ def in_order(
         tasks: Its arguments.
         processes: How many; one for each core where it is not given. 1 runs everything here.
         listener: Gets what tasks `tell`, in a thread of its own.
-
-    Raises:
-        ConfigError: see `check_processes`.
     """
     check_processes(processes)
     if processes is None:
@@ -78,11 +75,7 @@ def in_order(
 
 
 def check_processes(processes: int | None) -> None:
-    """To be called before the work.
-
-    Raises:
-        ConfigError: not even one process, or more than any computer has use for.
-    """
+    """To be called before the work; `ConfigError` for not even one, or more than any computer has use for."""
     if processes is not None and not 1 <= processes <= MOST_PROCESSES:
         raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 

@@ -14,15 +14,7 @@ from saltus.wire.messages import GroundTruth, JointCommand
 
 
 class MujocoRobot(RobotBackend):
-    """One robot in MuJoCo.
-
-    Args:
-        robot: Which one.
-        terrain: What it stands on.
-        trial: Start pose, friction, payload and seed.
-        profile: Its effects, with what the trial says already in them.
-        grid: Of the heights in the true state.
-    """
+    """One robot in MuJoCo; the profile has already what the trial says. The grid is that of the true heights."""
 
     def __init__(self, robot: Robot, terrain: Terrain, trial: Trial, profile: Profile, grid: HeightGrid = LINE) -> None:
         self.terrain, self._grid = terrain, grid

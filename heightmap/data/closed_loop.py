@@ -47,15 +47,10 @@ MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.d
 def closed_loop_episodes(
     loop: ClosedLoop, model: Path | None, key: Sequence[int], profile: str = SHIPPED
 ) -> list[Episode]:
-    """One batch, which follows from its key, predictor and profile alone, wherever it is run.
+    """One batch; it follows from its key (seed, round, number), predictor and profile alone, wherever it is run.
 
-    Each step of its robots is told, see `saltus.workers.tell`.
-
-    Args:
-        loop: How robots are let run.
-        model: ONNX file of the predictor; true heights, shifted as each trial says, where there is none.
-        key: Seed, round and number of the batch, from which everything is drawn.
-        profile: Hardware of the robots, by name or file.
+    Without a predictor robots go by true heights, shifted as each trial says. Each of their steps is told, see
+    `saltus.workers.tell`.
     """
     rng, robot = np.random.default_rng(key), load_robot(DEFAULT_ROBOT)
     hardware = load_profile(profile, robot)
@@ -95,14 +90,9 @@ def _trajectories(
 
 
 class MixedPlanner:
-    """Drives some robots by rules, others by the learned policy, each in its own way; a `Planner`.
+    """Drives a share `learned` of the robots by the learned policy, the others by rules, each in its own way.
 
-    Args:
-        robot: Which one they drive.
-        rng: Draws which planner drives which robot, and how each differs.
-        count: Number of robots.
-        learned: Share of robots that the learned policy drives.
-        variation: Of the numbers of the scripted planner, see `saltus.heightmap.data.planner_randomisation`.
+    `variation` is that of the rules' numbers, see `saltus.heightmap.data.planner_randomisation`.
     """
 
     def __init__(self, robot: Robot, rng: np.random.Generator, count: int, *, learned: float, variation: float) -> None:

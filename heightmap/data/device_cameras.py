@@ -24,15 +24,10 @@ _OPTICS = Optics.of(_SAMPLED)
 
 
 class DeviceCameras:
-    """Takes an image of every robot, each with a camera of its own.
+    """Takes images of every robot, each with a camera of its own.
 
-    Args:
-        robot: Which they are.
-        courses: Of all of them.
-        kinds: Of the images: ideal for true depth, d435i for one with the errors of stereo matching. What is asked for
-            together is taken from the same place.
-        device: "cuda:0" or "cpu".
-        rng: Draws cameras.
+    Images of several kinds (ideal: true depth; d435i: with the errors of stereo matching) are taken from the same
+    place.
     """
 
     def __init__(
@@ -60,13 +55,8 @@ class DeviceCameras:
     def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[Camera, Tensor]:
         """Takes an image of each kind.
 
-        Args:
-            courses: Of the robots, now.
-            qpos: Of the robots, see `saltus.sim.engine.Engine`, float32, shape (n, 19).
-            tick: Counted from the first image.
-
-        Returns:
-            [mm], 0 where invalid, `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
+        `qpos` is as in `saltus.sim.engine.Engine`, shape (n, 19). Images are in mm, 0 where invalid,
+        `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
         """
         boxes = courses.boxes()
         robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]

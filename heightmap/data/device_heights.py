@@ -1,7 +1,4 @@
-"""The heightmap service of thousands of robots on one device: late images, one network, a hidden state for each robot.
-
-The same law as `saltus.heightmap.data.predicted`, on tensors.
-"""
+"""The law of `saltus.heightmap.data.predicted` on tensors: thousands of robots, one network, late images."""
 
 import torch
 from torch import Tensor
@@ -17,10 +14,7 @@ _NEVER = 2**30  # a tick that does not come
 class LateImages:
     """Which image each robot has in hand; the law of `delivery.deliver`, tick by tick, without pauses.
 
-    Args:
-        count: Number of robots.
-        delivery: How images travel; latency and share of losses are drawn once a robot.
-        generator: Draws, and names the device.
+    Latency and share of losses are drawn once a robot. The generator names the device.
     """
 
     def __init__(self, count: int, delivery: DeliveryModel, generator: torch.Generator) -> None:
@@ -70,12 +64,7 @@ class LateImages:
 
 
 class DeviceHeights:
-    """What the heightmap service of each robot answers.
-
-    Args:
-        model: On the device.
-        images: Of the robots.
-    """
+    """What the heightmap service of each robot answers."""
 
     def __init__(self, model: HeightmapModel, images: LateImages) -> None:
         self._images, self._model = images, model
@@ -91,7 +80,7 @@ class DeviceHeights:
             exposed: Images that are taken now [mm], shape (n, 48, 16); None where it is not the time.
             tick: Since the first.
             proprioception: See `saltus.heightmap.service.features`, shape (n, some).
-            fresh: Robots that start anew, bool, shape (n,): what was seen before is void.
+            fresh: Robots that start anew: what they saw before is void, bool, shape (n,).
 
         Returns:
             Heights [m], shape (n, 30); where the network's are not plausible, the last that were.

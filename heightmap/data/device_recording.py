@@ -50,14 +50,7 @@ class RecordedBatch:
 
 
 class DeviceRecording:
-    """Room on the device for one batch, used again for the next.
-
-    Args:
-        robots: How many.
-        ticks: Of a batch.
-        cameras: Whose images are kept.
-        device: Of all tensors.
-    """
+    """Room on the device for one batch, used again for the next."""
 
     def __init__(self, robots: int, ticks: int, cameras: Sequence[Camera], device: torch.device) -> None:
         def room(*row: int, dtype: torch.dtype = torch.float32) -> Tensor:

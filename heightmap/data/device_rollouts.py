@@ -1,7 +1,6 @@
-"""Planners drive thousands of robots on one device, on true or predicted heights, and all is recorded.
+"""What `saltus.heightmap.data.closed_loop` does with processes, for thousands of robots on one device.
 
-What `saltus.heightmap.data.closed_loop` does with processes: batches of robots that run for a fixed time on courses of
-all difficulties, each with a camera, a speed and a rhythm of its own; who falls or arrives starts again.
+Each robot has a camera, a speed and a rhythm of its own; who falls or arrives starts again.
 """
 
 from collections.abc import Callable
@@ -43,13 +42,8 @@ _COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0,
 class DeviceRollouts:
     """Robots, made ready once; every batch starts all of them anew.
 
-    Args:
-        loop: How they are let run.
-        policy: A checkpoint, as `saltus.policy.training.checkpoint.read_checkpoint` reads it; its task, but for the
-        courses, is theirs.
-        predictor: Of the heights in the loop; without it the policy sees what its training showed it.
-        device: "cuda:0" or "cpu".
-        seed: Of everything that is drawn.
+    `policy` is what `read_checkpoint` returns; its task, but for the courses, is theirs. Without a predictor in the
+    loop the policy sees what its training showed it.
     """
 
     def __init__(
@@ -144,11 +138,7 @@ class DeviceRollouts:
 
 
 def checked_device(device: str) -> str:
-    """The device by its full name, where it can be used.
-
-    Raises:
-        SaltusError: no GPU, or no physics for it.
-    """
+    """The device by its full name; `SaltusError` where there is no GPU, or no physics for it."""
     if device == "cpu":
         return device
     if not torch.cuda.is_available():

@@ -49,11 +49,7 @@ class DatasetInfo:
 
 
 def info(directory: Path) -> DatasetInfo:
-    """What a dataset holds; its shards are opened, but not checked.
-
-    Raises:
-        DatasetError: no dataset there, or a shard that cannot be read.
-    """
+    """What a dataset holds; its shards are opened, but not checked (`DatasetError` where that fails)."""
     records = read_records(directory)
     shards = []
     for record in records:
@@ -64,11 +60,7 @@ def info(directory: Path) -> DatasetInfo:
 
 
 def validate(directory: Path) -> list[str]:
-    """What is wrong with a dataset, shard by shard; nothing where it is sound.
-
-    Raises:
-        DatasetError: no dataset there, or its manifest is damaged.
-    """
+    """What is wrong with a dataset, shard by shard; nothing where it is sound."""
     records = read_records(directory)
     damages = [damage for record in records for damage in _damages(directory / record.file, record)]
     first: dict[str, ShardRecord] = {}
@@ -81,13 +73,11 @@ def validate(directory: Path) -> list[str]:
 def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     """Joins datasets into a new one: all shards in their order, those that are there twice once.
 
-    Args:
-        sources: Datasets.
-        out: Folder to make; the manifest comes last, so that an interrupted merge is no dataset yet.
+    The manifest comes last, so that an interrupted merge is no dataset yet.
 
     Raises:
-        DatasetError: there are no sources, one is missing or damaged, they differ in what their arrays mean (the
-            message names the field), or `out` already is a dataset.
+        DatasetError: there are no sources, one is missing or damaged, their arrays differ in meaning (the message names
+            the field), or `out` already is a dataset.
     """
     if not sources:
         raise DatasetError("nothing to merge: name the folders of datasets")

@@ -41,11 +41,7 @@ class PredictedHeightsFactory:
     """ideal: true depth. d435i: with the errors of a stereo camera, by the fast chain."""
 
     def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "PredictedHeights":
-        """A source of heights for one batch.
-
-        Raises:
-            ModelError: the model is unreadable or does not fit.
-        """
+        """A source of heights for one batch; `ModelError` where the model cannot be used."""
         robot = load_robot(DEFAULT_ROBOT)
         network = HeightmapNetwork(robot, model_path("heightmap", self.model))
         profile = load_profile(self.profile, robot)
@@ -61,12 +57,6 @@ class PredictedHeights:
 
     A robot gets the very images, at the very steps, that the camera process gives to it in lockstep. The network runs
     on all robots in one call. An output that is not plausible is not used: heights and hidden state stay as they were.
-
-    Args:
-        network: Shared by all robots.
-        cameras: Of all robots.
-        trials: Delay, jitter and seed of each robot's camera.
-        profile: Effects of the camera; each trial's delay is put into it.
     """
 
     def __init__(

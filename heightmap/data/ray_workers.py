@@ -47,18 +47,12 @@ def in_order_on_ray(
 ) -> Generator[Result, None, None]:
     """Yields `function` of the file and each task, in the order of the tasks, wherever it is computed.
 
-    A task whose worker is lost is given to another one, so `function` must follow from its arguments alone. Two tasks a
-    core are begun or done ahead of the one that is waited for. However the iteration is left, what it began ends.
-
-    Args:
-        function: Known to every host by its name.
-        file: Goes to the hosts, which share no folder, and is a file there too; None stays None.
-        tasks: Further arguments.
-        cluster: Address of one that runs, e.g. "10.0.0.1:6379", or `LOCAL`.
-        processes: Of a `LOCAL` cluster; one for each core where it is not given.
+    A task whose worker is lost is given to another one, so `function`, which every host knows by its name, must follow
+    from its arguments alone. The file is sent to the hosts, which share no folder. Two tasks a core are begun or done
+    ahead. However the iteration is left, what it began ends.
 
     Raises:
-        ConfigError: Ray is not installed, or the number of processes is given for a cluster that knows its own.
+        ConfigError: Ray is not installed, or `processes` is given for a cluster that is not `LOCAL`.
         StackError: the cluster cannot be reached, a host has other code, or workers were lost again and again.
     """
     with _joined(cluster, processes) as ray:

@@ -27,13 +27,7 @@ class RobotCameras(Protocol):
 
 
 class IdealCameras:
-    """True depth.
-
-    Args:
-        robot: Which they are.
-        terrains: Terrain of each.
-        profile: Effects on where the cameras sit and how wide they look.
-    """
+    """True depth of robots on their terrains; the profile says where cameras sit and how wide they look."""
 
     def __init__(self, robot: Robot, terrains: TerrainStack, profile: Profile) -> None:
         camera = RobotCamera.on(robot).moved(profile.view_chain)
@@ -58,12 +52,7 @@ class IdealCameras:
 class StereoCameras:
     """D435is by the fast chain: three rays, one under the other, for the 25 pixels that one of the model averages.
 
-    Args:
-        robot: Which they are.
-        terrains: Terrain of each.
-        profile: Effects on where the cameras sit and how wide they look.
-        config: Errors of all cameras; parameters may have one value a robot.
-        rng: Draws what is random in them.
+    The profile says where cameras sit and how wide they look; parameters of `config` may have one value a robot.
     """
 
     def __init__(

@@ -15,15 +15,9 @@ _TOGETHER = 64  # chunks: enough for all cores, and 25 MB of images
 
 
 class ShardColumn:
-    """An array that grows in a file.
+    """An array that grows in a file; its rows are like those of `like`.
 
-    HDF5 compresses on one core, which would take longer than a GPU takes to make the data.
-
-    Args:
-        file: Open for writing.
-        name: Of the array.
-        like: Rows as those that will be appended.
-        pool: Threads to compress with.
+    HDF5 compresses on one core, which would take longer than a GPU takes to make the data: here a pool of threads does.
     """
 
     def __init__(self, file: h5py.File, name: str, like: NDArray[Any], pool: Executor) -> None:

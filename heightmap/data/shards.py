@@ -69,12 +69,7 @@ class ShardRecord:
 
 
 class ShardWriter:
-    """A shard that is being written.
-
-    Args:
-        file: Of the shard.
-        pool: Threads to compress with.
-    """
+    """A shard that is being written; a pool of threads compresses it."""
 
     record: ShardRecord
     """What the manifest says of it; there once it is written."""
@@ -104,11 +99,7 @@ class ShardWriter:
         self._rows.append((episode.terrain, len(episode.height), len(episode.depth)))
 
     def close(self) -> dict[str, int]:
-        """Writes what is left; returns how much there is.
-
-        Raises:
-            DatasetError: there are no episodes.
-        """
+        """Writes what is left; returns how much there is, `DatasetError` where that is nothing."""
         if not self._rows:
             raise DatasetError("no episodes to write")
         for column in self._columns.values():
@@ -125,11 +116,8 @@ class ShardWriter:
 def open_shard(directory: Path, *, seed: int, config: dict[str, Any], code: str | None = None) -> Iterator[ShardWriter]:
     """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
 
-    Args:
-        directory: The dataset; made where it is missing.
-        seed: From which the episodes are drawn.
-        config: How they are made; plain JSON values.
-        code: Which code makes them, where this machine cannot tell.
+    `config` is what the episodes follow from besides the seed, in plain JSON values; `code` the commit of what makes
+    them, where this machine cannot tell.
 
     Raises:
         DatasetError: the dataset has a round of this seed and configuration: episodes that come twice would be fitted
@@ -218,11 +206,10 @@ def collect_batches(
         batches: Episodes of each batch, for each dataset.
         done: Is told after each batch how many ticks a dataset has got.
         seed: From which the episodes are drawn.
-        code: Which code makes them, where this machine cannot tell.
+        code: See `open_shard`.
 
     Raises:
         KeyboardInterrupt: it was interrupted before the first batch was whole.
-        DatasetError: as `open_shard`.
     """
     whole = True
     with ExitStack() as stack:
@@ -282,11 +269,7 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
 
 
 def read_records(directory: Path) -> list[ShardRecord]:
-    """The same of a dataset that must be there.
-
-    Raises:
-        DatasetError: it is not, or has no shards.
-    """
+    """The same of a dataset that must be there and have shards, else `DatasetError`."""
     records = read_manifest(directory)
     if not records:
         raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
@@ -299,11 +282,7 @@ def dataset_hash(records: Iterable[ShardRecord]) -> str:
 
 
 def read_dataset(directory: Path) -> list[Episode]:
-    """All episodes of a dataset, in the order in which they were written.
-
-    Raises:
-        DatasetError: no dataset there, or a shard that is missing or is not the one that the manifest names.
-    """
+    """All episodes of a dataset, as written; `DatasetError` where a shard is not what the manifest names."""
     records = read_records(directory)
     return [episode for record in records for episode in _read_shard(directory, record)]
 

@@ -23,15 +23,10 @@ CHUNK = 64  # robots that are worked on together: their arrays of 600 kB stay in
 def stereo_images(
     trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], rng: np.random.Generator
 ) -> list[NDArray[np.uint16]]:
-    """Takes the pictures of robots, each with a camera of its own.
+    """Takes pictures of robots, one every `FRAME_TICKS`; the generator draws the quality of each camera and its errors.
 
-    Args:
-        trajectories: Motion of each robot; an image is taken every `FRAME_TICKS`.
-        views: Each camera as it really is; its claimed resolution is that of `SAMPLED`.
-        rng: Draws the quality of the cameras and all their errors.
-
-    Returns:
-        Depth of each robot [mm], 0 where invalid, shape (frames, 48, 16).
+    Each view is a camera as it really is, of the claimed resolution of `SAMPLED`. Returns depth of each robot [mm], 0
+    where invalid, shape (frames, 48, 16).
     """
     images: list[NDArray[np.uint16]] = []
     for first in range(0, len(trajectories), CHUNK):

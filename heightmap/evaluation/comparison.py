@@ -140,24 +140,16 @@ def lost_note(lost: Sequence[str]) -> str:
 
 
 def predictor_named(name: str, robot: Robot) -> Predictor:
-    """A fresh predictor for a robot: "geometric", "geometric-feet", or the path of an ONNX file.
-
-    Raises:
-        ModelError: the file is no model that fits.
-    """
+    """A fresh predictor for a robot: "geometric", "geometric-feet", or the path of an ONNX file (or `ModelError`)."""
     if name in BASELINES:
         return GeometricHeightmap(robot, foot_gain=BASELINES[name])
     return HeightmapService(HeightmapNetwork(robot, Path(name)))
 
 
 def compare(run: Run, models: Sequence[str] = ()) -> list[Comparison]:
-    """Compares the heightmaps of the recording, and those of models on its depth, with what is true or was seen later.
+    """Compares the heightmaps of a recording, and those of models on its depth, with what is true or was seen later.
 
-    Only steps in which the robot runs count; all steps where it never does.
-
-    Args:
-        run: the recorded run.
-        models: names for `predictor_named`.
+    Models are names for `predictor_named`. Only steps in which the robot runs count; all steps where it never does.
 
     Raises:
         RecordingError: nothing in the recording can be compared.
@@ -227,14 +219,8 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
 def in_view(mount: Mount, place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
     """Whether points are inside the field of view and the range of the model's camera.
 
-    Args:
-        mount: of the camera.
-        place: [m], world frame, shape (..., m, 3).
-        position: of the base, shape (..., 3).
-        quaternion: of the base, shape (..., 4).
-
-    Returns:
-        Shape (..., m).
+    Shapes of `place` [m] in the world (..., m, 3), of the base's position (..., 3) and quaternion (..., 4), returned
+    (..., m).
     """
     origin, rotation = camera_pose(mount, position, quaternion)
     in_camera = (place - np.asarray(origin)[..., None, :]) @ np.asarray(rotation)
@@ -288,8 +274,7 @@ def _seen_later(
 ) -> Floats:
     """What was predicted for the same places when they were last in view, thus nearest; NaN where they never were.
 
-    Returns:
-        Relative to the base at each step [m], shape (n, 30).
+    Relative to the base at each step [m], shape (n, 30).
     """
     places = _places(position, yaw, height)
     result = np.full(height.shape, np.nan)

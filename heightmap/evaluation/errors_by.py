@@ -58,11 +58,7 @@ class Calibration:
 
 
 class Errors:
-    """The points of several comparisons of one predictor, with what they can be grouped by.
-
-    Args:
-        comparisons: of the same predictor, on different runs.
-    """
+    """The points of several comparisons of one predictor, with what they can be grouped by."""
 
     def __init__(self, comparisons: Sequence[Comparison]) -> None:
         points = len(HEIGHTMAP_X)

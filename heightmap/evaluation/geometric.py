@@ -1,13 +1,10 @@
 """The geometric baseline: heights by deprojection alone, without training, on the best data that the robot has.
 
-Every valid pixel of every frame of the last two seconds becomes a point in the robot's own odometry, with the pose
-that the robot estimates at the frame's capture time. A height is the weighted mean of the points at its place: by the
-variance of depth, which grows with the fourth power of range, and by the drift of the odometry since. Points on walls
-are left out, so that an edge stays one: heights are of what can be stood on. Where no point is, the nearest known one
-stands in.
+Every valid pixel of the last two seconds becomes a point in the robot's own odometry, with the pose estimated at the
+frame's capture time. A height is the mean of the points at its place, weighted by the variance of depth and the drift
+since. Points on walls are left out: heights are of what can be stood on. Where no point is, the nearest one stands in.
 
-With a `foot_gain` the map is in addition moved up and down until the feet that stand touch it, which removes most of
-the drift: a second, stronger baseline.
+With a `foot_gain` the map also moves up and down until the standing feet touch it: a second, stronger baseline.
 """
 
 import math
@@ -65,10 +62,8 @@ class _Points:
 class GeometricHeightmap:
     """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
 
-    Args:
-        robot: With its camera where it is said to be.
-        memory_s: How long a frame counts.
-        foot_gain: Share of the mean distance between standing feet and map that one tick removes; 0: feet are not used.
+    A frame counts for `memory_s`; `foot_gain` is the share of the mean distance between standing feet and map that one
+    tick removes.
     """
 
     def __init__(self, robot: Robot, memory_s: float = MEMORY_S, foot_gain: float = 0.0) -> None:

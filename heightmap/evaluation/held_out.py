@@ -61,11 +61,7 @@ _NS = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutRuns:
-    """Which runs.
-
-    Raises:
-        ConfigError: no runs, none that counts, or a baseline that is not known.
-    """
+    """Which runs."""
 
     runs: int = 200
     seed: int = 0

@@ -29,11 +29,7 @@ class Pose:
 
 
 class Odometry:
-    """Adds up the velocity that the robot estimates (trapezoidal rule) and remembers the poses of a while.
-
-    Args:
-        memory_s: how far back a pose can be asked for.
-    """
+    """Adds up the velocity that the robot estimates (trapezoidal rule) and remembers poses for `memory_s`."""
 
     def __init__(self, memory_s: float) -> None:
         self._memory_ns = round(1e9 * memory_s)
@@ -46,11 +42,7 @@ class Odometry:
         return self._poses[-1]
 
     def advance(self, state: RobotState) -> bool:
-        """Takes the next state.
-
-        Returns:
-            False where the silence before it was so long that what was known before is of no use; the way starts anew.
-        """
+        """Takes the next state; False where the silence before it was so long that the way starts anew."""
         velocity = np.asarray(state.velocity_base_in_world, np.float64)
         position = np.zeros(3)
         continued = True

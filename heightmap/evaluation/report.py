@@ -149,11 +149,7 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
 
 
 def write_report(report: ErrorReport, path: Path) -> None:
-    """Writes the HTML file; it opens without a network.
-
-    Raises:
-        RecordingError: the file cannot be written.
-    """
+    """Writes the HTML file, which opens without a network; `RecordingError` where it cannot be written."""
     errors = report.errors()
     parts = [
         f"<h1>{html.escape(_headline(report))}</h1>",

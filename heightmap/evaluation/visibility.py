@@ -23,9 +23,7 @@ _NEAREST_M = 0.02  # ground below the camera has no slope
 def visibility(
     terrain: Terrain, mount: Mount, position: Floats, quaternion: Floats, captured_s: Floats
 ) -> NDArray[np.int8]:
-    """When each point of the heightmap was last seen, in images that the robot has got.
-
-    Legs are not in the way here.
+    """When each point of the heightmap was last seen, in images that the robot has got; legs are not in the way here.
 
     Args:
         terrain: Under the robot.
@@ -59,15 +57,8 @@ def seen_by_rays(
 ) -> NDArray[np.bool_]:
     """Which ground on the robot's heading is in the field of view, within range, and behind nothing.
 
-    Args:
-        terrain: Under the robot.
-        mount: Of its camera.
-        ground: Places along the course, ascending [m], shape (m,).
-        position: Of the base when each image is taken [m], shape (n, 3).
-        quaternion: The same, shape (n, 4).
-
-    Returns:
-        Shape (n, m).
+    Shapes of the places along the course `ground` [m], ascending, (m,), of the base's position [m] when each image is
+    taken (n, 3), of its quaternion (n, 4), returned (n, m).
     """
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     aside = position[:, 1:2] + np.tan(yaw)[:, None] * (ground - position[:, :1])

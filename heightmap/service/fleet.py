@@ -78,14 +78,10 @@ class _Robot:
 
 
 class FleetService:
-    """Answers the states of several robots.
+    """Answers the states of several robots, by name, and waits for none of them.
 
     Each robot has a hidden state of its own, which is emptied when that robot or its camera is restarted, and never
-    because of another robot. The service waits for no robot: it answers those that ask.
-
-    Args:
-        network: The model of all of them.
-        robots: Their names.
+    because of another robot.
     """
 
     def __init__(self, network: HeightmapNetwork, robots: Iterable[str]) -> None:
@@ -105,14 +101,7 @@ class FleetService:
             robot.coming, robot.coming_since_ns = HeightmapService(network), None
 
     def step(self, arrivals: Mapping[str, Arrival]) -> dict[str, Heightmap]:
-        """Answers those robots that ask.
-
-        Args:
-            arrivals: By name of the robot.
-
-        Returns:
-            The heightmap of each of these robots, as `HeightmapService.step` would answer it.
-        """
+        """Answers those robots that ask, by name, each as `HeightmapService.step` would."""
         asked: list[tuple[HeightmapService, Arrival, Inputs]] = []
         for name, arrival in arrivals.items():
             self._robots[name].accept(arrival)

@@ -13,12 +13,7 @@ class FrameLoss:
         self._missing: deque[tuple[int, int]] = deque()
 
     def accept(self, frame_id: int, time_ns: int) -> None:
-        """Takes note of an image that is used; images come in order of capture.
-
-        Args:
-            frame_id: The camera's number. One that is lower than the last is a camera that counts anew.
-            time_ns: Of its capture.
-        """
+        """Takes note of an image that is used, in order of capture; a lower number than the last is a new count."""
         missing = 0 if self._last is None else frame_id - self._last - 1
         self._last = frame_id
         if missing > 0:

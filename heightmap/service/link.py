@@ -8,11 +8,7 @@ from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
 
 
 class RobotLink:
-    """Takes a robot's states and frames, and publishes its heightmaps.
-
-    Args:
-        context: Of that robot's run.
-    """
+    """Takes a robot's states and frames, and publishes its heightmaps."""
 
     def __init__(self, context: ProcessContext) -> None:
         self.context = context

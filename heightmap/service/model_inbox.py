@@ -27,14 +27,10 @@ _POLL_S = 0.1
 
 
 class ModelInbox:
-    """Watches one file; a file that was there before is not news.
+    """Watches one ONNX file for the robot that is served; a file that was there before is not news.
 
     A new file is loaded and run in another process first (`saltus.heightmap.service.model_check`), then the very same
     bytes, by their sha256, are loaded here, both away from the thread that answers the robots.
-
-    Args:
-        robot: That is served.
-        path: ONNX file.
     """
 
     def __init__(self, robot: Robot, path: Path) -> None:
@@ -45,11 +41,7 @@ class ModelInbox:
         self._process: subprocess.Popen[str] | None = None
 
     def poll(self) -> HeightmapNetwork | None:
-        """Returns a model that was given and has passed; never waits.
-
-        Raises:
-            ModelError: a model was given that must not be used.
-        """
+        """Returns a model that was given and has passed, or raises `ModelError` for one that has not; never waits."""
         if self._check is None:
             signature = self._signature()
             if signature != self._seen:
@@ -87,11 +79,7 @@ class ModelInbox:
         self._worker.shutdown(cancel_futures=True)
 
     def _load_checked(self) -> HeightmapNetwork:
-        """Loads a model that has been checked in another process.
-
-        Raises:
-            ModelError: it has no checksum, is damaged, does not fit, or did not survive.
-        """
+        """Loads a model that has been checked in another process; `ModelError` says what is wrong with it."""
         path = self._path
         _ask_for_checksum(path)
         command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]
@@ -125,8 +113,7 @@ def give(model: Path, run_dir: Path) -> str:
     """Puts a model where the service of a run looks, whole or not at all; returns its id.
 
     Raises:
-        ModelError: it has no checksum, is damaged or does not fit, or there is no such folder; nothing is put there
-            then.
+        ModelError: it has no checksum, is damaged or does not fit, or there is no such folder.
         ConfigError: the folder's robot cannot be read.
     """
     if not (run_dir / ROBOT_FILE).is_file():

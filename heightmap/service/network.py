@@ -60,13 +60,8 @@ class Tick(NamedTuple):
 class HeightmapNetwork:
     """A model file in ONNX Runtime, on one thread that sleeps between calls; to be called from one thread.
 
-    Args:
-        robot: Which one asks.
-        path: ONNX file.
-
     Raises:
-        ModelError: the file is unreadable, or one of its metadata or shapes does not fit this program; the message
-            names the field.
+        ModelError: the file is unreadable, or does not fit the robot or this program; the message names the field.
     """
 
     def __init__(self, robot: Robot, path: Path) -> None:

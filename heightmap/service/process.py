@@ -18,15 +18,10 @@ REFUSED = "model/refused"
 
 
 class HeightmapProcess:
-    """Wires the service to buses and clocks.
+    """Wires the service to buses and clocks, one for each robot; the buses share one bell.
 
-    A model that is put into the folder of the run (`saltus.heightmap.service.model_inbox`) replaces the one in use, in
-    real time only:
-    a lockstep run must repeat.
-
-    Args:
-        contexts: One for each robot; the first one's configuration and folder are those of all. Their buses share one
-            bell.
+    Configuration and folder are those of the first. A model that is put into the folder
+    (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep run must repeat.
     """
 
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:

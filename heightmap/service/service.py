@@ -45,14 +45,11 @@ class _View:
 
 
 class HeightmapService:
-    """Holds the hidden state of one robot; one call of `step` for each robot state.
+    """Holds the hidden state of one robot; one call of `step` for each robot state. Services may share a network.
 
     The service ignores duplicates, frames older than the one in use, frames from the future, and frames too old to be
     used. It keeps the last image where the new one has hardly a valid pixel. It replaces the hidden state only by one
     that is finite and plausible.
-
-    Args:
-        network: Which several services may share.
     """
 
     _hidden: Singles
@@ -102,15 +99,12 @@ class HeightmapService:
         self._forget()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
-        """Advances by one tick.
+        """Advances by one tick; returns the heightmap at the time of `state`, an old answer for a state that has one.
 
         Args:
-            state: A state with a step that was answered already gets the same answer again; an older one, the newest.
+            state: Of the robot.
             frame: A frame that has arrived since the last call; None where none has.
             now_ns: The run's clock.
-
-        Returns:
-            The heightmap at the time of `state`.
         """
         inputs = self.prepare(state, frame, now_ns)
         if inputs is None:
@@ -121,8 +115,7 @@ class HeightmapService:
     def prepare(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Inputs | None:
         """First part of `step`: takes the frame in and says what the network is to be given, beside `hidden`.
 
-        Returns:
-            None where the state was answered already, by `last`.
+        None where the state was answered already, by `last`.
         """
         if self._last is not None and state.step <= self._last.step:
             return None

@@ -18,20 +18,10 @@ BATCH, LENGTH, WINDOWS = 32, 100, 30
 def calibrate(
     model: HeightmapModel, store: EpisodeStore, delivery: DeliveryModel, noise: ImageNoise, seed: int
 ) -> float:
-    """Scales all stated intervals so that the 90 % intervals hold 90 % of the errors.
+    """Scales all stated intervals in place so that the 90 % intervals hold 90 % of the errors; returns the factor.
 
-    A network states intervals for what it saw in training, and errs by a little more elsewhere. The factor goes into
-    the last layer.
-
-    Args:
-        model: Is changed in place.
-        store: Episodes that it was not fitted to, on the model's device.
-        delivery: As in training, as is the next.
-        noise: On the images.
-        seed: Of windows and noise.
-
-    Returns:
-        The factor.
+    A network states intervals for what it saw in training, and errs by a little more elsewhere: `store` holds episodes
+    that it was not fitted to. The factor goes into the last layer.
     """
     windows = store.windows(BATCH, LENGTH, delivery, noise, np.random.default_rng(seed))
     hidden = torch.zeros(BATCH, model.config.hidden, device=store.device)

@@ -88,9 +88,8 @@ def dagger(
         observer: Is told how far it is.
         start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and trains from nothing.
         base: Dataset whose shards stand before the first round's, and are trained on as well.
-        processes: That collect; one for each core where it is not given. The data do not depend on it.
-        cluster: They are those of a Ray cluster, see `saltus.heightmap.data.ray_workers`; the data do not depend on
-        this either.
+        processes: That collect, as `cluster`: see `closed_loop_batches`. The data do not depend on them.
+        cluster: Address of a Ray cluster.
 
     Returns:
         The newest predictor's ONNX file.
@@ -98,8 +97,7 @@ def dagger(
     Raises:
         DatasetError: the folder holds a run of another configuration, or a dataset is missing or damaged.
         ModelError: `start` is no checkpoint.
-        ConfigError: there is no Ray, or it is asked for a number of processes that is not its to choose.
-        StackError: the cluster cannot be reached, or its hosts cannot do the work.
+        ConfigError, StackError: the cluster cannot be used.
     """
     if start is not None:
         load_checkpoint(start)  # what is wrong is said before anything is written down
@@ -132,11 +130,7 @@ def dagger(
 
 
 def begun_settings(directory: Path) -> DaggerConfig:
-    """The settings that a run was begun with.
-
-    Raises:
-        DatasetError: its file is damaged.
-    """
+    """The settings that a run was begun with; `DatasetError` where its file is damaged."""
     path = directory / BEGUN
     try:
         begun = json.loads(path.read_text())

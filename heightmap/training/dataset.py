@@ -63,11 +63,8 @@ class Window(NamedTuple):
 class EpisodeStore:
     """Episodes on a device, with the windows that can be cut from them.
 
-    Args:
-        episodes: All of them.
-        device: Holds images and labels.
-        weight: How often each episode is chosen, relative to the others; all alike where it is not given.
-        true_depth: Whether the images of each episode are without any error; all are where it is not given.
+    `weight` says how often each is chosen, relative to the others, `true_depth` whether its images are without any
+    error (as all are by default).
     """
 
     def __init__(
@@ -177,12 +174,7 @@ class EpisodeStore:
 
 
 class _Slots:
-    """Robots on their way through episodes, in rows.
-
-    Args:
-        batch: Number of robots.
-        longest: Ticks of the longest episode.
-    """
+    """Robots on their way through episodes of at most `longest` ticks, in rows."""
 
     def __init__(self, batch: int, longest: int) -> None:
         self.episode = np.zeros(batch, np.int64)
@@ -214,8 +206,7 @@ def with_noise(
         image: Depth in [0, 1] and validity, shape (batch, images, 2, 48, 16).
         noise: Bounds; each robot of the batch gets its own share of them.
         generator: On the device of `image`.
-        true_depth: Whether the images of a robot are without any error, bool, shape (batch,), as all are where it is
-            not given; others have the errors of stereo matching already and do not get them again.
+        true_depth: Robots whose images have no errors of stereo matching yet, bool, shape (batch,); all by default.
     """
 
     def uniform(*shape: int) -> Tensor:

@@ -79,11 +79,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
 def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
     """Greatest difference of a height or of half of its 90 % interval [m] between torch and the file.
 
-    Args:
-        model: The network in torch.
-        network: What was made of it.
-        inputs: One for each recurrent step.
-        reset_every: Both hidden states are emptied after so many steps.
+    Inputs are those of recurrent steps; both hidden states are emptied after every `reset_every`.
     """
     worst = 0.0
     for step, given in enumerate(inputs):

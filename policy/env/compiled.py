@@ -12,12 +12,7 @@ _UNROLLED = 17  # sums of up to 16 terms are written out: the longest product he
 
 
 class Stage:
-    """A function without arguments and result that changes tensors in place, always the same ones.
-
-    Args:
-        function: What to do. It is called a few times to warm up before it is first replayed.
-        device: Of its tensors.
-    """
+    """A function that changes tensors in place, always the same ones; called a few times before it is replayed."""
 
     def __init__(self, function: Callable[[], None], device: torch.device) -> None:
         self._function = function

@@ -55,15 +55,7 @@ class Transition:
 
 
 class JumpEnv:
-    """Robots that jump.
-
-    Args:
-        engine: Simulates them.
-        config: The task.
-        seed: Of all random draws.
-        device: Of all tensors; that of the engine.
-        solver: Of the stance forces; by default the batched one.
-    """
+    """Robots that jump; tensors are on the engine's device, stance forces by default of the batched solver."""
 
     def __init__(
         self,

@@ -30,15 +30,7 @@ _EVENT_DRAWS = 6  # level, difficulty, torque (2), push (2)
 
 
 class Episodes:
-    """Judges and resets; results are tensors that are rewritten in place.
-
-    Args:
-        memory: Of the environment.
-        config: The task.
-        engine: Its physics.
-        estimator: Of the robots, for its state at the start.
-        views: For the terrain.
-    """
+    """Judges and resets; results are tensors that are rewritten in place."""
 
     def __init__(self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views) -> None:
         self._memory, self._config, self._engine, self._views = memory, config, engine, views

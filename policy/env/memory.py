@@ -88,12 +88,7 @@ _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device, commands: int = 0) -> Memory:
     """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
 
-    Args:
-        kinds: One for each robot.
-        torques: How many commands of feed-forward torque are remembered.
-        plans: How many plans are remembered.
-        device: Of all tensors.
-        commands: How many whole commands are remembered.
+    So many commands of feed-forward torque, plans and whole commands are remembered.
     """
     kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
     count = len(kind)

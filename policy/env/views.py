@@ -24,16 +24,7 @@ _GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal the
 
 
 class Views:
-    """Observations as tensors that are rewritten in place.
-
-    Args:
-        robot: Whose legs they are.
-        memory: Of the environment.
-        config: The task.
-        states: Says what the robots know now.
-        qpos: The engine's positions.
-        qvel: The engine's velocities.
-    """
+    """Observations as tensors that are rewritten in place, from what robots know now and the engine's positions."""
 
     def __init__(
         self,

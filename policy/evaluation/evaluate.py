@@ -109,12 +109,8 @@ def evaluate(
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs the trials and yields batches of results by seed, in their order.
 
-    Args:
-        evaluation: What to run.
-        heights: Makes the planner's source of heights; must be picklable where `processes` is not 1.
-        planner: Makes the planner of a robot; must be picklable where `processes` is not 1.
-        processes: How many run at once; by default one for each core.
-        listener: Told of progress, in trials: their shares of the way.
+    `heights` and `planner` make the source of heights and the planner of a robot; both must be picklable where
+    `processes` (one for each core by default) is not 1. The listener is told of progress, in trials.
     """
     run = partial(run_batch, evaluation, heights, planner)
     batches = _batches(range(evaluation.seed, evaluation.seed + evaluation.trials), BATCH)

@@ -25,14 +25,7 @@ GAIT = (("front feet", 0, BLUE), ("rear feet", 2, ORANGE))
 def write_evaluation_report(
     evaluation: Evaluation, result: EvaluationResult, table: dict[str, Any], path: Path
 ) -> None:
-    """Writes the report of an evaluation; it opens without a network.
-
-    Args:
-        evaluation: What was run.
-        result: What came out.
-        table: The result as it is printed, for the numbers at the top.
-        path: HTML file.
-    """
+    """Writes the report of an evaluation, whose result is printed as `table`; it opens without a network."""
     shown = result.trials[:SHOWN]
     terrains = courses_of(evaluation.course, result.seeds[:SHOWN])
     alike = f"of the first {len(shown)} trials" if len(shown) < len(result.trials) else "of all trials"

@@ -59,15 +59,14 @@ class RolloutStep:
 
 
 class Rollout:
-    """Runs a planner on many robots, one policy step at a time.
+    """Runs a planner on many robots of one kind, one policy step at a time.
 
     Args:
         robot: Which one, for all.
         terrains: One for each trial.
         trials: What differs from robot to robot.
         planner: Plans for all of them.
-        profile: Hardware, the robot's as shipped where it is not given; each trial's motor strength and delay are put
-            into it.
+        profile: Hardware, by default as shipped; each trial's motor strength and delay are put into it.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.

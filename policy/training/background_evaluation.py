@@ -23,12 +23,7 @@ def missing_packages() -> list[str]:
 class BackgroundEvaluation:
     """Runs `saltus.policy.training.standard_evaluation` every so often, one at a time; never waits for it.
 
-    Args:
-        table: CSV that the rows are added to.
-        kinds: Of terrain that the policy is trained on.
-        every_s: Time from the start of one evaluation to the next, at least.
-        trials: Of each course.
-        processes: How many run trials at once; by default one for each core but two.
+    Rows are added to `table`, a CSV. `processes` run trials at once, by default one for each core but two.
     """
 
     def __init__(

@@ -16,11 +16,7 @@ NEEDED = {
 
 
 def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
-    """Writes a checkpoint, whole or not at all.
-
-    Raises:
-        SaltusError: there is no room for it; what was there before is as it was.
-    """
+    """Writes a checkpoint, whole or not at all; `SaltusError` where there is no room for it."""
     unfinished = path.with_suffix(".part")
     try:
         torch.save(state, unfinished)
@@ -31,11 +27,7 @@ def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """What `Learner.save` wrote.
-
-    Raises:
-        SaltusError: the file is missing, damaged, or no checkpoint of a motion policy.
-    """
+    """What `Learner.save` wrote; `SaltusError` where the file is missing, damaged, or none of a motion policy."""
     try:
         state = torch.load(path, map_location=device, weights_only=True)
     except OSError as error:
@@ -48,11 +40,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 def config_of(state: dict[str, Any]) -> TrainConfig:
-    """The configuration of a training, from what its checkpoint holds.
-
-    Raises:
-        SaltusError: it is that of another program.
-    """
+    """The configuration of a training, from what its checkpoint holds; `SaltusError` if it is another program's."""
     try:
         return from_toml(TrainConfig, state["config"])
     except ConfigError as error:

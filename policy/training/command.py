@@ -55,21 +55,12 @@ class Train:
     training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=for_gpu)
 
     def defaults(self) -> "Train":
-        """The same command with what its flags go on from: the resumed training or the device's defaults, and --config.
-
-        Raises:
-            SaltusError: a file cannot be used, or training is not installed.
-        """
+        """The same command with what its flags go on from: resumed training or the device's defaults, and --config."""
         start = self._start()
         return replace(self, training=load_changes(start, self.config) if self.config else start)
 
     def run(self) -> int:
-        """Trains to the end of the time, with one line every ten seconds.
-
-        Raises:
-            KeyboardInterrupt: it was interrupted; what was learned is saved.
-            SaltusError: something of it cannot be; the message says what.
-        """
+        """Trains to the end of the time, with one line every ten seconds; saves where it is interrupted."""
         if not 0.0 < self.minutes < math.inf:
             raise SaltusError(f"minutes = {self.minutes:g}: it must be more than 0, and have an end")
         if self.iterations is not None:

@@ -21,11 +21,7 @@ from saltus.robots.robot import Robot
 
 
 class DeployedPolicy(nn.Module):
-    """The actor's mean action as values of a plan: observation scaled before the network, actions bounded after it.
-
-    Args:
-        checkpoint: What `saltus.policy.training.learner.Learner.save` wrote.
-    """
+    """The actor's mean action as values of a plan: observation scaled before the network, actions bounded after it."""
 
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()
@@ -51,9 +47,6 @@ def export(checkpoint: Path, path: Path) -> float:
 
     Returns:
         Greatest difference between torch and the file over random observations, as a share of each action's range.
-
-    Raises:
-        SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
     """
     state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)

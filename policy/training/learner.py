@@ -24,13 +24,7 @@ _GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 
 
 class Learner:
-    """Collects experience and learns from it.
-
-    Args:
-        env: Where.
-        config: How.
-        distributed: Rank and number of processes, where several learn together.
-    """
+    """Collects experience and learns from it; `distributed` is rank and number of processes that learn together."""
 
     def __init__(self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)) -> None:
         self._env, self._config = env, config
@@ -104,11 +98,7 @@ class Learner:
         write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
-
-        Raises:
-            SaltusError: the file is no checkpoint, or one of networks of another size.
-        """
+        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds."""
         state = read_checkpoint(path, self._env.device)
         try:
             self.ppo.load(state, None, strict=True)

@@ -20,13 +20,7 @@ _SHORT = {
 
 
 class Progress:
-    """Reads the environment's tallies and starts them again.
-
-    Args:
-        folder: Where `progress.csv` and the curves go; both are continued.
-        env: Whose tallies.
-        learner: Whose iterations.
-    """
+    """Reads the environment's tallies and starts them again; continues `progress.csv` and the curves of a folder."""
 
     def __init__(self, folder: Path, env: JumpEnv, learner: Learner) -> None:
         self._env, self._learner = env, learner
@@ -35,13 +29,7 @@ class Progress:
         self._last_steps = learner.steps
 
     def report(self, losses: dict[str, float], seconds: float, total_seconds: float) -> str:
-        """Writes a row and its curves; returns the line.
-
-        Args:
-            losses: of the last iteration.
-            seconds: since the last report.
-            total_seconds: of training so far.
-        """
+        """Writes a row and its curves, `seconds` after the last one; returns the line."""
         learner = self._learner
         row = {
             "iteration": float(learner.iteration),

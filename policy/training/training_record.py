@@ -26,18 +26,10 @@ LOG, RESULTS = "log.txt", "evaluation.csv"
 
 
 class TrainingRecord:
-    """Writes checkpoints, reports and curves when they are due.
+    """Writes checkpoints, reports and curves into a folder when they are due; `say` prints a line for people as well.
 
-    Args:
-        folder: For the results; made where it is missing.
-        config: Of the run.
-        env: Whose tallies.
-        learner: Whose networks.
-        commit: Which code trains.
-        start_s: When the run began, on the monotonic clock; less what the checkpoint had cost from which it goes on.
-        evaluate_s: Time between evaluations with the deployed stack; 0 for none.
-        say: Prints a line for people; log.txt gets it as well.
-        resumed: Checkpoint that the training resumes; log and tables beside it are continued.
+    The run began at `start_s` on the monotonic clock, less what the checkpoint that it resumes had cost; log and tables
+    beside that one are continued. Every `evaluate_s` the deployed stack is evaluated, never where that is 0.
     """
 
     def __init__(

@@ -30,12 +30,7 @@ class SensorNoise:
 
 
 class Instruments:
-    """Sensors with noise.
-
-    Args:
-        noise: Its size.
-        rng: Where it comes from.
-    """
+    """Sensors with noise."""
 
     def __init__(self, noise: SensorNoise, rng: np.random.Generator) -> None:
         self._noise = noise
@@ -48,14 +43,7 @@ class Instruments:
         sent: Sequence[tuple[Commands, int]],
         believed: Sequence[Floats],
     ) -> JointTable:
-        """What encoders measured, and what commands were sent and what drives believed.
-
-        Args:
-            time_s: Of the rows, shape (n,).
-            states: Of the robot.
-            sent: Commands and the tick of them that was sent.
-            believed: Torque by the drives' own law [Nm], each of shape (12,).
-        """
+        """What encoders measured, what commands (with their tick) were sent, and what torque drives believed [Nm]."""
         return JointTable(
             time_s=time_s,
             q=self._noisy(_stacked(states, "joint_position"), self._noise.q_rad),

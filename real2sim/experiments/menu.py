@@ -227,11 +227,7 @@ EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment
 
 
 def experiment_named(name: str) -> Experiment:
-    """An experiment of the menu.
-
-    Raises:
-        ConfigError: there is none of this name; the nearest is named.
-    """
+    """An experiment of the menu; for a name that is none, `ConfigError` names the nearest."""
     if name not in EXPERIMENTS:
         raise ConfigError(f"no experiment '{name}': {nearest_hint(name, EXPERIMENTS)}")
     return EXPERIMENTS[name]

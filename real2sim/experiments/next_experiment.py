@@ -1,10 +1,9 @@
 """Which experiment would tell the effects of a set apart.
 
-How well each experiment of the menu does it was measured once, on a robot without effects
-(`saltus.real2sim.experiments.separations` measures it again): what one unit of every effect does to the whitened
-residuals of its log, and how alike two effects look there. What two fitted rivals are expected to be apart follows from
-that without any simulation. Cameras are not alike, though - one that looks down hardly sees a wall: for effects of a
-camera the experiments are measured anew with the camera that the log claims.
+What one unit of every effect does to the whitened residuals of each experiment, and how alike two effects look there,
+was measured once on a robot without effects (`saltus.real2sim.experiments.separations`). How far two fitted rivals are
+expected to be apart follows without any simulation. For effects of a camera the experiments are measured anew with the
+claimed camera: one that looks down hardly sees a wall.
 """
 
 import json
@@ -66,12 +65,8 @@ def next_experiment(
 ) -> NextExperiment | None:
     """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
 
-    Args:
-        robot: Which one would do it.
-        sets: Effects that could not be told apart.
-        rivals: Their fitted values, where they are known.
-        rigs: What the logs claim (`meta.json`): the camera, and whether the robot was held. One that was held is held
-            again, as nothing shows its joints better; one that stood may be hung up.
+    `rivals` are fitted values, `rigs` what the logs claim (`meta.json`). A robot that was held is held again, as
+    nothing shows its joints better; one that stood may be hung up.
     """
     if not sets:
         return None

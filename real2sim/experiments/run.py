@@ -64,19 +64,10 @@ def run(
     camera: Camera | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RunLog:
-    """Runs an experiment on a simulated robot.
+    """Runs an experiment on a simulated robot; returns what it logged.
 
-    Args:
-        experiment: What is done.
-        robot: Which one does it.
-        profile: The effects of the robot's hardware; the log claims none of them but the camera's latency.
-        seed: Of the noise and of what effects draw.
-        noise: Of the sensors.
-        camera: What is claimed of the camera, where the experiment needs one; without it, that of the robot.
-        progress: Called with the share of the motion that is done.
-
-    Returns:
-        What the robot logged.
+    The log claims none of the profile's effects but the camera's latency, and of the camera what `camera` says, by
+    default that of the robot. `progress` is called with the share of the motion that is done.
 
     Raises:
         UnsafeMotionError: the motion would leave the experiment's limits, or the robot has left them.

@@ -42,10 +42,7 @@ class Limits:
     def check_commands(self, robot: Robot, commands: Commands, kp: float) -> None:
         """Refuses commands that ask for angles, speeds or torques beyond the limits.
 
-        Args:
-            robot: Whose limits these are.
-            commands: That are to be sent.
-            kp: Their stiffness [Nm/rad]: a jump of the desired angle asks for a torque, too.
+        With the stiffness `kp` [Nm/rad] a jump of the desired angle asks for a torque, too.
 
         Raises:
             UnsafeMotionError: names the joint, the value and what is allowed.
@@ -63,14 +60,7 @@ class Limits:
         self._refuse(torque, asked, "is asked for a torque [Nm]", f"{self.torque_share:.0%} of its limit")
 
     def check_state(self, robot: Robot, time_s: float, quaternion: Floats, position: Floats, velocity: Floats) -> None:
-        """Stops a robot that leaves the limits.
-
-        Args:
-            robot: Whose limits these are.
-            time_s: Of the experiment, for the message.
-            quaternion: (w, x, y, z), base to world, shape (4,).
-            position: Of the joints, measured [rad], shape (12,).
-            velocity: The same [rad/s].
+        """Stops a robot whose base (w, x, y, z) or measured joints [rad, rad/s] leave the limits.
 
         Raises:
             UnsafeMotionError: names what was left, by how much, and when.

@@ -38,10 +38,7 @@ NOTHING = 1e-9
 def measure(experiment: Experiment, robot: Robot, camera: Camera | None = None) -> dict[str, Any]:
     """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
 
-    Args:
-        experiment: Of the menu.
-        robot: Which one does it.
-        camera: Where it is given, only what this camera shows is measured.
+    With a camera, only what this camera shows is measured.
     """
     log = run(experiment, robot, IDEAL, seed=SEED, noise=STEADY, camera=camera)
     signatures: dict[str, tuple[float, Floats]] = {}

@@ -30,11 +30,7 @@ SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain",
 
 
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
-    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other.
-
-    Raises:
-        RecordingError: no run given, one that is given twice, or one that cannot be read.
-    """
+    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other."""
     if not paths:
         raise RecordingError("name at least one run log")
     rigs: dict[str, list[tuple[Path, RunLog]]] = {}
@@ -90,11 +86,7 @@ def model_of(meta: dict[str, Any]) -> Robot | Path:
 
 
 def robot_of(meta: dict[str, Any]) -> Robot:
-    """The quadruped that a log names.
-
-    Raises:
-        ModelError: its MJCF cannot be read, or its legs are not of our kind.
-    """
+    """The quadruped that a log names; `ModelError` where its MJCF is none."""
     return load_robot(str(meta["robot"]))
 
 

@@ -172,12 +172,8 @@ class Problem(ABC):
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, measured minus simulated, for several sets of unknowns at once.
 
-        Args:
-            unknowns: Shape (n, blocks, unknowns of all candidates).
-
-        Returns:
-            Shape (n, blocks, m), finite: 0 for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation
-            diverges.
+        Unknowns of all candidates have the shape (n, blocks, unknowns), residuals (n, blocks, m). They are finite: 0
+        for missing samples, clipped to +-`LARGEST_RESIDUAL` where a simulation diverges.
         """
 
     def drivers(self) -> tuple[Driver, ...]:
@@ -197,14 +193,7 @@ class Problem(ABC):
         return np.concatenate([candidate.absent for candidate in self.candidates])
 
     def one_by_one(self, changes: Mapping[str, float]) -> Floats:
-        """Sets of unknowns of one block: first without effects, then with one changed unknown each.
-
-        Args:
-            changes: Values by the names of unknowns.
-
-        Returns:
-            Shape (1 + changes, unknowns).
-        """
+        """Sets of unknowns of one block: first without effects, then with one changed unknown each, by its name."""
         sets = np.tile(self.absent, (1 + len(changes), 1))
         for one, (name, value) in zip(sets[1:], changes.items(), strict=True):
             one[self.names.index(name)] = value

@@ -23,11 +23,7 @@ def channels_of(
 ) -> tuple[Channel, ...]:
     """Residuals of a problem, one channel for each signal of each block, with their drivers.
 
-    Args:
-        problem: The problem.
-        log: Its log.
-        residuals: Shape (blocks, m).
-        chosen: Rows that count, shape (blocks, m); all if it is None.
+    Residuals, and the rows of them that are `chosen` (all by default), have the shape (blocks, m).
     """
     channels = []
     own = problem.drivers()

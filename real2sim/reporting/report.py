@@ -27,13 +27,7 @@ SAID_BEFORE, SAID_AFTER = 6, 3
 
 
 def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0) -> str:
-    """The text of `report.html`.
-
-    Args:
-        judgement: Everything that was found.
-        profile: Effects that the simulator had from the start.
-        seed: Seed of the bootstrap.
-    """
+    """The text of `report.html`; the simulator had the effects of `profile` from the start."""
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     rivals = [rival for each in findings for rival in each.rivals]

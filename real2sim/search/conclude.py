@@ -34,14 +34,9 @@ def findings(
     fits: dict[Model, Fit],
     library: Callable[[Model], Quadratic],
 ) -> Findings:
-    """Findings from all fitted models.
+    """Findings from all fitted models, by model, with () for the one without effects.
 
-    Args:
-        problem: The problem.
-        comparison: Split and thresholds.
-        evaluate: Simulates the stated values.
-        fits: Fits by model, with () for the model without effects.
-        library: Quadratic with the unknowns of all effects around a fit.
+    `library` is the quadratic with the unknowns of all effects around a fit; `evaluate` simulates the stated values.
     """
     scored = [comparison.score(each) for each in fits.values()]
     dispersion = _dispersion(comparison, scored)

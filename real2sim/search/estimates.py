@@ -139,14 +139,7 @@ def present_at(problem: Problem, places: list[Place], least: float) -> list[int]
 
 
 def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
-    """A group in the form of the verdict.
-
-    Args:
-        problem: The problem.
-        effect: Name.
-        one: Places and value.
-        total: Number of places at which the effect could be.
-    """
+    """A group, of `total` places at which the effect could be, in the form of the verdict."""
     names = tuple(place.name for place in one.places)
     where: str | tuple[str, ...] = names
     if total == 1:

@@ -9,12 +9,7 @@ from saltus.real2sim.problem.problem import Problem, WrappedProblem
 
 
 class NarrowedProblem(WrappedProblem):
-    """`inner` without some of its effects, which stay absent.
-
-    Args:
-        inner: The full problem.
-        without: Names of effects.
-    """
+    """`inner` without some of its effects, by name, which stay absent."""
 
     def __init__(self, inner: Problem, without: Collection[str]) -> None:
         super().__init__(inner)

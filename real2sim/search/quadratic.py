@@ -41,15 +41,9 @@ class Quadratic:
     def of(
         cls, layout: Layout, split: Split, columns: Indices, point: Floats, residuals: Floats, jacobian: Floats
     ) -> "Quadratic":
-        """The quadratic approximation from residuals and their Jacobian.
+        """The quadratic approximation of the chunks of `split` at a point, all unknowns of shape (blocks, unknowns).
 
-        Args:
-            layout: Bounds.
-            split: Chunks.
-            columns: Unknowns with derivatives, shape (k,).
-            point: All unknowns, shape (blocks, unknowns).
-            residuals: At the point, shape (blocks, m).
-            jacobian: Shape (blocks, k, m).
+        Residuals there have the shape (blocks, m), their derivatives by `columns` (blocks, k, m).
         """
         blocks, k, _ = jacobian.shape
         chunks = len(split.fold)
@@ -77,12 +71,9 @@ class Quadratic:
         return np.isin(self.columns, columns)
 
     def solve(self, block: int, free: Mask, held_out: int | None = None) -> Floats:
-        """Best change of the free unknowns within their bounds; the others go to 0.
+        """Best change of a block's unknowns in the mask `free`, shape (k,), within their bounds; the others go to 0.
 
-        Args:
-            block: Index of the block.
-            free: Mask of shape (k,).
-            held_out: Fold that the fit does not see, besides the test.
+        The fit does not see the fold `held_out`, nor the test.
         """
         seen = (self.split.fold != TEST) & (self.split.fold != (TEST if held_out is None else held_out))
         hessian, gradient = self.hessian[block, seen].sum(axis=0), self.gradient[block, seen].sum(axis=0)

@@ -37,8 +37,7 @@ def stated_model(
     """The simplest statement of the chosen model that explains the log as well as the fit does.
 
     Statements, simplest first: values that places share; separate values where the effect is present; separate values
-        wherever it leaves a trace, however uncertain they are. A patch with less would not explain the log.
-    leaves a trace, however unsure they are: with less a patch would not explain the log.
+    wherever it leaves a trace, however uncertain they are. A patch with less would not explain the log.
     """
     model = chosen.fit.model
     if not model:
@@ -73,11 +72,7 @@ def _is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -
 class _TiedModel:
     """A model in which the places of a group share one value, and other places lack the effect.
 
-    Args:
-        problem: The problem.
-        comparison: Split and layout.
-        start: Fit whose nuisances and shapes are kept where no group sets them.
-        groups: Groups of each effect.
+    The nuisances and shapes of `start` are kept where no group sets them.
     """
 
     def __init__(self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups) -> None:

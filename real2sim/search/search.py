@@ -41,10 +41,7 @@ LARGEST = 3
 def search(problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0) -> Findings:
     """Finds the effects that explain the gap between a problem's log and the simulator.
 
-    Args:
-        problem: The problem.
-        progress: Called with the stage and the number of simulations since the last call.
-        seed: Seed of the bootstrap.
+    `progress` is called with the stage and the number of simulations since the last call.
     """
     if not len(problem.time_s):
         return Findings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)

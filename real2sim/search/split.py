@@ -58,10 +58,7 @@ class Split:
 def split(problem: Problem, residuals: Floats) -> Split:
     """Splits a problem's residuals.
 
-    Args:
-        problem: The problem.
-        residuals: Residuals of the model without effects, shape (blocks, m); they tell repeats from different
-            amplitudes.
+    Those of the model without effects, shape (blocks, m), tell repeats from different amplitudes.
     """
     power = np.mean(residuals**2, axis=0)
     pieces: list[tuple[Indices, int]] = []  # rows and segment

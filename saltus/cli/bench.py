@@ -70,11 +70,7 @@ class Bench:
 
 
 def _folder() -> Path:
-    """The benchmarks of the checkout that runs; of the one around, where saltus is installed from a wheel.
-
-    Raises:
-        SaltusError: this is no checkout.
-    """
+    """The benchmarks of the checkout that runs; of the one around, where saltus is installed from a wheel."""
     for root in (SOURCE, Path.cwd()):
         if (root / "benchmarks" / "_command.py").is_file():
             return root / "benchmarks"

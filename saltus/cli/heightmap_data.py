@@ -123,12 +123,7 @@ class Collect(Group):
 
 
 class _CollectionBar:
-    """Progress of a collection in ticks; before it begins it says what is not as by default.
-
-    Args:
-        command: Whose settings are used.
-        ticks: In all.
-    """
+    """Progress of a collection in ticks; before it begins it says what is not as by default."""
 
     def __init__(self, command: SettingsCommand, ticks: int) -> None:
         self.bar = tqdm(total=ticks, unit="tick", desc="collect", delay=QUIET_S)
@@ -149,11 +144,7 @@ class _CollectionBar:
 
 
 def _tell(folders: "Iterable[Path]", found: "Collection") -> int:
-    """Names the shards.
-
-    Raises:
-        KeyboardInterrupt: an interrupted collection is not whole.
-    """
+    """Names the shards; raises `KeyboardInterrupt` for an interrupted collection."""
     for folder, record in zip(folders, found.records, strict=True):
         print(f"{folder / record.file}: {record.episodes} episodes, {record.ticks} steps, sha256 {record.sha256[:16]}")
     if not found.whole:

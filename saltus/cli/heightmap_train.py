@@ -29,11 +29,7 @@ PACKAGES = "pip install 'saltus[train]'"
 
 @contextmanager
 def training_packages() -> Iterator[None]:
-    """Says in one line which package is missing.
-
-    Raises:
-        SaltusError: one is.
-    """
+    """Says in one line which package is missing."""
     try:
         yield
     except ImportError as error:

@@ -18,11 +18,7 @@ PROGRESS_PERIOD_S = 0.2
 
 
 def run_directory(command: str, out: Path | None) -> Path:
-    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here.
-
-    Raises:
-        SaltusError: it cannot be written into.
-    """
+    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here."""
     path = out or new_folder(command)
     ask_for_room(path)
     return path

@@ -16,16 +16,10 @@ LARGEST_SEED = 2**63 - 1
 
 
 def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description: str) -> Any:
-    """A dataclass, or one of a union of them, from a command line.
+    """A dataclass, or one of a union of them, from a command line, by default that of this process.
 
     Where a command has a method `defaults`, its flags name which defaults hold, e.g. those of the training that it goes
     on from: the command line is then read once more with these.
-
-    Args:
-        kind: What tyro makes a command line of.
-        arguments: Without the name of the program; those of this process where they are None.
-        prog: The name of the program, for its help.
-        description: The text above its options.
 
     Raises:
         SaltusError: the command line cannot be used; what tyro would print as a box is its message.

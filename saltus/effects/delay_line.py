@@ -33,11 +33,8 @@ def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: fl
     in the delay: with delay = (n + f) dt it is (1 - f) x[k - n] + f x[k - n - 1]. Before the first sample the receiver
     holds the first.
 
-    Args:
-        signal: arrays of shape (..., 12) that travel together.
-        history: what the last call returned; None at first.
-        delay_s: one delay, or one per robot, shape (robots, 1).
-        dt_s: period of the samples.
+    The arrays of `signal`, shape (..., 12), travel together; a delay is one for all, or one per robot, shape (robots,
+    1).
     """
     steps = np.asarray(delay_s) / dt_s
     # 0.006 / 0.002 is not 3 in floating point: a thousandth of a sample is no delay that anybody can mean

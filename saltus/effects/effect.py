@@ -129,11 +129,7 @@ class Effect(Generic[Signal]):
         return dataclasses.replace(self, **taken) if taken else self
 
     def of_robot(self, name: str) -> Floats:
-        """A parameter that `fitted` takes from the robot.
-
-        Raises:
-            ConfigError: the effect has not been fitted to one.
-        """
+        """A parameter that `fitted` takes from the robot, or `ConfigError`."""
         values = getattr(self, name)
         if values is None:
             raise ConfigError(f"{self.name}.{name} is not given: fit the effect to a robot first")

@@ -28,11 +28,7 @@ def ordered(effects: tuple[Effect[Any], ...], order: Order, what: str) -> tuple[
 
 @dataclass(frozen=True)
 class Chain:
-    """Effects in one fixed order, whatever the order in which they are given; those that are null are left out.
-
-    Raises:
-        ConfigError: an effect that is given twice, or that does not belong here.
-    """
+    """Effects in one fixed order, whatever the order in which they are given; those that are null are left out."""
 
     effects: tuple[Effect[Any], ...] = ()
 
@@ -53,13 +49,7 @@ class SignalChain(Chain):
     """Effects on one signal."""
 
     def step(self, signal: Signal, time_s: float, state: tuple[Any, ...]) -> tuple[Signal, tuple[Any, ...]]:
-        """The signal after all effects, and their next states.
-
-        Args:
-            signal: The newest; the same one may come again.
-            time_s: Now, in the run's clock.
-            state: What `init` or the last `step` returned.
-        """
+        """The signal, newest or repeated, after all effects at `time_s` in the run's clock, and their next states."""
         states = []
         for effect, memory in zip(self.effects, state, strict=True):
             signal, memory = effect.apply(signal, time_s, memory)

@@ -45,11 +45,7 @@ PARTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """The effects of one robot's hardware.
-
-    Raises:
-        ConfigError: an effect that is given twice, or in a part where it does not belong.
-    """
+    """The effects of one robot's hardware."""
 
     actuator: tuple[Effect[Any], ...] = ()
     camera: tuple[Effect[Any], ...] = ()
@@ -112,8 +108,7 @@ def save_profile(name: str, profile: Profile) -> Path:
     """Writes a profile where `load_profile` finds it by name; returns the file.
 
     Raises:
-        ConfigError: a name that is none or that is taken by a profile that Saltus ships, or a folder that cannot be
-            written.
+        ConfigError: a name that is none or taken by a profile that Saltus ships, or a folder that cannot be written.
     """
     taken = [SHIPPED, _IDEAL, *shipped_profiles()]
     if name in taken or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
@@ -130,10 +125,8 @@ def save_profile(name: str, profile: Profile) -> Path:
 def load_profile(name_or_path: str, robot: Robot) -> Profile:
     """A profile by name, or from a TOML file.
 
-    Args:
-        name_or_path: "shipped" (the one that the robot has as shipped), "ideal", the name of a robot that Saltus ships
-            with a profile, a file of `profiles_folder`, or the path of a TOML file.
-        robot: Whose drives, camera and body they are.
+    A name is "shipped" (the one that the robot has as shipped), "ideal", a robot that Saltus ships with a profile, or a
+    file of `profiles_folder`.
 
     Raises:
         ConfigError: neither a name nor a file; not TOML; an unknown effect or parameter (the nearest is named); a value
@@ -165,11 +158,7 @@ def profile_from_toml(text: str) -> Profile:
 
 
 def profile_to_toml(profile: Profile) -> str:
-    """Writes a profile; parameters at their null values are left out.
-
-    Raises:
-        ConfigError: a parameter that differs from robot to robot.
-    """
+    """Writes a profile; parameters at their null values are left out. All robots must share its parameters."""
     table = {
         f.name: {effect.name: _parameters(effect) for effect in getattr(profile, f.name)}
         for f in fields(profile)

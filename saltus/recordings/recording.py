@@ -58,11 +58,7 @@ class Recording:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot of the run; where the head of the file is lost, the default one.
-
-        Raises:
-            ConfigError: it was written by another version.
-        """
+        """The robot of the run; where the head of the file is lost, the default one."""
         if "robot" in self.metadata:
             return Robot.from_toml(self.metadata["robot"])
         name = self.config.robot if self.config is not None else DEFAULT_ROBOT
@@ -70,11 +66,7 @@ class Recording:
 
     @cached_property
     def terrain(self) -> Terrain:
-        """The terrain of the run; where the head of the file is lost, the default one.
-
-        Raises:
-            ConfigError: it was written by another version, or is not in the recording and cannot be made.
-        """
+        """The terrain of the run; where the head of the file is lost, the default one."""
         if "terrain" in self.metadata:
             return Terrain.from_toml(self.metadata["terrain"])
         return make_terrain((self.config or RunConfig()).terrain)
@@ -92,11 +84,8 @@ class Recording:
     def messages(self, topic: str) -> Iterator[tuple[int, Envelope, Message]]:
         """Yields (arrival in the run's clock [ns], envelope, message) in order of arrival.
 
-        Args:
-            topic: A row of `saltus.wire.topics`; "status" yields those of all processes, "status/render" those of one.
-
-        Raises:
-            RecordingError: a message does not fit this version's messages.
+        The topic "status" yields those of all processes, "status/render" those of one. A message that does not fit this
+        version's is a `RecordingError`.
         """
         self._check_fields(topic)
         for arrival_ns, envelope, payload, key in self._records(topic):
@@ -167,11 +156,7 @@ class TopicTiming:
 
 
 def read_recording(path: Path) -> Recording:
-    """Opens a recording, checks every part of it, and keeps what is sound.
-
-    Raises:
-        RecordingError: there is no file, or nothing of it is a recording.
-    """
+    """Opens a recording, checks every part of it, and keeps what is sound; `RecordingError` where nothing is."""
     recording = Recording(path)
     try:
         with path.open("rb") as file:
@@ -256,12 +241,9 @@ def _reason(error: Exception) -> str:
 
 
 def digest(recording: Recording) -> str:
-    """sha256 over capture time and payload of heightmaps, plans and robot states, in order.
+    """sha256 over capture time and payload of heightmaps, plans and robot states, in order; none may be missing.
 
     A message that was resent in lockstep counts once. Two lockstep runs of one seed give the same digest.
-
-    Raises:
-        RecordingError: a message is missing.
     """
     total = hashlib.sha256()
     for topic in DIGEST_TOPICS:

@@ -71,12 +71,7 @@ class Viewer:
         return _message("/viewer/terrain", _make("visualization_msgs/msg/MarkerArray", markers=markers))
 
     def derive(self, message: Message, sequence: int) -> Iterator[ViewerMessage]:
-        """What a viewer needs of one recorded message; nothing for most.
-
-        Args:
-            message: The message.
-            sequence: How many of its key there were, with this one.
-        """
+        """What a viewer needs of one recorded message, the `sequence`-th of its key; nothing for most."""
         if isinstance(message, GroundTruth):
             yield _message("/viewer/tf", self._transforms(message))
         if sequence % EVERY:

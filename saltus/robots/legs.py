@@ -35,14 +35,9 @@ class LegKinematics:
         return namespace(joint_position).stack([x, y, z], -1) + self._anchor.like(joint_position)
 
     def position_and_jacobian(self, joint_position: Array) -> tuple[Array, Array]:
-        """Centres of the feet in the base frame [m] and their Jacobians [m/rad].
+        """Centres of the feet in the base frame [m], shape (..., 4, 3), and their Jacobians [m/rad], (..., 4, 3, 3).
 
-        Args:
-            joint_position: [rad], shape (..., 12).
-
-        Returns:
-            Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @ joint_velocity` is the
-            velocity of the foot in the base frame.
+        Joint positions [rad] have the shape (..., 12); `jacobian @ joint_velocity` is the velocity of the foot.
         """
         sine, cosine, x, y, z, drop, calf_x, calf_z = self._leg(joint_position)
         xp = namespace(joint_position)
@@ -69,16 +64,11 @@ class LegKinematics:
         return feet
 
     def inverse(self, foot_position: Array) -> Array:
-        """Joint angles, knees bent backwards, that put the feet at the given points.
+        """Joint angles [rad], shape (..., 12), knees bent backwards, that put feet at points [m], shape (..., 4, 3).
 
-        A point out of reach gives the straight leg towards it; a point nearer to the abduction axis than the abduction
-        link gives the angles of the nearest point that can be reached.
-
-        Args:
-            foot_position: Base frame [m], shape (..., 4, 3).
-
-        Returns:
-            [rad], shape (..., 12); joint limits are not applied.
+        Points are in the base frame. One out of reach gives the straight leg towards it; one nearer to the abduction
+        axis than the abduction link gives the angles of the nearest point that can be reached. Joint limits are not
+        applied.
         """
         xp = namespace(foot_position)
         l2, l3 = self._thigh, self._calf
@@ -113,10 +103,8 @@ class LegKinematics:
     def _foot(self, sines: Sequence[Array], cosines: Sequence[Array], offset: Array) -> tuple[Array, ...]:
         """The law of a leg, for arrays and floats: x, y, z, drop and the calf's share as in `_leg`.
 
-        Args:
-            sines: Of abduction, and of the lines of thigh and calf from straight down.
-            cosines: The same.
-            offset: Of the foot to the left [m].
+        Sines and cosines are of abduction and of the lines of thigh and calf from straight down; the foot is `offset`
+        to the left [m].
         """
         s1, s2, s3 = sines
         c1, c2, c3 = cosines

@@ -23,12 +23,7 @@ def load_robot(name_or_path: str) -> Robot:
 
 
 def derive_robot(name_or_path: str, supplement: Path | None = None) -> Derivation:
-    """The same, with where each field comes from.
-
-    Args:
-        name_or_path: As for `load_robot`.
-        supplement: TOML beside an MJCF; of a folder, its robot.toml where none is given.
-    """
+    """The same, with where each field comes from; a folder's robot.toml is its supplement where none is given."""
     path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
     if path.is_dir():
         path = path / SUPPLEMENT_FILE

@@ -42,11 +42,7 @@ class Derivation:
 
 
 def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
-    """Derives a robot from its model.
-
-    Args:
-        mjcf: The model.
-        supplement: TOML file with fields of `saltus.robots.supplement.Supplement`.
+    """Derives a robot from its model, and a TOML file with fields of `saltus.robots.supplement.Supplement`.
 
     Raises:
         ModelError: the model cannot be read, or its legs are not of our kind.

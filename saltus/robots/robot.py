@@ -55,9 +55,6 @@ class Robot:
     """A quadruped with legs of three hinges: abduction about x, then thigh and calf about y.
 
     Robots are equal when their fingerprints are. Arrays cannot be written.
-
-    Raises:
-        ConfigError: an array of another shape, a value that is no number, or a length or mass that is not positive.
     """
 
     name: str
@@ -183,11 +180,7 @@ class Robot:
 
     @classmethod
     def from_toml(cls, text: str) -> "Robot":
-        """Reads what `to_toml` wrote.
-
-        Raises:
-            ConfigError: not TOML, a key that is unknown (the nearest is named) or missing, or a value that cannot be.
-        """
+        """Reads what `to_toml` wrote, or raises `ConfigError`."""
         return config.from_toml(cls, text)
 
 

@@ -65,11 +65,7 @@ class Structure:
 
 
 def read_structure(path: str) -> Structure:
-    """Reads an MJCF file and finds its legs.
-
-    Raises:
-        ModelError: it cannot be read, or its legs are not of our kind: one line says why.
-    """
+    """Reads an MJCF file and finds its legs; `ModelError` says why that fails."""
     try:
         spec = mujoco.MjSpec.from_file(path)
         spec.compiler.fusestatic = True  # bodies that are fixed to others become part of them

@@ -56,9 +56,5 @@ def _of_all_legs(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def load_supplement(path: Path | None) -> Supplement:
-    """Reads such a file; an empty one where there is none.
-
-    Raises:
-        ConfigError: it cannot be read, or holds what is unknown or of the wrong type; the file is named.
-    """
+    """Reads such a file; an empty one where there is none. `ConfigError` names the file."""
     return Supplement() if path is None else config.load(Supplement, path)

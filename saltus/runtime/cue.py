@@ -19,11 +19,7 @@ _LINE = 0
 
 
 def await_cue(stopped: Callable[[], bool]) -> bool:
-    """Says that this process has loaded, and waits; returns whether it should begin.
-
-    Args:
-        stopped: Whether the process was told to stop while it waits.
-    """
+    """Says that this process has loaded, and waits; returns whether it should begin, and was not told to stop."""
     with contextlib.suppress(OSError):  # the supervisor is gone: so says the end of the line
         os.write(_LINE, LOADED)
     while not stopped():

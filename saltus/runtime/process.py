@@ -1,40 +1,14 @@
 """What the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
 
-A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else:
+A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
+`saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`, as only now the run
+begins; then a loop until `context.stopped` that calls `context.beat(...)` at least every 0.5 s and `run_process` around
+all of it.
 
-    from saltus.runtime.process import ProcessContext, run_process
-
-    def body(context: ProcessContext) -> None:
-        service = HeightmapService(...)                        # slow things first
-        states = context.bus.latest("controller/state")        # then subscribe ...
-        frames = context.bus.latest("camera/depth")
-        heightmaps = context.bus.publisher("heightmap/heightmap")
-        done = context.bus.publisher("done", context.name)
-        context.ready()                                        # ... then say so: only now does the run begin
-        ticks = 0
-        while not context.stopped:
-            context.beat(ticks=ticks)                          # cheap; proof of life at least every 0.5 s
-            sample = states.wait(timeout_s=0.1)
-            if sample is None:
-                continue
-            state = sample.message
-            if context.config.pace == "lockstep":
-                context.clock.set(state.time_ns)
-            elif not freshness(states.topic, state.time_ns, context.clock.now_ns()).usable:
-                continue
-            heightmap = service.step(state, frames.take())
-            heightmaps.put(heightmap)
-            done.put(Done(time_ns=state.time_ns, step=state.step, process=context.name))
-            ticks += 1
-
-    if __name__ == "__main__":
-        sys.exit(run_process("heightmap", body))
-
-A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`: `ticker.wait(); context.beat(ticks=ticker.ticks,
-overruns=ticker.overruns)`. A wait that belongs to the run lasts `context.clock.machine_s(seconds)`. The process ends by
-returning from the body (exit code 0), by SIGTERM or SIGINT (`context.stopped` becomes true; finish and return), or
-when the supervisor or its router are gone. A `SaltusError` out of the body becomes an event, one line on stderr and
-exit code 2. When the controller returns, the run is over.
+A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`. A wait that belongs to the run lasts
+`context.clock.machine_s(seconds)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
+(`context.stopped` becomes true; finish and return), or when the supervisor or its router are gone. A `SaltusError` out
+of the body becomes an event, one line on stderr and exit code 2. When the controller returns, the run is over.
 """
 
 import argparse
@@ -72,13 +46,8 @@ PEER_FLAG = "--peer"
 class ProcessContext:
     """A process and its surroundings.
 
-    Args:
-        name: Row of the process table.
-        run_config: Of the run.
-        run_dir: Of the run.
-        bus: To the other processes.
-        cued: Whether the supervisor has started it: `ready` waits for it (`saltus.runtime.cue`), and in real time the
-            scheduler is asked to prefer it.
+    If the supervisor has started it (`cued`), `ready` waits for it (`saltus.runtime.cue`), and in real time the
+    scheduler is asked to prefer it.
     """
 
     def __init__(self, name: str, run_config: RunConfig, run_dir: Path, bus: Bus, *, cued: bool = False) -> None:
@@ -120,11 +89,9 @@ class ProcessContext:
         self.beat(ticks=0)
 
     def beat(self, *, ticks: int, overruns: int = 0) -> None:
-        """Proof of life; to be called in every round of the loop, at least every 0.5 s. Sends a status when due.
+        """Proof of life, to be called in every round of the loop, at least every 0.5 s; sends a status when due.
 
-        Args:
-            ticks: Rounds that did work, so far.
-            overruns: Rounds that were left out for lack of time, so far.
+        `ticks` are rounds that did work, `overruns` rounds that were left out for lack of time, both so far.
         """
         now_s = self.clock.elapsed_s()
         if not self._ready or now_s < self._next_status_s:
@@ -157,12 +124,9 @@ class ProcessContext:
 
 
 def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Sequence[str] | None = None) -> int:
-    """Runs the body of a process and returns the exit code.
+    """Runs the body of a process, which is called once, and returns the exit code.
 
-    Args:
-        name: Row of the process table.
-        body: Called once; returns when the process is finished or `context.stopped` is true.
-        arguments: Instead of those of the command line.
+    `name` is a row of the process table; `arguments` stand for those of the command line.
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
     parser.add_argument(

@@ -58,14 +58,10 @@ class _Period:
 
 
 class RealTimeMonitor:
-    """Adds up what the processes have told lately of the messages that they receive.
+    """Adds up what the processes have told lately of the messages that they receive, from `robot`'s first word on.
 
     The processes themselves measure: on a busy computer the supervisor, of which all this is a part, may be late
     though nobody waits for it.
-
-    Args:
-        clock: Of the run, in real time.
-        robot: The process with whose first word the run begins.
     """
 
     def __init__(self, clock: RunClock, robot: str) -> None:

@@ -35,11 +35,7 @@ def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terra
 
 
 def read_run(run_dir: Path) -> RunFolder:
-    """Reads them.
-
-    Raises:
-        ConfigError: one cannot be read.
-    """
+    """Reads them."""
     return RunFolder(
         config=config.load(RunConfig, run_dir / RUN_FILE),
         robot=config.load(Robot, run_dir / ROBOT_FILE),
@@ -48,9 +44,5 @@ def read_run(run_dir: Path) -> RunFolder:
 
 
 def endpoint_of(run_dir: Path) -> str:
-    """Endpoint of the run's router.
-
-    Raises:
-        StackError: the folder does not name one.
-    """
+    """Endpoint of the run's router; `StackError` where the folder does not name one."""
     return read_client(run_dir / CLIENT_FILE)

@@ -56,13 +56,10 @@ SUPERVISOR = "supervisor"
 
 
 class Stack:
-    """The processes of one run, as a context manager.
+    """The processes of one run, as a context manager; tests bring their own table of programs.
 
-    Args:
-        run_config: Written to `run_dir/run.toml`, with the start of the run on the monotonic clock filled in. All
-            limits below are in the clock of this run.
-        run_dir: Gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`.
-        programs: The process table; tests bring their own.
+    `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
+    start of the run on the monotonic clock is filled in. All limits below are in the clock of this run.
 
     Raises:
         ConfigError, ModelError: there is no such robot or terrain.
@@ -113,11 +110,7 @@ class Stack:
         return {name: child.restarts for name, child in self._children.items()}
 
     def pid(self, name: str) -> int:
-        """Process id of a process.
-
-        Raises:
-            StackError: there is no such process, or it does not run now.
-        """
+        """Process id of a process; `StackError` where it does not run now."""
         if name not in self._children:
             raise StackError(f"no process '{name}': {nearest_hint(name, self._children)}")
         pid = self._children[name].pid
@@ -356,11 +349,7 @@ class Stack:
 
 
 def loopback_round_trip(messages: int = 50) -> float:
-    """Median time of a small message from one client to another and back, through a router on loopback [s].
-
-    Raises:
-        StackError: no router can be had, or nothing arrives.
-    """
+    """Median time of a small message from one client to another and back, through a router on loopback [s]."""
     endpoint, router = open_router()
     times = []
     with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:

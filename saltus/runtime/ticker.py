@@ -37,16 +37,11 @@ def freshness(topic: Topic, capture_ns: int, now_ns: int) -> Freshness:
 
 
 class Ticker:
-    """Loop of fixed rate on absolute deadlines of the run's clock.
+    """Loop of fixed rate on absolute deadlines of a clock, by default the machine's.
 
     A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that are missed beyond
-    that are counted as overruns and left out, so that a stall never ends in a long burst.
-
-    Args:
-        rate_hz: of the ticks.
-        catch_up: how many ticks may follow each other without a pause. 1 for hardware, which cannot make up for lost
-            time; more for a simulation, whose time would fall behind the run's clock.
-        clock: Of the run; that of the machine where none is given.
+    that are counted as overruns and left out, so that a stall never ends in a long burst. 1 is for hardware, which
+    cannot make up for lost time; more for a simulation, whose time would fall behind the run's clock.
     """
 
     def __init__(self, rate_hz: float, catch_up: int = 1, clock: RunClock | None = None) -> None:

@@ -25,20 +25,11 @@ Indices = NDArray[np.integer]
 
 
 class BatchPlant(DrivenRobots):
-    """`count` robots that know nothing of each other; the same step as `Plant`.
+    """`count` robots of one kind that know nothing of each other; the same step as `Plant`.
 
-    Args:
-        robot: Which one, for all.
-        terrains: One for all, or one for each robot.
-        count: Number of robots.
-        friction: Coefficient of friction, one for all or shape (count,).
-        payload_kg: Mass on top of the trunk [kg], one for all or shape (count,).
-        chain: What the drives do; its effects may hold one value per robot, shape (count, 1).
-        body: What is otherwise than claimed about bodies and ground; one value per robot has shape (count,).
-        imu: What the IMUs make of the motion of the bases, likewise.
-        seed: Of the randomness in the drives.
-        columns: Number of terrain boxes, where later terrains may have more than the first.
-        threads: Number of threads; 0 is one for each core.
+    Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape (count,). Effects of
+    the drives may hold one value per robot, shape (count, 1), those of bodies, ground and IMUs shape (count,).
+    `columns` is the number of terrain boxes, where later terrains may have more than the first.
     """
 
     def __init__(

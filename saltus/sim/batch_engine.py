@@ -10,14 +10,7 @@ from saltus.sim.mujoco_batch import MujocoBatch
 
 
 class BatchEngine(MujocoBatch, Engine):
-    """Many robots in MuJoCo itself; numpy arrays of float64.
-
-    Args:
-        robot: Which one.
-        count: Number of robots.
-        boxes: Terrain boxes of each.
-        threads: Of the physics; 0 is one for each core.
-    """
+    """Many robots in MuJoCo itself, each on boxes of its own; numpy arrays of float64."""
 
     def __init__(self, robot: Robot, count: int, boxes: int, *, threads: int = 0) -> None:
         super().__init__(robot, _with_contact_sensors(robot, boxes), count, threads=threads)

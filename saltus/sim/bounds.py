@@ -20,14 +20,10 @@ def terrain_nodes(model: mujoco.MjModel) -> slice:
 
 
 def tree_bounds(model: mujoco.MjModel, boxes: Boxes) -> Floats:
-    """Bounding boxes of all nodes of the world's tree.
+    """Centre and half size of each node of the world's tree [m], shape (robots, nodes, 6).
 
-    Args:
-        model: Its tree decides which node is above which.
-        boxes: All geoms that the world has, in their order; arrays of shape (robots, boxes, ...).
-
-    Returns:
-        Centre and half size of each node [m], shape (robots, nodes, 6).
+    The tree of `model` decides which node is above which; `boxes` are all geoms that the world has, in their order,
+    arrays of shape (robots, boxes, ...).
     """
     nodes = terrain_nodes(model)
     children, geom_of_node = model.bvh_child[nodes], model.bvh_nodeid[nodes]

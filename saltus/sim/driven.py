@@ -24,14 +24,9 @@ Result = TypeVar("Result")
 
 
 class DrivenRobots(ABC):
-    """Joint commands in, states out, 2 ms at a time; one robot, or with a leading dimension a batch.
+    """Joint commands in, states out, 2 ms at a time; one robot, or with a leading dimension (count,) a batch.
 
-    Args:
-        robot: Which one.
-        batch: () for one robot, or (count,).
-        chain: What the drives do to a command; by default the ideal PD law.
-        imu: What the IMU makes of the motion of the base.
-        seed: Of the randomness in both.
+    The drives are ideal by default. The seed is that of the randomness in drives and IMU.
     """
 
     def __init__(
@@ -131,14 +126,9 @@ class DrivenRobots(ABC):
 
 
 def specific_force(qacc: Floats, rotation: Floats) -> Floats:
-    """Accelerometer at the base origin, from the acceleration of the free joint.
+    """Accelerometer at the base origin, base frame [m/s^2], shape (..., 3), from the acceleration of the free joint.
 
-    Args:
-        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
-        rotation: Base to world, shape (..., 3, 3).
-
-    Returns:
-        Base frame [m/s^2], shape (..., 3).
+    `qacc`, shape (..., 18), begins with that of the base origin in the world; `rotation` is base to world.
     """
     specific_force = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
     return np.einsum("...ji,...j->...i", rotation, specific_force)

@@ -37,13 +37,8 @@ OWN_SOLVER = Solver()
 class FreeRobots(MujocoBatch):
     """`count` robots without drives, on the same boxes; only trunk, knees and feet are solid.
 
-    Args:
-        robot: Which one.
-        count: Number of robots.
-        boxes: On flat ground at height 0, or, where one of them is no higher than that, in its place; without leading
-            dimension, and there may be none.
-        solver: Of contacts.
-        threads: Of the physics; 0 is one for each core.
+    The boxes stand on flat ground at height 0, or, where one of them is no higher than that, in its place. They have no
+    leading dimension, and there may be none.
     """
 
     def __init__(

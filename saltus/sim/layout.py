@@ -30,12 +30,7 @@ BASE_DOF = 6
 
 
 class ModelLayout:
-    """Places in the arrays of a model of `scene.build_spec`.
-
-    Args:
-        robot: Whose model it is.
-        model: As it was compiled.
-    """
+    """Places in the arrays of a compiled model of `scene.build_spec`."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         self.trunk, self.payload = model.body(scene.TRUNK).id, model.body(scene.PAYLOAD).id

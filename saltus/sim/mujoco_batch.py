@@ -20,12 +20,6 @@ class MujocoBatch:
 
     `robots` picks those that a call is about, by their numbers or as a slice; by default all of them.
 
-    Args:
-        robot: Which one.
-        model: Of `scene.build_spec`.
-        count: Number of robots.
-        threads: Of the physics; 0 is one for each core.
-
     Attributes:
         qpos: Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19).
         qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18).

@@ -33,18 +33,9 @@ def standing_pose(
     position_y: Floats,
     clearance: float = CLEARANCE,
 ) -> Floats:
-    """`qpos` of robots in their stand pose with their feet `clearance` above the highest ground under them.
+    """`qpos` of robots, shape (..., 19), in their stand pose, the lowest foot `clearance` [m] above the highest ground.
 
-    Args:
-        robot: Its kind.
-        terrain: Ground; where it is a stack, one for each robot.
-        position_x: Of the base [m], shape (...).
-        yaw: Of the base [rad], shape (...).
-        position_y: Of the base [m], shape (...).
-        clearance: Of the lowest foot [m].
-
-    Returns:
-        Shape (..., 19).
+    Positions [m] and yaw [rad] of the base have the shape (...). The terrain may be a stack, one for each robot.
     """
     yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
@@ -60,7 +51,7 @@ def standing_pose(
 
 
 class Plant(DrivenRobots):
-    """One simulated robot with its drives.
+    """One simulated robot with its drives, which are ideal by default.
 
     Args:
         robot: Which one.
@@ -68,7 +59,7 @@ class Plant(DrivenRobots):
         friction: Coefficient of friction between robot and terrain.
         payload_kg: Mass on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
-        chain: What the drives do to a command; by default the ideal PD law.
+        chain: What the drives do to a command.
         body: What is otherwise than claimed about the robot's body and the ground.
         imu: What the IMU makes of the motion of the base.
         seed: Of the randomness in the drives.

@@ -42,11 +42,7 @@ _DIFFERING = (
 class WarpEngine(Engine):
     """Many robots in mujoco_warp; torch tensors of float32 that share its memory.
 
-    Args:
-        robot: Which one.
-        count: Number of robots.
-        boxes: Terrain boxes of each.
-        device: "cuda:0", or "cpu" (correct, not fast).
+    The device is "cuda:0", or "cpu" (correct, not fast).
     """
 
     def __init__(self, robot: Robot, count: int, boxes: int, *, device: str = "cuda:0") -> None:

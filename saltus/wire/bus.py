@@ -79,11 +79,7 @@ class Bell:
 
 
 class Slot:
-    """The last samples of one key; older ones than `RING` are gone. One thread fills it, one empties it.
-
-    Args:
-        bell: Rung for every sample.
-    """
+    """The last samples of one key; older ones than `RING` are gone. One thread fills it, one empties it."""
 
     def __init__(self, bell: Bell) -> None:
         self.bell = bell
@@ -208,11 +204,7 @@ class Latest:
 
 
 def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
-    """Checks a sample by itself.
-
-    Raises:
-        MessageError: see the module's docstring.
-    """
+    """Checks a sample by itself; `MessageError` as in the module's docstring."""
     if len(raw.payload) > codec.PAYLOAD_MAX:
         raise MessageError("size", f"{len(raw.payload)} bytes")
     envelope = Envelope.from_bytes(raw.attachment)
@@ -223,11 +215,10 @@ def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
 
 
 class Bus(ABC):
-    """What a process sees of the others.
+    """What a process sees of the others, below the prefix of the robot's keys.
 
-    Args:
-        prefix: Of the robot's keys.
-        bell: Rung whenever a message comes in. Buses may share one, for a process that waits for any of several robots.
+    The bell is rung whenever a message comes in. Buses may share one, for a process that waits for any of several
+    robots.
     """
 
     def __init__(self, prefix: str, bell: Bell) -> None:

@@ -71,11 +71,7 @@ class Envelope:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Envelope":
-        """Reads an attachment.
-
-        Raises:
-            MessageError: "envelope": wrong length, or a sequence below 1.
-        """
+        """Reads an attachment; `MessageError` "envelope" for a wrong length, or a sequence below 1."""
         if len(data) != _ENVELOPE.size:
             raise MessageError("envelope", f"{len(data)} bytes instead of {_ENVELOPE.size}")
         sequence, capture_ns, size, boot_id = _ENVELOPE.unpack(data)
@@ -95,11 +91,9 @@ def definition_of(type_name: str) -> str:
 
 
 def encode(message: Message) -> bytes:
-    """Writes a message as CDR.
+    """Writes a message as CDR; `MessageError` where a field does not have the shape or type that travels.
 
-    Raises:
-        MessageError: a field does not have the shape or type that travels. Values are checked by `decode`: what is
-            sent is for the receiver to judge.
+    Values are checked by `decode`: what is sent is for the receiver to judge.
     """
     kind = type(message)
     try:
@@ -114,9 +108,7 @@ def encode(message: Message) -> bytes:
 def decode(kind: type[M], data: bytes) -> M:
     """Reads and checks a message. Arrays of the result are read-only.
 
-    Raises:
-        MessageError: with one of the reasons "empty", "size", "malformed", "shape", "not_finite", "range", "enum",
-            "encoding".
+    A `MessageError` has the reason "empty", "size", "malformed", "shape", "not_finite", "range", "enum" or "encoding".
     """
     if not data:
         raise MessageError("empty")

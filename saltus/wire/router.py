@@ -14,10 +14,7 @@ PORT_ATTEMPTS = 5
 
 
 def open_router(endpoint: str | None = None) -> tuple[str, Any]:
-    """Opens a Zenoh router; returns its endpoint and its session.
-
-    Args:
-        endpoint: Where it listens, e.g. tcp/127.0.0.1:7447; a free port of loopback where none is given.
+    """Opens a Zenoh router, by default on a free port of loopback; returns its endpoint and its session.
 
     Raises:
         StackError: it cannot listen there.
@@ -39,20 +36,14 @@ def open_router(endpoint: str | None = None) -> tuple[str, Any]:
 def write_client(path: Path, endpoint: str) -> None:
     """Writes a configuration of Zenoh with which any program joins a router: `zenoh.Config.from_file(path)`.
 
-    Args:
-        path: JSON5 file; only its owner can read it.
-        endpoint: Of the router.
+    Only the owner of the JSON5 file can read it.
     """
     path.touch(mode=0o600)
     path.write_text(f"{_client(endpoint)}\n")
 
 
 def read_client(path: Path) -> str:
-    """The endpoint that a file of `write_client` names.
-
-    Raises:
-        StackError: the file cannot be read, or names no endpoint.
-    """
+    """The endpoint that a file of `write_client` names; `StackError` where it names none."""
     if not path.is_file():
         raise StackError(f"there is no {path}: it is written by saltus up, demo and router; or name an --endpoint")
     try:

@@ -22,14 +22,8 @@ class ZenohBus(Bus):
 
     Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
     messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
-    opened; what is sent before may be lost.
-
-    Args:
-        endpoint: Of the router.
-        prefix: Of the robot's keys.
-        peer: Whether this is a process of the router's own stack. Never to be guessed from the endpoint: behind a
-            tunnel peers would not find each other, and what is between two peers no router carries.
-        bell: See `Bus`; one of its own where none is given.
+    opened; what is sent before may be lost. `peer` is for processes of the router's own stack, and never to be guessed
+    from the endpoint: behind a tunnel peers would not find each other, and what is between two peers no router carries.
 
     Raises:
         StackError: no router answers at the endpoint.
@@ -106,11 +100,7 @@ class ZenohPublisher:
         self._sequence = 0
 
     def put(self, message: Message) -> None:
-        """Encodes and sends; never waits.
-
-        Raises:
-            MessageError: the message does not have the shape that travels.
-        """
+        """Encodes and sends; never waits."""
         payload = codec.encode(message)
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._boot_id)

@@ -20,12 +20,9 @@ def _candidate(effect: str, *unknowns: Unknown, **more: Any) -> Candidate:
 
 
 def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, float]) -> tuple[Candidate, ...]:
-    """All effects of a camera, nuisances last.
+    """All effects of a camera, nuisances last, counted from the claimed latency, for images of this focal length [px].
 
-    Args:
-        latency_s: Claimed.
-        focal_px: Claimed, of the images of the log.
-        ends_m: Farthest depth with all and with nothing cut.
+    `ends_m` are the farthest depths with all and with nothing cut.
     """
     clip_m, farthest_m = ends_m
     sigma_px = FLOOR * focal_px * BASELINE_M  # of the disparity, where the variance of depth is one

@@ -53,10 +53,8 @@ class CountRows:
     def residuals(self, effects: CameraEffects, predicted: Floats, noise_share: Floats) -> Floats:
         """Measured less expected in units of the standard deviation, shape (rows,).
 
-        Args:
-            effects: of the camera.
-            predicted: depth with these effects at the pixels of the grid [m], shape (kept, pixels).
-            noise_share: of the variance of noise that they leave there, shape as `predicted`.
+        `predicted` is the depth with the effects at the pixels of the grid [m], `noise_share` the share of the variance
+        of noise that they leave there, both of shape (kept, pixels).
         """
         quadratic = FLOOR**2 * (np.exp(2.0 * effects.noise_floor_level) + effects.depth_noise)
         filtered = self.noise.means(noise_share)

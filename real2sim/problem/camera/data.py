@@ -56,11 +56,7 @@ class CameraData:
 
 
 def camera_data(log: RunLog) -> CameraData:
-    """Prepares a log.
-
-    Raises:
-        RecordingError: no images, no claimed camera, or no image within segments and measured motion.
-    """
+    """Prepares a log; `RecordingError` where it has no claimed camera, or no image within segments and motion."""
     if log.depth is None or not len(log.depth.frame_id):
         raise RecordingError("the log has no images: depth.npz is missing or empty")
     camera, motion, frames, segments = claimed_camera(log.meta), BaseMotion(log), frames_of(log.depth), segments_of(log)

@@ -34,13 +34,10 @@ class EdgeCounts:
 def edge_counts(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float, clip_mm: float = np.inf
 ) -> EdgeCounts:
-    """Counts in the rows of images, both of shape (images, rows, columns), where nothing is beyond the range.
+    """Counts in the rows of images, shape (images, rows, columns), where nothing is beyond the claimed `range_m`.
 
-    Args:
-        predicted_m: depth without effects.
-        measured_mm: what the camera said; 0 invalid.
-        range_m: claimed end of the range.
-        clip_mm: what all that is farther reads as: such neighbours are equal, and no copies.
+    Depth is predicted without effects. What is farther than `clip_mm` reads as that: such neighbours are equal, and no
+    copies.
     """
     seen_m = np.minimum(predicted_m, 1e-3 * clip_mm)
     edge = seen_m[..., 1:] < (1.0 - JUMP) * seen_m[..., :-1]

@@ -37,11 +37,9 @@ def second_differences(values: Floats) -> Floats:
 
 
 def fitted_noise(depth: Floats, difference: Floats) -> DepthNoise:
-    """Fits the noise to second differences; NaN is missing.
+    """Fits the noise to second differences of measured less predicted depth [m], NaN where missing.
 
-    Args:
-        depth: predicted, at the middle of each difference [m].
-        difference: from `second_differences` of measured less predicted depth [m], shape as `depth`.
+    `depth` is predicted, at the middle of each difference [m].
     """
     known = np.isfinite(difference) & np.isfinite(depth)
     z, d = depth[known], difference[known]

@@ -68,13 +68,9 @@ class PixelGrid:
 
 
 def is_broken(depth: Floats, before: Floats, after: Floats, sigma: Floats) -> NDArray[np.bool_]:
-    """Whether depth jumps between two opposite neighbours of pixels; disparity is linear over a plane.
+    """Whether depth [m] jumps between two opposite neighbours of pixels; disparity is linear over a plane.
 
-    Args:
-        depth: of the pixels [m]; 0 or infinite is no depth.
-        before: of neighbours on one side; no depth there says nothing.
-        after: of neighbours on the opposite side.
-        sigma: noise of `depth` [m].
+    0 or infinite is no depth, and says nothing in a neighbour. `sigma` is the noise of `depth` [m].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.abs(1.0 / before + 1.0 / after - 2.0 / depth) * depth

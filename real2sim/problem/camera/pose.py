@@ -45,11 +45,7 @@ class ClaimedCamera:
 
 
 def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
-    """Reads the camera out of `meta.json`.
-
-    Raises:
-        RecordingError: a key is missing or no number.
-    """
+    """Reads the camera out of `meta.json`; `RecordingError` where a key is missing or no number."""
     camera = meta.get("camera") or {}
     try:
         return ClaimedCamera(
@@ -68,9 +64,7 @@ class BaseMotion:
 
     An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground at 1.5 m by more
     than its noise. Akima's interpolation does not swing about a base that is moved by hand from one rest to the next.
-
-    Args:
-        log: its `base.csv` is used; where there is none, the base stands still at the height of a standing robot.
+    Without `base.csv` the base stands still at the height of a standing robot.
     """
 
     def __init__(self, log: RunLog) -> None:

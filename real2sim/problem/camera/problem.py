@@ -27,9 +27,6 @@ class CameraProblem(Problem):
     compared on a grid. Pixels near edges of depth are left out there: what happens at edges is counted instead, as are
     lost images and the spread of the noise, in rows of their own.
 
-    Args:
-        log: with images, and with the claimed camera in its `meta.json`.
-
     Raises:
         RecordingError: no images, no claimed camera, or no image within the segments of the log.
     """

@@ -23,14 +23,10 @@ class Scene:
     """Whether there is a plane z = 0."""
 
     def depth(self, origin: Floats, direction: Floats) -> Floats:
-        """Along each ray in lengths of its direction, infinite where nothing is hit.
+        """Along each ray in lengths of its direction, shape (n, rays), infinite where nothing is hit.
 
-        Args:
-            origin: of the rays [m], world frame, shape (n, 3).
-            direction: world frame, shape (n, 3, rays); of depth 1, so that the result is depth along the optical axis.
-
-        Returns:
-            Shape (n, rays).
+        Origins [m] have the shape (n, 3), directions in the world (n, 3, rays): those of depth 1 give depth along the
+        axis.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = 1.0 / direction
@@ -60,10 +56,7 @@ def claimed_scenes(terrain: Any) -> tuple[Scene, ...]:
     """Readings of what `meta.json` says of the terrain, the likelier first.
 
     "flat" is the plane z = 0. A list of boxes may hold the ground as a box, or may leave it out; which it is shows in
-    the images.
-
-    Raises:
-        RecordingError: neither "flat" nor a list of boxes.
+    the images. `RecordingError` for anything else.
     """
     if terrain is None or terrain == "flat":
         return (Scene(box_low=np.empty((0, 3)), box_high=np.empty((0, 3)), has_ground=True),)

@@ -32,12 +32,9 @@ class Shake:
 
 
 def shake_of(model: DepthModel, kept: Indices, sigma: Floats) -> Shake:
-    """The shared noise of images of `model`.
+    """The shared noise of the images `kept` of `model`, whose motion knows how well it was measured.
 
-    Args:
-        model: as claimed; its motion knows how well it was measured.
-        kept: images, places in those of the model.
-        sigma: noise of each pixel [m], infinite where a pixel is not looked at; shape (kept, pixels).
+    `sigma` is the noise of each pixel [m], infinite where it is not looked at, shape (kept, pixels).
     """
     claimed = CameraEffects()
     still = model.predict(claimed, kept)

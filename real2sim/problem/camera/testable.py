@@ -11,13 +11,7 @@ STILL = 0.3  # noise units RMS that 10 ms of latency changes: below, a log of so
 
 
 def untestable_effects(data: CameraData, counts: CountRows, shift_10ms: Floats) -> dict[str, str]:
-    """Names and reasons, with numbers.
-
-    Args:
-        data: prepared log.
-        counts: its counted rows.
-        shift_10ms: change of the predicted depth by 10 ms of latency in units of noise, any shape.
-    """
+    """Names and reasons, with numbers; `shift_10ms` is what 10 ms of latency change in units of noise, any shape."""
     why: dict[str, str] = {}
     moved = float(np.sqrt(np.mean(shift_10ms**2))) if shift_10ms.size else 0.0
     if moved < STILL:

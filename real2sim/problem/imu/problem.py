@@ -63,14 +63,7 @@ def imu_candidates() -> tuple[Candidate, ...]:
 
 
 class ImuProblem(Problem):
-    """One IMU, one block "imu".
-
-    Args:
-        log: With `imu.csv`, and with `base.csv` or a base that is held.
-
-    Raises:
-        RecordingError: the log has none of that.
-    """
+    """One IMU, one block "imu"; `RecordingError` where the log lacks `imu.csv`, or the motion of its base."""
 
     name = "imu"
     blocks = ("imu",)

@@ -64,11 +64,7 @@ class ImuWindows:
 
 
 def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
-    """Cuts a log.
-
-    Raises:
-        RecordingError: no IMU, or no second of it in which the motion of the base is known.
-    """
+    """Cuts a log; `RecordingError` without an IMU, or a second in which the motion of the base is known."""
     if log.imu is None:
         raise RecordingError("the log has no imu.csv")
     time_s, values = log.imu.time_s, log.imu.values

@@ -54,12 +54,7 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
 def reach_of(rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]) -> tuple[Reach, ...]:
     """How far the log goes at each place of the legs.
 
-    Args:
-        rows: Of the log.
-        kp: Shape (joints,).
-        kd: Shape (joints,).
-        branches: Joints of each leg, shape (branches, joints).
-        steps: What `encoder_steps` found.
+    Gains have the shape (joints,), joints of each leg (branches, joints); `steps` is what `encoder_steps` found.
     """
     asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - rows.speed) + rows.tau_ff)
     speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(rows.speed), asked))

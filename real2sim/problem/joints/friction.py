@@ -12,9 +12,7 @@ the impulses of the last."""
 def with_inertia(inverse: Floats, added: Floats) -> Floats:
     """Inverse of the mass matrix after `added` [kg m^2] at the joints, one rank-one update a joint.
 
-    Args:
-        inverse: Shape (windows, branches, joints, joints, sets or 1).
-        added: Shape (..., joints, sets), broadcast with the windows.
+    Shapes (windows, branches, joints, joints, sets or 1) and (..., joints, sets).
     """
     added = added + np.zeros_like(inverse[:, :, 0])  # the shape that both have together
     for joint in range(inverse.shape[2]):

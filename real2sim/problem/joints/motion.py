@@ -55,11 +55,7 @@ class Rows:
 
 
 def uniform_rows(log: RunLog) -> Rows:
-    """Puts a log's rows on a uniform grid: states are interpolated, commands held.
-
-    Raises:
-        RecordingError: fewer rows than a window needs.
-    """
+    """Puts a log's rows on a uniform grid: states are interpolated, commands held. A log must fill one window."""
     table = log.joints
     periods = np.diff(table.time_s)
     dt = float(np.median(periods)) if len(periods) else 0.0

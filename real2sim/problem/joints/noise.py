@@ -47,14 +47,9 @@ class Whitening:
     """Standard deviation of the noise, shape (...)."""
 
     def white(self, residuals: Floats, starts: Indices) -> Floats:
-        """Whitens residuals.
+        """Whitens residuals, shape (samples, ..., sets).
 
-        Args:
-            residuals: Shape (samples, ..., sets).
-            starts: Indices of samples whose predecessor is missing.
-
-        Returns:
-            Same shape; the first samples of a stretch are divided by the spread alone.
+        The predecessors of the samples `starts` are missing: they are divided by the spread alone.
         """
         out = residuals / self.innovation[..., None]
         for i in range(ORDER):
@@ -66,12 +61,9 @@ class Whitening:
 
 
 def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> Whitening:
-    """The autoregression of pieces of noise.
+    """The autoregression of pieces of noise (pieces, PIECE, ...), of which the quietest count.
 
-    Args:
-        pieces: Shape (pieces, PIECE, ...); the quietest count.
-        floor: Smallest standard deviation to believe in, shape (...).
-        most_count: Where most pieces count, broadcast with `floor`.
+    `floor` is the smallest standard deviation to believe in, shape (...); where `most_count`, most pieces count.
     """
     energy = np.mean(pieces**2, axis=1)
     count = max(1, int(np.ceil(QUIET_SHARE * len(pieces))))
@@ -94,12 +86,9 @@ def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> W
 
 
 def quieter(repeats: Whitening, rough: Whitening, never: NDArray[np.bool_]) -> Whitening:
-    """What repeats say, but where they differ by more than noise: a battery that empties between them.
+    """What repeats say, but where they differ from what is not smooth by more than noise, as if a battery emptied.
 
-    Args:
-        repeats: From what is commanded twice.
-        rough: From what is not smooth.
-        never: Where repeats are believed at any rate, shape of the last axes.
+    Where `never`, shape of the last axes, repeats are believed at any rate.
     """
     taken = (rough.spread < CLEARLY_LESS * repeats.spread) & ~never
     return Whitening(

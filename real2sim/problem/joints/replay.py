@@ -76,14 +76,7 @@ class SimulatedMeans:
 
 
 def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> SimulatedMeans:
-    """Simulates every window with every set of effects.
-
-    Args:
-        motion: Of the log.
-        windows: `length` must be a multiple of `averaged` rows.
-        drives: Effects of the sets.
-        averaged: Rows of the log that make one sample.
-    """
+    """Simulates every window with every set of effects; `averaged` rows, by which windows divide, make a sample."""
     simulation = _Simulation(motion, windows, drives)
     per_mean = averaged * motion.every
     means = windows.length // per_mean
