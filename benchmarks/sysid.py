@@ -155,6 +155,6 @@ def _apart(log: RunLog, model: mujoco.MjModel) -> Floats:
             q, dq = data.qpos[7:].copy(), data.qvel[6:].copy()
             if row - start >= FORGOTTEN_ROWS:
                 apart += [(joints.q[row] - q) / NOISE.q_rad, (joints.dq[row] - dq) / NOISE.dq_rad_s]
-            data.ctrl[:] = kp * (joints.q_des[row] - q) + kd * (joints.dq_des[row] - dq)
+            data.ctrl[:] = kp * (joints.commanded_q[row] - q) + kd * (joints.dq_des[row] - dq)
             mujoco.mj_step(model, data)
     return np.concatenate(apart)

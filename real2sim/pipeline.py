@@ -184,7 +184,8 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...])
     else:
         findings = resolved([comparison.findings for each in examinations for comparison in each.comparisons])
         if not findings:
-            raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or ["no sensor data"]))
+            lacks = sorted({why for each in examinations for why in each.untestable.values()})
+            raise RecordingError("nothing in these logs can be compared: " + "; ".join(remarks or lacks))
         verdict = replace(merge(findings), log_faults=tuple(remarks))
         testable = {name for f in findings for name in (*f.minimum_detectable, *_names(f.effects), *_names(f.rivals))}
         lacking = {name: why for each in examinations for name, why in each.untestable.items()}

@@ -7,7 +7,7 @@ from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
 from saltus.errors import SaltusError
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
-from saltus.real2sim.problem.log import robot_of
+from saltus.real2sim.problem.log import robot_of, untold
 from saltus.real2sim.problem.problem import Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
@@ -42,7 +42,7 @@ class Sensor:
 
 
 def _no_held_base(log: RunLog) -> str:
-    return "" if log.meta["base"] == "fixed" else "the base is not held: what the ground does hides the joints"
+    return untold(log) if log.meta["base"] == "fixed" else "the base is not held: what the ground does hides the joints"
 
 
 def _no_images(log: RunLog) -> str:
@@ -56,6 +56,8 @@ def _no_free_base(log: RunLog) -> str:
         return "the base is held"
     if log.base is None:
         return "no measured pose of the base (base.csv)"
+    if untold(log):
+        return untold(log)
     if tuple(name.removesuffix("_joint") for name in log.meta["joints"]) != JOINTS:
         return f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: what moves the body is not known"
     try:

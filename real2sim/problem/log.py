@@ -72,6 +72,13 @@ def segments_of(log: RunLog) -> tuple[Segment, ...]:
     return tuple(named) if named else _cut(log.joints)
 
 
+def untold(log: RunLog) -> str:
+    """Says why a log does not say what its drives were told; empty if it does."""
+    if log.joints.q_des is None:
+        return "no commands of the joints (q_des)"
+    return "" if "kp" in log.meta else "meta.json claims no gains (kp, kd)"
+
+
 def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
     """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each."""
     count = len(meta["joints"])
@@ -112,7 +119,7 @@ def torque_limits(model: Robot | Path) -> Floats:
 def commanded(log: RunLog) -> Floats:
     """The commands' part of the drives' torque: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
     (kp, kd), joints = gains(log.meta), log.joints
-    torque = kp * joints.q_des
+    torque = kp * joints.commanded_q
     if joints.dq_des is not None:
         torque = torque + kd * joints.dq_des
     return torque if joints.tau_ff is None else torque + joints.tau_ff
@@ -162,7 +169,7 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
         start, end = float(joints.time_s[0]), float(joints.time_s[-1])
         count = max(1, round((end - start) / BLOCK_S))
         edges = list(itertools.pairwise(np.linspace(start, end, count + 1).tolist()))
-    stretches = [_commands(joints, start, end) for start, end in edges]
+    stretches = [_motion(joints)[(joints.time_s >= start) & (joints.time_s < end)] for start, end in edges]
     cut: list[Segment] = []
     for i, (start, end) in enumerate(edges):
         same = next((j for j in range(i) if _is_repeat(stretches[i], stretches[j])), i)
@@ -172,7 +179,7 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
 
 def _motions(joints: JointTable) -> list[tuple[float, float]]:
     """Start and end [s] of each motion, with the rest after it, in which it settles."""
-    changes = np.flatnonzero(np.any(np.diff(joints.q_des, axis=0) != 0, axis=1)) + 1
+    changes = np.flatnonzero(np.any(np.diff(_motion(joints), axis=0) != 0, axis=1)) + 1
     if not len(changes):
         return []
     moving_s = joints.time_s[changes]
@@ -181,8 +188,9 @@ def _motions(joints: JointTable) -> list[tuple[float, float]]:
     return [(float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a]
 
 
-def _commands(joints: JointTable, start_s: float, end_s: float) -> Floats:
-    return joints.q_des[(joints.time_s >= start_s) & (joints.time_s < end_s)]
+def _motion(joints: JointTable) -> Floats:
+    """What tells one motion from another: commands, or else the angles themselves."""
+    return joints.q if joints.q_des is None else joints.q_des
 
 
 def _is_repeat(a: Floats, b: Floats) -> bool:

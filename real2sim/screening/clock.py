@@ -94,6 +94,8 @@ def _steps(log: RunLog) -> Iterator[Fault]:
         text = f"joints: rows are {1e3 * found:.4g} ms apart, control_dt claims {1e3 * claimed:.4g} ms"
         yield Fault(name="control_dt", text=text)
         return
+    if log.joints.q_des is None:
+        return
     changes = np.flatnonzero(np.any(np.diff(log.joints.q_des, axis=0) != 0, axis=1))
     if len(changes) < MIN_ROWS:
         return

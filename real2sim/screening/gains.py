@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains, rates
+from saltus.real2sim.problem.log import gains, rates, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 
@@ -67,7 +67,7 @@ FLIPPED_FEEDFORWARD = -0.5
 
 def gain_faults(log: RunLog) -> list[Fault]:
     """Faults of kp, kd and of the signs of torques, from `tau_est`; none without it."""
-    if log.joints.tau_est is None:
+    if log.joints.tau_est is None or untold(log):
         return []
     names = log.meta["joints"]
     kp, kd = gains(log.meta)
@@ -104,7 +104,7 @@ def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_F
     best: dict[int, _Fit] = {}
     for delay in DELAYS_S:
         sent_s = joints.time_s[rows] - delay
-        error = _in_force(joints, joints.q_des, sent_s) - joints.q[rows]
+        error = _in_force(joints, joints.commanded_q, sent_s) - joints.q[rows]
         rate = -dq[rows] if joints.dq_des is None else _in_force(joints, joints.dq_des, sent_s) - dq[rows]
         # backlash shifts what the drive sees by half its width, to the side to which it pushes
         columns = [error, rate, np.tanh((kp * error + kd * rate) / SIGN_TORQUE_NM), np.ones_like(error)]

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains, model_of
+from saltus.real2sim.problem.log import gains, model_of, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
@@ -24,7 +24,7 @@ GAIN_RANGE = (0.6, 1.7)  # ratio of torque to weight; drives that are off by 20 
 
 def gravity_faults(log: RunLog) -> Iterator[Fault]:
     """Faults of joints of a held robot that hold the opposite of their weight, too much or too little."""
-    if log.meta.get("base") != "fixed" or log.base is not None:
+    if log.meta.get("base") != "fixed" or log.base is not None or untold(log):
         return
     names = list(log.meta["joints"])
     held = _mean_torque(log)
@@ -54,5 +54,5 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 def _mean_torque(log: RunLog) -> Floats:
     """Mean torque of the drives by the claimed gains [Nm], shape (joints,)."""
     kp, _ = gains(log.meta)
-    torque: Floats = np.mean(kp * (log.joints.q_des - log.joints.q), axis=0)
+    torque: Floats = np.mean(kp * (log.joints.commanded_q - log.joints.q), axis=0)
     return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))

@@ -34,6 +34,8 @@ TOO_FAST = 1.05  # same ratio: noise and filters only make dq smaller
 
 def joint_faults(log: RunLog) -> list[Fault]:
     """Faults of the columns of `joints`; later checks rely on earlier ones."""
+    if log.joints.q_des is None:
+        return [*unit_faults(log), *_limits(log), *_rates(log)]
     faults: list[Fault] = []
     for check in (_values, _names, _motions, gain_faults, gravity_faults):
         faults += check(log)
@@ -43,7 +45,7 @@ def joint_faults(log: RunLog) -> list[Fault]:
 
 
 def _values(log: RunLog) -> list[Fault]:
-    return [*_dead(log), *_units(log)]
+    return [*_dead(log), *unit_faults(log)]
 
 
 def _names(log: RunLog) -> list[Fault]:
@@ -66,7 +68,7 @@ class _SlowMotion:
         # twice: a triangular window has small side lobes
         self.q, self.q_des = (
             uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0)
-            for values in (log.joints.q, log.joints.q_des)
+            for values in (log.joints.q, log.joints.commanded_q)
         )
         self.moves = np.ptp(self.q_des, axis=0) > MOVES
 
@@ -74,7 +76,7 @@ class _SlowMotion:
 def _dead(log: RunLog) -> Iterator[Fault]:
     names = log.meta["joints"]
     joints = log.joints
-    commanded = np.ptp(joints.q_des, axis=0) > MOVES
+    commanded = np.ptp(joints.commanded_q, axis=0) > MOVES
     moved = np.ptp(joints.q, axis=0) > MOVES
     dead = commanded & (np.ptp(joints.q, axis=0) == 0)
     if dead.any():
@@ -105,15 +107,18 @@ def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
         stopped = np.flatnonzero(count[:, joint] > 1 - 0.5 / rows)
         if not len(stopped):
             continue
-        command = joints.q_des[stopped, joint]
+        command = joints.commanded_q[stopped, joint]
         groups = np.split(command, np.flatnonzero(np.diff(stopped) > 1) + 1)
         if max(float(np.ptp(group)) for group in groups) > 3 * MOVES:
             yield Fault(name="dead_channel", text=f"q of {name} stops for over 0.5 s while its command moves on")
 
 
-def _units(log: RunLog) -> Iterator[Fault]:
+def unit_faults(log: RunLog) -> Iterator[Fault]:
+    """Faults of angles that no joint reaches."""
     names = log.meta["joints"]
     for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
+        if values is None:
+            continue
         turns = np.percentile(np.abs(values), 95, axis=0)
         wrong = turns > FULL_TURN
         if wrong.any():

@@ -66,7 +66,7 @@ def check_claims(meta: dict[str, Any]) -> None:
         )
     if meta.get("base") not in BASES:
         raise _refused("base", meta.get("base"), "'fixed' (held) or 'free'")
-    for key, allowed in GAINS.items():
+    for key, allowed in GAINS.items() if meta.keys() & GAINS.keys() else ():
         values = meta.get(key)
         each = values if isinstance(values, list) else [values]
         if len(each) not in (1, len(joints)) or not all(_is_within(value, allowed) for value in each):

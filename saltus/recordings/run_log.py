@@ -34,7 +34,7 @@ IMU_COLUMNS = (*QUATERNION, *(f"gyro_{a}" for a in AXES), *(f"acc_{a}" for a in 
 BASE_COLUMNS = (*AXES, *QUATERNION, *(f"v{a}" for a in AXES))
 FEET_COLUMNS = tuple(f"f_{leg}" for leg in LEGS)
 JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est")
-REQUIRED_SIGNALS = ("q", "q_des")
+REQUIRED_SIGNALS = ("q",)
 DEPTH_ARRAYS = {
     "t_arrival": (1, "fiu", "seconds"),
     "t_capture": (1, "fiu", "seconds"),
@@ -60,11 +60,22 @@ class JointTable:
 
     time_s: Floats
     q: Floats
-    q_des: Floats
+    q_des: Floats | None = None
     dq: Floats | None = None
     dq_des: Floats | None = None
     tau_ff: Floats | None = None
     tau_est: Floats | None = None
+
+    @property
+    def commanded_q(self) -> Floats:
+        """`q_des` of a log that has it.
+
+        Raises:
+            RecordingError: it has not.
+        """
+        if self.q_des is None:
+            raise RecordingError("no commands of the joints (q_des)")
+        return self.q_des
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,10 +175,13 @@ def read_claims(directory: Path) -> dict[str, Any]:
     if not directory.exists():
         raise RecordingError(f"{directory} is not a run log: there is no such folder")
     if not directory.is_dir():
-        raise RecordingError(f"{directory} is a file; a run log is a folder with meta.json and joints.csv")
+        raise RecordingError(
+            f"{directory} is a file; a run log is a folder with meta.json and joints.csv: "
+            "`saltus real2sim import` makes one of a bag or a table"
+        )
     if not path.exists():
-        recordings = sorted(other.name for other in directory.glob("*.mcap"))
-        instead = f"; it holds a recording, {recordings[0]}, which is another format" if recordings else ""
+        recordings = sorted(other.name for kind in ("mcap", "db3") for other in directory.glob(f"*.{kind}"))
+        instead = f"; `saltus real2sim import` makes one of {recordings[0]}" if recordings else ""
         raise RecordingError(f"{directory} is not a run log: it has no meta.json{instead}")
     try:
         meta = json.loads(path.read_text())
@@ -217,11 +231,32 @@ def _read_table(directory: Path, name: str) -> tuple[Path, list[str], Floats] | 
     return path, header, np.column_stack(columns)
 
 
-def _read_csv(path: Path) -> pa.Table:
+def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, Floats]:
+    """Columns of a CSV of any kind by their names, shape (rows,) each.
+
+    Raises:
+        RecordingError: it cannot be read, lacks a column or rows, or a column holds text.
+    """
+    try:
+        table = _read_csv(path, list(dict.fromkeys(wanted)))
+        columns = {name: table[name].to_numpy() for name in wanted}
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:  # KeyError: two columns of one name
+        raise RecordingError(f"cannot read {path}: {str(error).splitlines()[0]}") from error
+    if not table.num_rows:
+        raise RecordingError(f"{path} has no rows")
+    return columns
+
+
+def _read_csv(path: Path, wanted: Sequence[str] | None = None) -> pa.Table:
     with path.open() as file:
-        header = file.readline().rstrip("\r\n").split(",")
-    types = {name.strip('"'): pa.float64() for name in header}
-    return pyarrow.csv.read_csv(path, convert_options=pyarrow.csv.ConvertOptions(column_types=types))
+        header = [name.strip().strip('"') for name in file.readline().split(",")]
+    if missing := [name for name in wanted or () if name not in header]:
+        raise ValueError(f"column '{missing[0]}' is missing")
+    convert = pyarrow.csv.ConvertOptions(
+        column_types=dict.fromkeys(header, pa.float64()), include_columns=wanted or header
+    )
+    read = pyarrow.csv.ReadOptions(column_names=header, skip_rows=1)
+    return pyarrow.csv.read_csv(path, read_options=read, convert_options=convert)
 
 
 def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> Table | None:

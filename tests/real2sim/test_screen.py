@@ -255,3 +255,12 @@ def test_a_strong_effect_of_the_camera_is_no_damage(body: RunLog) -> None:
         lambda d: np.repeat(d[::4], 4, axis=0)[: len(d)],
     ):
         assert screen(_images(change)(body)) == []
+
+
+def test_a_log_without_commands_is_screened_by_what_it_has(log: RunLog, body: RunLog) -> None:
+    for whole in (log, body):
+        meta = {key: value for key, value in whole.meta.items() if key not in ("kp", "kd")}
+        bare = replace(whole, meta=meta, joints=replace(whole.joints, q_des=None, dq_des=None, tau_ff=None))
+        assert not screen(bare)
+        in_degrees = replace(bare, joints=replace(bare.joints, q=np.rad2deg(log.joints.q[: len(bare.joints.q)])))
+        assert {fault.name for fault in screen(in_degrees)} >= {"degrees"}

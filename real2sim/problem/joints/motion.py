@@ -80,7 +80,7 @@ def uniform_rows(log: RunLog) -> Rows:
         return np.concatenate([_on_grid(table.time_s[s], values[s], grid, dt, held=held) for s, grid in parts])
 
     zeros = np.zeros((first, table.q.shape[1]))
-    q, q_des = put(_whole(table.time_s, table.q), held=False), put(_whole(table.time_s, table.q_des), held=True)
+    q, q_des = put(_whole(table.time_s, table.q), held=False), put(_whole(table.time_s, table.commanded_q), held=True)
     assert q is not None  # noqa: S101 - a log always has both
     assert q_des is not None  # noqa: S101
     dq_des, tau_ff = put(table.dq_des, held=True), put(table.tau_ff, held=True)
