@@ -1,7 +1,7 @@
 """`saltus real2sim`: what the simulator lacks, found in run logs, added to a profile, and shown to be gone."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,10 +9,11 @@ import tyro
 from tqdm import tqdm
 
 from saltus.cli.output import print_json, run_directory
-from saltus.config import DEFAULT_ROBOT
+from saltus.config import DEFAULT_ROBOT, load
 from saltus.errors import ConfigError, RecordingError
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.folders import ask_for_room, new_folder
+from saltus.recordings.description import Description, Topics
 
 if TYPE_CHECKING:
     from saltus.real2sim.experiments.menu import Experiment
@@ -78,32 +79,41 @@ class Import:
 
     For example:
       saltus real2sim import runs/one --out logs/one
-      saltus real2sim import motor_response.csv --model go2.xml --out logs/go2
+      saltus real2sim import bag --robot robots/mine --description mine.toml
+      saltus real2sim import bag --topics.joints /joint_states --topics.commands /joint_commands
+      saltus real2sim import mine.csv --description mine.toml --out logs/mine
     """
 
     recording: tyro.conf.Positional[Path]
-    """Folder or recording.mcap of a run of Saltus; or, with --model, the public CSV of a Go2 in the air
-    (docs/real2sim.md)."""
-    model: Annotated[Path | None, shown("PATH", "none")] = None
-    """MJCF of the robot of a CSV."""
+    """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2; a ROS 1 bag; or a CSV of joints."""
+    description: Annotated[Path | None, shown("PATH", "none")] = None
+    """TOML that says what a bag or a CSV does not say of itself (docs/real2sim.md)."""
+    robot: str = DEFAULT_ROBOT
+    """Of a bag or a CSV: name, or path of an MJCF or of a folder with a robot.toml."""
+    topics: Topics = field(default_factory=Topics)
+    """Of a bag. They count before those of the description."""
     out: Annotated[Path | None, NEW_FOLDER] = None
-    """Folder of the log; of a CSV, of one log for each leg."""
+    """Folder of the log; or of one log for each leg."""
 
     def run(self) -> int:
-        """Writes the logs and says where they are."""
-        from saltus.real2sim.importers.go2 import import_motor_response
-        from saltus.recordings.run_log_export import as_run_log
+        """Writes the logs and says where they are, and what is not in them."""
+        from saltus.real2sim.importers.importing import import_recording
+        from saltus.recordings.run_log_export import as_run_log, is_run
+        from saltus.robots.loading import load_robot
 
         if not self.recording.exists():
             raise RecordingError(f"cannot read {self.recording}: there is no such file")
         directory = self.out or new_folder("real2sim-import")
-        if self.model is not None:
-            logs = import_motor_response(self.recording, self.model, directory)
-        else:
-            logs = (as_run_log(self.recording, directory),)
-        if logs == (self.recording,):
-            raise RecordingError(f"{self.recording} is no run of Saltus: of a CSV name the robot's MJCF with --model")
-        for log in logs:
+        if is_run(self.recording):
+            print(as_run_log(self.recording, directory))
+            return 0
+        description = load(Description, self.description) if self.description is not None else Description()
+        given = {part: topic for part, topic in vars(self.topics).items() if topic is not None}
+        description = replace(description, topics=replace(description.topics, **given))
+        imported = import_recording(self.recording, directory, description, load_robot(self.robot))
+        for note in imported.notes:
+            print(f"note: {note}")
+        for log in imported.logs:
             print(log)
         return 0
 

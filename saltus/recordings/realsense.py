@@ -2,10 +2,12 @@
 
 import logging
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
@@ -14,9 +16,10 @@ from saltus.wire.codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
 _LOG = logging.getLogger(__name__)
+DEPTH_ENCODINGS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 _IMAGE = "/image/data"
 _DEFAULT_UNIT_M = 0.001  # librealsense's default depth unit of the D400 family
-_PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
+PIXEL_CENTRE = 0.5  # a camera_info's principal point counts from the centre of the first pixel, ours from its corner
 
 
 def read_realsense(path: Path) -> Iterator[DepthFrame]:
@@ -31,16 +34,26 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
     """
     if not path.is_file():
         raise RecordingError(f"cannot read the RealSense recording {path}: there is no such file")
+    with reading(path, "RealSense recording"), Reader(path) as reader:
+        yield from _frames(reader, path)
+
+
+@contextmanager
+def reading(path: Path, kind: str) -> Iterator[None]:
+    """Says of whatever goes wrong with a file that it cannot be read, or is none of its kind.
+
+    Raises:
+        RecordingError: with one line.
+    """
     try:
-        with Reader(path) as reader:
-            yield from _frames(reader, path)
+        yield
     except RecordingError:
         raise
     except OSError as error:
-        raise RecordingError(f"cannot read the RealSense recording {path}: {error}") from error
+        raise RecordingError(f"cannot read the {kind} {path}: {error}") from error
     except Exception as error:  # damaged bytes fail in many ways; all mean the same
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(f"{path} is no RealSense recording, or damaged: {reason}") from error
+        raise RecordingError(f"{path} is no {kind}, or damaged: {reason}") from error
 
 
 def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
@@ -72,14 +85,14 @@ def _frames(reader: Reader, path: Path) -> Iterator[DepthFrame]:
                 f"{info.width}x{info.height}"
             )
         yield DepthFrame(
-            time_ns=_nanoseconds(image.header.stamp),
+            time_ns=nanoseconds(image.header.stamp),
             frame_id=frame_id,
-            depth=_pixels(image, path),
+            depth=pixels(image, path),
             depth_unit_m=unit,
             fx=float(info.K[0]),
             fy=float(info.K[4]),
-            cx=float(info.K[2]) + _PIXEL_CENTRE,
-            cy=float(info.K[5]) + _PIXEL_CENTRE,
+            cx=float(info.K[2]) + PIXEL_CENTRE,
+            cy=float(info.K[5]) + PIXEL_CENTRE,
         )
 
 
@@ -92,19 +105,27 @@ def _first(reader: Reader, store: Any, topic: str) -> Any | None:
     return store.deserialize_ros1(raw, connection.msgtype)
 
 
-def _nanoseconds(stamp: Any) -> int:
+def nanoseconds(stamp: Any) -> int:
+    """Of the time in a message's header."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def _pixels(image: Any, path: Path) -> np.ndarray:
-    """Pixels of a 16-bit image message, shape (height, width)."""
-    if image.encoding not in ("mono16", "16UC1"):
-        raise RecordingError(f"{path}: depth encoding '{image.encoding}' is not one of mono16, 16UC1")
-    if image.step < 2 * image.width or len(image.data) != image.height * image.step:
+def pixels(image: Any, path: Path) -> NDArray[np.uint16]:
+    """Depth in an image message, shape (height, width): of 16 bits as it is, of 32 bits, which is in metres, in mm.
+
+    Raises:
+        RecordingError: another encoding, or an image of another size than it says.
+    """
+    if image.encoding not in DEPTH_ENCODINGS:
+        raise RecordingError(f"{path}: depth encoding '{image.encoding}' is not one of {', '.join(DEPTH_ENCODINGS)}")
+    kind = np.dtype(DEPTH_ENCODINGS[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
+    used = kind.itemsize * image.width
+    if image.step < used or len(image.data) != image.height * image.step:
         raise RecordingError(
             f"{path}: an image of {image.width}x{image.height} has {len(image.data)} bytes, {image.step} to a row"
         )
     rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)
-    order = ">u2" if image.is_bigendian else "<u2"
-    pixels = np.ascontiguousarray(rows[:, : 2 * image.width]).view(order)
-    return np.minimum(pixels, 65534).astype(np.uint16)
+    depth = np.ascontiguousarray(rows[:, :used]).view(kind)
+    if kind.kind == "f":
+        depth = np.rint(1e3 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
+    return np.clip(depth, 0, 65534).astype(np.uint16)

@@ -33,6 +33,7 @@ from saltus.wire.schemas import TYPE_NAME
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_S = 0.5  # what a crash may cost
+LIBRARY = "saltus"
 SCHEMA = "saltus-recording/1"
 RECORDING_FILE = "recording.mcap"
 """Name of a recording in the folder of its run."""
@@ -64,7 +65,7 @@ class Recorder:
         with _writing(path):
             self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library="saltus")
+        self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_metadata(METADATA, describe(run_config, robot, terrain))
 
     def write(self, raw: RawSample) -> None:

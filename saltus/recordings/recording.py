@@ -8,6 +8,7 @@ A file that was cut off or has flipped bits reads up to what is lost: `Recording
 import hashlib
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +22,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from saltus import config
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import ConfigError, MessageError, RecordingError
-from saltus.recordings.recorder import METADATA, METADATA_END
+from saltus.recordings.recorder import LIBRARY, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
@@ -153,6 +154,14 @@ class TopicTiming:
     rate_hz: float
     age_p50_ms: float
     age_p99_ms: float
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file begins as a recording of a run; other programs write MCAP too."""
+    with suppress(Exception), path.open("rb") as file:  # damaged bytes fail in many ways
+        first = next(StreamReader(file).records)
+        return isinstance(first, Header) and first.library == LIBRARY
+    return False
 
 
 def read_recording(path: Path) -> Recording:

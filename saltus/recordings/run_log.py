@@ -181,7 +181,7 @@ def read_claims(directory: Path) -> dict[str, Any]:
         )
     if not path.exists():
         recordings = sorted(other.name for kind in ("mcap", "db3") for other in directory.glob(f"*.{kind}"))
-        instead = f"; `saltus real2sim import` makes one of {recordings[0]}" if recordings else ""
+        instead = f"; `saltus real2sim import` makes one of the {recordings[0]} in it" if recordings else ""
         raise RecordingError(f"{directory} is not a run log: it has no meta.json{instead}")
     try:
         meta = json.loads(path.read_text())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.recordings.recorder import RECORDING_FILE
-from saltus.recordings.recording import Recording, read_recording
+from saltus.recordings.recording import Recording, is_recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS, Robot
@@ -27,11 +27,15 @@ def export_run_log(recording: Recording, directory: Path) -> None:
 
 def as_run_log(run: Path, folder: Path) -> Path:
     """A run log as it is; of a run of Saltus, by its folder or its recording, one that is written into `folder`."""
-    recording = run / RECORDING_FILE if run.is_dir() else run
-    if recording.suffix != Path(RECORDING_FILE).suffix or not recording.is_file():
+    if not is_run(run):
         return run
-    export_run_log(read_recording(recording), folder)
+    export_run_log(read_recording(run / RECORDING_FILE if run.is_dir() else run), folder)
     return folder
+
+
+def is_run(path: Path) -> bool:
+    """Whether it is the folder or the recording of a run of Saltus."""
+    return (path / RECORDING_FILE).is_file() if path.is_dir() else path.is_file() and is_recording(path)
 
 
 def _collect(recording: Recording) -> RunLog:

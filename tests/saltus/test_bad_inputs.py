@@ -236,9 +236,20 @@ BAD = {
     "real2sim find folder --seed -1": "seed = -1",
     "real2sim import": "needs PATH",
     "real2sim import missing": "missing",
-    "real2sim import folder": "no run of Saltus",
-    "real2sim import file": "no run of Saltus",
-    "real2sim import file --model missing.xml": "not the Go2 recording",
+    "real2sim import folder": "metadata",
+    "real2sim import file": "file is no recording of ROS",
+    "real2sim import junk.mcap": "junk.mcap",
+    "real2sim import empty.mcap": "empty.mcap",
+    "real2sim import junk.bag": "junk.bag",
+    "real2sim import empty.bag": "empty.bag",
+    "real2sim import folder.bag": "folder.bag",
+    "real2sim import table.csv": "--description",
+    "real2sim import table.csv --description missing.toml": "missing.toml",
+    "real2sim import table.csv --description junk.toml": "not valid TOML",
+    "real2sim import table.csv --description unknown.toml": "unknown key 'learning'",
+    "real2sim import table.csv --description columns.toml": "'spam'",
+    "real2sim import table.csv --description columns.toml --robot go3": "did you mean 'go1'?",
+    "real2sim import junk.bag --topics.joint /a": "did you mean '--topics.joints'?",
     "real2sim apply missing.toml --profile mine": "missing.toml",
     "real2sim apply junk.toml --profile mine": "junk.toml",
     "real2sim apply empty.toml --profile mine": "saltus-patch/1",
@@ -313,6 +324,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (root / f"folder.{suffix}").mkdir()
     (root / "file").write_text("kept")
     (root / "unknown.toml").write_text("[learning]\ndesired_klm = 1.0\n")
+    (root / "table.csv").write_text("t,angle\n0.0,0.1\n0.1,spam\n")
+    (root / "columns.toml").write_text('[columns]\ntime = "t"\nq = "angle"\njoints = ["FR_hip"]\n')
     contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig()).encode()}
     for name, content in contents.items():
         (root / name).mkdir()

@@ -1,0 +1,113 @@
+"""Reads a table of joints (CSV) as run logs: columns, units and order by a short description."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import Floats
+from saltus.errors import RecordingError
+from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
+from saltus.recordings.description import Columns
+from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, read_columns
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLES = ("q", "dq", "q_des", "dq_des")
+SETTLED_S = 0.25  # after touching a stop: e^-3 of the touch is left at a stop of 340 Nm/rad (Go2) under a kd of 0.5
+SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
+SEGMENT_S = 5.0  # of what a stretch is cut into: several periods of any motion
+
+
+def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
+    """One log without a name, or, where joints lean on stops, one for each leg that moves freely for a while.
+
+    `meta` of a log has joints, control_dt, and segments where stretches are left out.
+
+    Raises:
+        RecordingError: a column that is missing or holds text, or a description that does not say enough.
+    """
+    joints = list(columns.joints)
+    time_s, signals = _read(path, columns)
+    row_s = 1.0 / columns.rate_hz if columns.rate_hz is not None else float(np.median(np.diff(time_s)))
+    if columns.states_every_s is not None:
+        rate = signals.pop("dq", None)
+        if rate is None or columns.rate_hz is None:
+            raise RecordingError("[columns] states_every_s is for rows without times: it needs rate_hz and dq")
+        times = state_times(signals["q"], rate, row_s, columns.states_every_s)
+        signals["q"], _ = evenly(times, signals["q"], rate / rate_scale(signals["q"], rate, row_s), time_s)
+    meta = {"joints": joints, "control_dt": row_s}
+    if not columns.moves_freely:
+        return {"": RunLog(meta=meta, joints=JointTable(time_s=time_s, **signals))}
+    logs = {}
+    for leg in dict.fromkeys(name.partition("_")[0] for name in joints):
+        own = [i for i, name in enumerate(joints) if name.partition("_")[0] == leg]
+        leaning = _leaning(signals["q"][:, own], [joints[i] for i in own], columns.moves_freely)
+        if stretches := _stretches(leaning, row_s):
+            kept = np.concatenate([np.arange(first, end) for first, end in stretches])
+            part = {signal: values[kept][:, own] for signal, values in signals.items()}
+            claims: dict[str, Any] = {"joints": [joints[i] for i in own], "segments": _segments(stretches, row_s)}
+            table = JointTable(time_s=time_s[kept], **part)
+            logs[leg] = RunLog(meta=meta | claims, joints=table)
+    if not logs:
+        raise RecordingError(f"{path}: no leg moves freely for {SHORTEST_S:g} s")
+    return logs
+
+
+def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
+    """Times [s], and signals in SI units, shape (rows, joints) each."""
+    if (columns.time is None) == (columns.rate_hz is None):
+        raise RecordingError("[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced")
+    named = {signal: _names(columns, signal) for signal in JOINT_SIGNALS if getattr(columns, signal) is not None}
+    wanted = [*([columns.time] if columns.time is not None else []), *itertools.chain(*named.values())]
+    values = read_columns(path, wanted)
+    unit = {signal: math.radians(1.0) if columns.angle == "deg" and signal in ANGLES else 1.0 for signal in named}
+    signals = {s: unit[s] * np.stack([values[name] for name in names], axis=1) for s, names in named.items()}
+    if columns.time is not None:
+        return np.asarray(SECONDS[columns.time_unit] * values[columns.time], dtype=np.float64), signals
+    assert columns.rate_hz is not None  # noqa: S101 - as checked above
+    return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals
+
+
+def _names(columns: Columns, signal: str) -> list[str]:
+    pattern = getattr(columns, signal)
+    try:
+        return [pattern.format(joint=joint, number=number) for number, joint in enumerate(columns.joints)]
+    except (KeyError, IndexError, ValueError) as error:
+        raise RecordingError(f'[columns] {signal} = "{pattern}": within {{}} go joint or number') from error
+
+
+def _leaning(q: Floats, joints: Sequence[str], ranges: dict[str, tuple[float, float]]) -> NDArray[np.bool_]:
+    """Rows in which a joint leans on a stop."""
+    leaning = np.zeros(len(q), dtype=bool)
+    for ending, (low, high) in ranges.items():
+        own = q[:, [name.endswith(ending) for name in joints]]
+        leaning |= ((own < low) | (own > high)).any(axis=1)
+    return leaning
+
+
+def _stretches(leaning: NDArray[np.bool_], row_s: float) -> list[tuple[int, int]]:
+    """First row and end of the parts that no stop disturbs, cut into segments."""
+    free = np.ones(len(leaning) + 2, dtype=bool)
+    free[[0, -1]] = False
+    for row in np.flatnonzero(leaning):
+        free[row + 1 : row + 2 + round(SETTLED_S / row_s)] = False
+    free[-1] = False
+    edges = np.flatnonzero(np.diff(free.astype(int)))
+    cut: list[tuple[int, int]] = []
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        parts = max(1, round((end - first) * row_s / SEGMENT_S))
+        inner = np.linspace(first, end, parts + 1).astype(int).tolist()
+        if (end - first) * row_s >= SHORTEST_S:
+            cut += itertools.pairwise(inner)
+    return cut
+
+
+def _segments(stretches: list[tuple[int, int]], row_s: float) -> list[dict[str, Any]]:
+    return [
+        {"name": f"part {i}", "t0": first * row_s, "t1": end * row_s, "condition": "run"}
+        for i, (first, end) in enumerate(stretches)
+    ]

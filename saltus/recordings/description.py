@@ -1,0 +1,68 @@
+"""The short TOML that says what a bag or a table of others does not say of itself (docs/real2sim.md)."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from saltus.flags import shown
+from saltus.robots.robot import JOINTS
+
+Topic = Annotated[str | None, shown("TOPIC", "the only one of its type")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topics:
+    """Topics of a bag. One that is not named is found by its type, if there is just one."""
+
+    joints: Topic = None
+    """sensor_msgs/JointState: what was measured."""
+    commands: Topic = None
+    """sensor_msgs/JointState: what the drives were told; position, velocity, effort are q_des, dq_des, tau_ff."""
+    imu: Topic = None
+    """sensor_msgs/Imu: with orientation; acceleration with gravity."""
+    base: Topic = None
+    """nav_msgs/Odometry: measured pose of the trunk, its velocity in the trunk's own frame."""
+    depth: Topic = None
+    """sensor_msgs/Image: 16 bit in millimetres, or 32 bit in metres."""
+    camera_info: Topic = None
+    """sensor_msgs/CameraInfo: of the depth images."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Columns:
+    """Columns of a table. In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0."""
+
+    q: str
+    """Measured angles; "jpos{number}" for example."""
+    q_des: str | None = None
+    dq: str | None = None
+    dq_des: str | None = None
+    tau_ff: str | None = None
+    tau_est: str | None = None
+    joints: tuple[str, ...] = JOINTS
+    """The robot's joints in the order of their numbers."""
+    angle: Literal["rad", "deg"] = "rad"
+    """Unit of angles and rates. Torques are in Nm."""
+    time: str | None = None
+    """Column of times; without it rows are evenly spaced, at `rate_hz`."""
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    rate_hz: float | None = None
+    states_every_s: float | None = None
+    """Each row holds the newest state of a robot that measures so often: states are put on even times. `dq` serves for
+    this and is not in the log."""
+    moves_freely: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Range of joints with names that end so [rad]: beyond it they lean on a stop. Each leg of a held robot then has a
+    log of its own, without what a stop disturbs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Description:
+    """What a recording of others does not say of itself."""
+
+    claims: dict[str, Any] = field(default_factory=dict)
+    """What meta.json of the run log is to claim: base, kp, kd, terrain and so on."""
+    topics: Topics = field(default_factory=Topics)
+    """Of a bag."""
+    joint_names: dict[str, str] = field(default_factory=dict)
+    """Of a bag: its name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
+    columns: Columns | None = None
+    """Of a table."""

@@ -1,0 +1,353 @@
+"""Logs of others become run logs: bags of ROS to the last digit, tables by their description, the Go2's among them."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+from realsense_bag import write_bag as write_realsense
+from rig_logs import body_log, joints_log
+from ros_bag import write_bag
+from samples import ROBOT
+
+from saltus.cli.main import main
+from saltus.config import load
+from saltus.errors import RecordingError
+from saltus.real2sim.importers.importing import import_recording
+from saltus.real2sim.pipeline import find
+from saltus.real2sim.problem.log import load_rigs, segments_of
+from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
+from saltus.real2sim.screening.screen import screen
+from saltus.recordings.description import Columns, Description, Topics
+from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, read_run_log, write_run_log
+from saltus.robots.loading import load_robot
+from saltus.robots.robot import LEGS, Robot
+
+PROJECT = Path(__file__).resolve().parents[2]
+GO2 = PROJECT / "examples" / "go2"
+RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data"
+NOT_OF_A_BAG = ("position", "pitch", "latency", "range_max")
+
+
+def claims_of(log: RunLog) -> dict[str, Any]:
+    """What a bag or a table does not say of itself."""
+    claims = {key: log.meta[key] for key in ("base", "kp", "kd", "terrain")}
+    camera = log.meta.get("camera")
+    return claims if camera is None else claims | {"camera": {key: camera[key] for key in NOT_OF_A_BAG}}
+
+
+def same(log: RunLog, other: RunLog) -> None:
+    """Times may differ by what a nanosecond's rounding makes of them, velocities by a rotation and back."""
+    assert other.meta["joints"] == log.meta["joints"]
+    for signal in JOINT_SIGNALS:
+        mine, theirs = getattr(log.joints, signal), getattr(other.joints, signal)
+        assert (mine is None) == (theirs is None), signal
+        if mine is not None:
+            np.testing.assert_allclose(theirs, mine, rtol=0, atol=1e-14)
+    for mine, theirs in ((log.imu, other.imu), (log.base, other.base), (log.joints, other.joints)):
+        assert (mine is None) == (theirs is None)
+        if mine is not None:
+            np.testing.assert_allclose(theirs.time_s, mine.time_s, rtol=0, atol=1e-9)
+    for mine, theirs in ((log.imu, other.imu), (log.base, other.base)):
+        if mine is not None:
+            np.testing.assert_allclose(theirs.values, mine.values, rtol=0, atol=1e-14)
+    if log.depth is not None:
+        np.testing.assert_array_equal(other.depth.depth_mm, log.depth.depth_mm)
+        np.testing.assert_allclose(other.depth.arrival_s, log.depth.arrival_s, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(other.depth.capture_s, log.depth.capture_s, rtol=0, atol=1e-9)
+        mine, theirs = log.meta["camera"], other.meta["camera"]
+        assert theirs == mine | {"rate": pytest.approx(mine["rate"])}
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
+@pytest.mark.parametrize("made", [body_log, joints_log])
+def test_a_bag_of_ros_becomes_the_log_that_it_was_made_of(
+    kind: str, made: Callable[..., RunLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = made(seconds=1.0)
+    bag = write_bag(log, tmp_path / ("run.bag" if kind == "ros1" else "run"), kind)
+    description = {"claims": claims_of(log), "topics": {"joints": "/joint_states"}}
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(description))
+    out = tmp_path / "log"
+    words = ["--description", str(tmp_path / "mine.toml"), "--topics.commands", "/joint_commands", "--out", str(out)]
+    assert main(["real2sim", "import", str(bag), *words]) == 0
+    assert capsys.readouterr().out.endswith(f"\n{out}\n")
+    same(log, read_run_log(out))
+
+
+def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(tmp_path: Path) -> None:
+    log = joints_log(seconds=0.5)
+    names = {f"motor {n}_joint": name for n, name in enumerate(log.meta["joints"])}
+    odd = replace(log, meta=log.meta | {"joints": [name.removesuffix("_joint") for name in names]})
+    bag, names["motor 11_joint"] = write_bag(odd, tmp_path / "bag"), ""
+    description = Description(claims=claims_of(log), topics=Topics(joints="/joint_states"), joint_names=names)
+    read = read_run_log(import_recording(bag, tmp_path / "log", description, ROBOT).logs[0])
+    assert read.meta["joints"] == log.meta["joints"][:11]
+    np.testing.assert_array_equal(read.joints.q, log.joints.q[:, :11])
+
+
+def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:
+    log = body_log(seconds=2.0)
+    write_run_log(log, tmp_path / "log")
+    bag = write_bag(log, tmp_path / "bag")
+    description = Description(claims=claims_of(log), topics=Topics(joints="/joint_states"))
+    imported = import_recording(bag, tmp_path / "imported", description, ROBOT)
+    first, second = (find([path], tmp_path / f"of {path.name}").verdict for path in (tmp_path / "log", *imported.logs))
+    assert first.verdict != "bad_log"
+    assert (second.verdict, second.sets, second.untestable) == (first.verdict, first.sets, first.untestable)
+    for mine, theirs in zip(first.effects, second.effects, strict=True):
+        assert (mine.name, mine.where) == (theirs.name, theirs.where)
+        for name, interval in mine.params.items():
+            assert theirs.params[name].value == pytest.approx(interval.value, rel=1e-3)
+
+
+def test_a_log_is_imported_compared_and_applied_without_zenoh(tmp_path: Path) -> None:
+    write_bag(body_log(seconds=1.0), tmp_path / "bag")
+    script = """
+import sys
+sys.modules["zenoh"] = None  # importing it is an error from here on
+from saltus.cli.main import main
+for words in sys.argv[1:]:
+    assert main(words.split()) == 0, words
+"""
+    commands = (
+        f"real2sim import bag --description {PROJECT / 'examples' / 'own_log.toml'} --out log",
+        "real2sim find log --out found",
+        "real2sim apply found/patch.toml --profile mine",
+    )
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT)}
+    subprocess.run([sys.executable, "-P", "-c", script, *commands], cwd=tmp_path, env=environment, check=True)
+    assert (tmp_path / "profiles" / "mine.toml").is_file()
+
+
+def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path: Path) -> None:
+    log = body_log(seconds=4.0)
+    bag = write_bag(log, tmp_path / "bag", has_commands=False)
+    claims = {key: value for key, value in claims_of(log).items() if key not in ("kp", "kd")}
+    imported = import_recording(bag, tmp_path / "log", Description(claims=claims), ROBOT)
+    assert any("q_des, kp, kd" in note for note in imported.notes)
+    verdict = find(imported.logs, tmp_path / "found").verdict
+    assert verdict.verdict != "bad_log"
+    assert verdict.untestable["payload_mass"] == "no commands of the joints (q_des)"
+    assert "camera_latency" not in verdict.untestable
+
+
+DEGREES = Columns(
+    time="clock", time_unit="ms", angle="deg", joints=tuple(reversed(joints_log(seconds=0.1).meta["joints"])),
+    q="{joint} angle", dq="{joint} rate", q_des="told {number}", tau_est="torque {number}",
+)  # fmt: skip
+
+
+def write_table(log: RunLog, path: Path, columns: Columns) -> Path:
+    """As `columns` says, beside a column of text."""
+    order = [log.meta["joints"].index(name) for name in columns.joints]
+    lines = {"clock": 1e3 * log.joints.time_s}
+    for signal in ("q", "dq", "q_des", "tau_est"):
+        values = getattr(log.joints, signal) if signal == "tau_est" else np.rad2deg(getattr(log.joints, signal))
+        for number, (joint, place) in enumerate(zip(columns.joints, order, strict=True)):
+            lines[getattr(columns, signal).format(joint=joint, number=number)] = values[:, place]
+    rows = zip(*(map(repr, map(float, column)) for column in lines.values()), strict=True)
+    path.write_text("\n".join([", ".join(["mode", *lines]), *(",".join(["stand", *row]) for row in rows), ""]))
+    return path
+
+
+def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path) -> None:
+    log = joints_log(seconds=1.0)
+    log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
+    table = write_table(log, tmp_path / "mine.csv", DEGREES)
+    imported = import_recording(table, tmp_path / "log", Description(claims=claims_of(log), columns=DEGREES), ROBOT)
+    assert imported.notes == ("not in the log: imu, base, depth; what needs them will be untestable",)
+    same(log, read_run_log(imported.logs[0]))
+
+
+def _backwards(log: RunLog) -> RunLog:
+    time_s = log.joints.time_s.copy()
+    time_s[200:] -= 0.1
+    return replace(log, joints=replace(log.joints, time_s=time_s))
+
+
+def _in_degrees(log: RunLog) -> RunLog:
+    return replace(log, joints=replace(log.joints, q=np.rad2deg(log.joints.q)))
+
+
+def _misnamed(log: RunLog) -> RunLog:
+    return replace(log, meta=log.meta | {"joints": ["FR_hp", *log.meta["joints"][1:]]})
+
+
+@pytest.mark.parametrize(
+    ("damage", "topics", "claims", "says"),
+    [
+        (lambda log: log, Topics(joints="/states"), {}, "/states .* is not there: did you mean '/joint_states'"),
+        (lambda log: log, Topics(imu="/odom"), {}, "is of type nav_msgs/msg/Odometry"),
+        (lambda log: log, Topics(), {}, "/joint_commands or /joint_states: name one with --topics.joints"),
+        (_misnamed, Topics(joints="/joint_states"), {}, "no joint 'FR_hp': did you mean 'FR_hip'"),
+        (_backwards, Topics(joints="/joint_states"), {}, "time runs backwards"),
+        (_in_degrees, Topics(joints="/joint_states"), {}, "more than a full turn in rad; degrees?"),
+        (lambda log: log, Topics(joints="/joint_states"), {"kp": -1}, "'kp' is -1; allowed is 0 to"),
+    ],
+)
+def test_what_a_bag_cannot_mean_is_said_and_nothing_is_written(
+    damage: Callable[[RunLog], RunLog], topics: Topics, claims: dict[str, Any], says: str, tmp_path: Path
+) -> None:
+    log = replace(body_log(seconds=0.5), joints=joints_log(seconds=0.5).joints)
+    bag = write_bag(damage(log), tmp_path / "bag")
+    with pytest.raises(RecordingError, match=says):
+        import_recording(bag, tmp_path / "log", Description(topics=topics, claims=claims), ROBOT)
+    assert not (tmp_path / "log").exists()
+
+
+def _text(table: Path) -> None:
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([*lines[:50], lines[50].rpartition(",")[0] + ",high", *lines[51:]]))
+
+
+def _rows(count: int) -> Callable[[Path], None]:
+    return lambda table: table.write_text("\n".join([*table.read_text().splitlines()[: 1 + count], ""])) and None
+
+
+@pytest.mark.parametrize(
+    ("damage", "columns", "says"),
+    [
+        (_text, {}, "mine.csv: .* invalid value 'high'"),
+        (_rows(0), {}, "mine.csv has no rows"),
+        (_rows(15), {}, "15 rows are too few"),
+        (lambda table: table.write_bytes(b"\xff\xfe\x00"), {}, "cannot read .*mine.csv"),
+        (None, {"dq_des": "speed {number}"}, "column 'speed 0' is missing"),
+        (None, {"q": "{name}"}, 'q = "{name}": within {} go joint or number'),
+        (None, {"angle": "rad"}, "more than a full turn in rad; degrees?"),
+        (None, {"time": None}, "either time, a column, or rate_hz"),
+        (None, {"rate_hz": 500.0}, "either time, a column, or rate_hz"),
+        (None, {"states_every_s": 0.002}, "it needs rate_hz and dq"),
+        (None, {"time": "told 3"}, "time runs backwards"),
+        (None, {"joints": ("hip", *DEGREES.joints[1:]), "q": "told {number}", "dq": None}, "no joint 'hip'"),
+    ],
+)
+def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
+    damage: Callable[[Path], None] | None, columns: dict[str, Any], says: str, tmp_path: Path
+) -> None:
+    table = write_table(joints_log(seconds=0.5), tmp_path / "mine.csv", DEGREES)
+    if damage is not None:
+        damage(table)
+    with pytest.raises(RecordingError, match=says):
+        import_recording(table, tmp_path / "log", Description(columns=replace(DEGREES, **columns)), ROBOT)
+    assert not (tmp_path / "log").exists()
+
+
+def test_images_alone_are_for_another_command(tmp_path: Path) -> None:
+    bag = write_realsense(tmp_path / "camera.bag", 2)
+    with pytest.raises(RecordingError, match=r"`saltus render fit .*camera\.bag`"):
+        import_recording(bag, tmp_path / "log", Description(), ROBOT)
+
+
+def _leg(leg: str, front: int, left: int) -> str:
+    """A leg of about a Go2's size and mass, with friction, which the import leaves out."""
+    rub = 'damping="0.2" frictionloss="0.3"'
+    return f"""
+    <body name="{leg}_hip" pos="{0.19 * front} {0.0465 * left} 0">
+      <inertial pos="0 {0.002 * left} 0" mass="0.678" diaginertia="0.0009 0.0006 0.0005"/>
+      <joint name="{leg}_hip_joint" axis="1 0 0" {rub}/>
+      <body name="{leg}_thigh" pos="0 {0.0955 * left} 0">
+        <inertial pos="-0.004 {-0.022 * left} -0.033" mass="1.152" diaginertia="0.006 0.006 0.001"/>
+        <joint name="{leg}_thigh_joint" axis="0 1 0" {rub}/>
+        <body name="{leg}_calf" pos="0 0 -0.213">
+          <inertial pos="0.006 0 -0.141" mass="0.241" diaginertia="0.0015 0.0015 0.00005"/>
+          <joint name="{leg}_calf_joint" axis="0 1 0" {rub}/> <geom type="sphere" size="0.022" pos="0 0 -0.213"/>
+        </body>
+      </body>
+    </body>"""
+
+
+@pytest.fixture
+def go2(tmp_path: Path) -> Robot:
+    legs = "".join(_leg(leg, 1 if leg[0] == "F" else -1, 1 if leg[1] == "L" else -1) for leg in LEGS)
+    (tmp_path / "go2").mkdir()
+    (tmp_path / "go2" / "go2.xml").write_text(f"""<mujoco><worldbody><body name="base"><freejoint/>
+      <inertial pos="0 0 0" mass="6.9" diaginertia="0.02 0.1 0.1"/> <geom type="box" size="0.19 0.05 0.06"/>
+      {legs}</body></worldbody></mujoco>""")
+    shutil.copy(GO2 / "robot.toml", tmp_path / "go2")
+    return load_robot(str(tmp_path / "go2"))
+
+
+def _record(q: np.ndarray, dq: np.ndarray, path: Path) -> Path:
+    """A recording in the form of the Go2's."""
+    header = [f"jpos{j}" for j in range(12)] + [f"jvel{j}" for j in range(12)] + [f"jpos{j}_des" for j in range(12)]
+    rows = np.column_stack([q, dq, q[np.arange(len(q)) // 4 * 4]])
+    np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="")
+    return path
+
+
+def _motion(seconds: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and velocities of twelve joints every 2 ms."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.002)[:, None]
+    f, phase = rng.uniform(1.0, 4.0, 12), rng.uniform(0, 6, 12)
+    size = np.tile([0.1, 0.2, 0.25], 4)
+    q = np.tile([0.0, 0.7, -1.3], 4) + size * np.sin(2 * np.pi * f * t + phase)
+    return q, 2 * np.pi * f * size * np.cos(2 * np.pi * f * t + phase)
+
+
+@pytest.mark.parametrize("loop_jitter_s", [0.0, 0.0005])
+@pytest.mark.parametrize("scale", [1.0, 1.14])
+def test_the_states_that_passed_between_rows_are_counted(loop_jitter_s: float, scale: float) -> None:
+    rng = np.random.default_rng(3)
+    q, dq = _motion(20.0)
+    loop_s = 0.005 * np.arange(1, 3900) + rng.normal(0, loop_jitter_s, 3899)
+    state = np.floor(loop_s / 0.002).astype(int)
+    seen_q = q[state] + rng.normal(0, 3e-4, (len(state), 12))
+    seen_dq = scale * dq[state] + rng.normal(0, 0.1, (len(state), 12))
+    found = state_times(seen_q, seen_dq, 0.005, 0.002)
+    true = 0.002 * (state - state[0])
+    assert np.mean(np.abs(found - true) < 1e-9) > 0.98
+    np.testing.assert_allclose(rate_scale(seen_q, seen_dq, 0.005), scale, rtol=0.01)
+    even, _ = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
+    rows_s = 0.005 * np.arange(len(state)) + 0.002 * state[0]
+    exact = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in q.T], axis=1)
+    assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(np.mean((seen_q - exact)[10:-10] ** 2))
+
+
+def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_path: Path) -> None:
+    q, dq = _motion(16.0)
+    q[2500:2600, 2] = -0.88
+    rows = np.floor(0.005 * np.arange(3100) / 0.002).astype(int)
+    table = _record(q[rows], dq[rows], tmp_path / "recording.csv")
+    logs = import_recording(table, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2).logs
+    assert [path.name for path in logs] == ["FL", "FR", "RL", "RR"]
+    for path in logs:
+        (log,) = load_rigs([path])
+        assert log.meta["joints"] == [f"{path.name}_{joint}" for joint in ("hip", "thigh", "calf")]
+        touched = path.name == "FL"
+        assert any(5.01 < t < 5.4 for t in log.joints.time_s) != touched
+        assert all(segment.end_s - segment.start_s >= 1.0 for segment in segments_of(log))
+        assert log.joints.q[:, 2].max() <= -0.93
+        assert log.joints.dq is None
+        model = (path / "go2.xml").read_text()
+        assert not any(word in model for word in ("damping", "frictionloss"))
+        bare = load_robot(str(path / "go2.xml"))
+        np.testing.assert_allclose(bare.armature, np.tile([0.00448, 0.00448, 0.01646], 4), rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Path:
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"no real recordings beside the checkout: {RECORDINGS} is absent")
+    return RECORDINGS / "go2_motor_response_200hz.csv"
+
+
+def test_gravity_tells_left_from_right_in_the_recording(recording: Path, go2: Robot, tmp_path: Path) -> None:
+    for path in import_recording(recording, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2).logs:
+        (log,) = load_rigs([path])
+        assert not any(fault.is_fatal for fault in screen(log)), path.name
+        mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}[path.name]
+        log.meta["joints"] = [f"{mirror}_{joint}" for joint in ("hip", "thigh", "calf")]
+        assert any(fault.name == "against_gravity" for fault in screen(log)), path.name
+        assert log.meta["kp"] == 20
+        assert log.joints.q_des is not None
+        changes = np.flatnonzero(np.any(np.diff(log.joints.q_des, axis=0) != 0, axis=1))
+        assert np.median(np.diff(changes)) * 0.005 == pytest.approx(0.02)
