@@ -162,7 +162,11 @@ class ExactSolver:
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 
     def solve(self, qp: StanceQP) -> Array:
-        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
+        """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air.
+
+        Raises:
+            SaltusError: the solver failed, which a problem of finite numbers cannot bring about.
+        """
         xp = namespace(qp.gradient)
         if isinstance(qp.gradient, np.ndarray):
             return self._solve_all(qp.hessian, qp.gradient, np.asarray(qp.contact))

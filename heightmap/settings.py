@@ -30,7 +30,11 @@ _SHIPPED, _NONE = "(default: that of this checkout)", "(default: none, true heig
 
 @dataclass(frozen=True, kw_only=True)
 class ModelConfig:
-    """Sizes of the network."""
+    """Sizes of the network.
+
+    Raises:
+        ConfigError: a layer without neurons, or with more than fit into a memory.
+    """
 
     channels: tuple[int, int, int] = (8, 16, 16)
     """Of the three convolutions; original: 2, 4, 8."""
@@ -45,7 +49,11 @@ class ModelConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
-    """A training. The defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`."""
+    """A training. The defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
+
+    Raises:
+        ConfigError: a number that cannot be; the message names it.
+    """
 
     updates: int = 1500
     """Gradient steps in all."""
@@ -84,7 +92,11 @@ class TrainConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoop:
-    """How robots are let run on processors with a predictor in the loop, a batch at a time."""
+    """How robots are let run on processors with a predictor in the loop, a batch at a time.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
 
     robots: int = 32
     """In a batch."""
@@ -112,7 +124,11 @@ class ClosedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class DaggerConfig:
-    """A run of rounds; all of it but the number of rounds stays as it was begun."""
+    """A run of rounds; all of it but the number of rounds stays as it was begun.
+
+    Raises:
+        ConfigError: no rounds, no batches, or no updates.
+    """
 
     rounds: int = 3
     """In all; a run may go on for more."""
@@ -132,7 +148,11 @@ class DaggerConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessorCollection:
-    """Robots that both planners drive on processors: what a round of `DaggerConfig` collects."""
+    """Robots that both planners drive on processors: what a round of `DaggerConfig` collects.
+
+    Raises:
+        ConfigError: no batches, or a seed that is none.
+    """
 
     batches: int = 8
     """Each of `loop.robots` robots."""
@@ -151,7 +171,11 @@ class ProcessorCollection:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceLoop:
-    """How robots are let run on one device, thousands at once."""
+    """How robots are let run on one device, thousands at once.
+
+    Raises:
+        ConfigError: a number that leaves no robots, no time, or no course.
+    """
 
     robots: int = 4096
     """At once: 2.5 GB of a GPU's memory for what 6 s of them leave."""
@@ -177,7 +201,11 @@ class DeviceLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceCollection:
-    """Robots that the learned policy drives on a GPU, with the predictor in the loop."""
+    """Robots that the learned policy drives on a GPU, with the predictor in the loop.
+
+    Raises:
+        ConfigError: no robots, or a seed that is none.
+    """
 
     episodes: int = 4096
     """How many robots in all, in equal batches; falls make more episodes of them."""

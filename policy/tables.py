@@ -19,7 +19,11 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Adds rows, and a header where the table begins; columns that are new go behind the others."""
+    """Adds rows, and a header where the table begins; columns that are new go behind the others.
+
+    Raises:
+        SaltusError: the table cannot be written.
+    """
     before = read_table(path)
     known = list(before[0]) if before else []
     if not set(rows[0]) <= set(known):
@@ -36,6 +40,9 @@ def carry_on(source: Path, target: Path, iteration: int) -> None:
     """Begins a table with the rows of another one until `iteration`; without that one, nothing is written.
 
     Rows after the resumed checkpoint are left out: those iterations are trained again.
+
+    Raises:
+        SaltusError: the table cannot be written.
     """
     rows = read_table(source)
     kept = [row for row in rows if float(row["iteration"]) <= iteration]

@@ -89,7 +89,11 @@ class Patch:
         return tomli_w.dumps(table)
 
     def applied_to(self, profile: Profile, robot: Robot) -> Profile:
-        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints."""
+        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints.
+
+        Raises:
+            ConfigError: an effect, parameter or joint that this version does not know, or a value out of bounds.
+        """
         for found in self.effects:
             profile = _with(profile, robot, found, self.range)
         return profile

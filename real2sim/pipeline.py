@@ -58,6 +58,9 @@ def find(
         seed: Seed of the bootstrap.
         report: Whether to write report.html, which takes two seconds.
         progress: Called with the stage and the share that is done.
+
+    Raises:
+        SaltusError: a log that cannot be read or compared with anything, or a folder that cannot be written.
     """
     logs = load_rigs(runs)
     with _results_folder(out):

@@ -39,7 +39,11 @@ class RunClock:
         return 1e-9 * self.elapsed_ns()
 
     def set(self, time_ns: int) -> None:
-        """Lockstep: moves the clock to the step being answered. It never goes back."""
+        """Lockstep: moves the clock to the step being answered. It never goes back.
+
+        Raises:
+            ConfigError: in real time nobody sets the clock.
+        """
         if not self.lockstep:
             raise ConfigError('the clock of a real-time run cannot be set: use pace = "lockstep"')
         self._now_ns = max(self._now_ns, time_ns)

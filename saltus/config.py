@@ -192,7 +192,11 @@ def load_changes(config: Config, path: Path) -> Config:
 
 
 def read_file(path: Path, make: Callable[[str], Config]) -> Config:
-    """What `make` makes of the text of a file; errors name the file."""
+    """What `make` makes of the text of a file; errors name the file.
+
+    Raises:
+        ConfigError: the file cannot be read, is no text, or what `make` raises.
+    """
     try:
         return make(path.read_text())
     except OSError as error:

@@ -23,7 +23,11 @@ def model_id(data: bytes) -> str:
 
 
 def models_of(run: RunConfig) -> dict[str, str]:
-    """Name of each network that a run begins with, by its kind."""
+    """Name of each network that a run begins with, by its kind.
+
+    Raises:
+        ModelError: a file cannot be read.
+    """
     paths = {"heightmap": model_path("heightmap", run.heightmap_model)}
     if run.planner == "learned":
         paths["policy"] = model_path("policy", run.policy_model)

@@ -29,6 +29,9 @@ def write_onnx(
 
     Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading dimension of robots.
     Metadata say what the file is; values become JSON.
+
+    Raises:
+        ModelError: the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.partial")
     try:

@@ -44,6 +44,9 @@ def in_order(
         tasks: Its arguments.
         processes: How many; one for each core where it is not given. 1 runs everything here.
         listener: Gets what tasks `tell`, in a thread of its own.
+
+    Raises:
+        ConfigError: see `check_processes`.
     """
     check_processes(processes)
     if processes is None:

@@ -60,7 +60,11 @@ def info(directory: Path) -> DatasetInfo:
 
 
 def validate(directory: Path) -> list[str]:
-    """What is wrong with a dataset, shard by shard; nothing where it is sound."""
+    """What is wrong with a dataset, shard by shard; nothing where it is sound.
+
+    Raises:
+        DatasetError: no dataset there, or its manifest is damaged.
+    """
     records = read_records(directory)
     damages = [damage for record in records for damage in _damages(directory / record.file, record)]
     first: dict[str, ShardRecord] = {}

@@ -61,7 +61,11 @@ _NS = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutRuns:
-    """Which runs."""
+    """Which runs.
+
+    Raises:
+        ConfigError: no runs, none that counts, or a baseline that is not known.
+    """
 
     runs: int = 200
     seed: int = 0

@@ -55,12 +55,21 @@ class Train:
     training: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=for_gpu)
 
     def defaults(self) -> "Train":
-        """The same command with what its flags go on from: resumed training or the device's defaults, and --config."""
+        """The same command with what its flags go on from: resumed training or the device's defaults, and --config.
+
+        Raises:
+            SaltusError: a file cannot be used, or training is not installed.
+        """
         start = self._start()
         return replace(self, training=load_changes(start, self.config) if self.config else start)
 
     def run(self) -> int:
-        """Trains to the end of the time, with one line every ten seconds; saves where it is interrupted."""
+        """Trains to the end of the time, with one line every ten seconds; saves where it is interrupted.
+
+        Raises:
+            KeyboardInterrupt: it was interrupted; what was learned is saved.
+            SaltusError: something of it cannot be; the message says what.
+        """
         if not 0.0 < self.minutes < math.inf:
             raise SaltusError(f"minutes = {self.minutes:g}: it must be more than 0, and have an end")
         if self.iterations is not None:

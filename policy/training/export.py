@@ -47,6 +47,9 @@ def export(checkpoint: Path, path: Path) -> float:
 
     Returns:
         Greatest difference between torch and the file over random observations, as a share of each action's range.
+
+    Raises:
+        SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
     """
     state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)

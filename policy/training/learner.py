@@ -98,7 +98,11 @@ class Learner:
         write_checkpoint(path, state)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds."""
+        """Goes on from a file that `save` wrote, with any number of robots and any bounds; returns what it holds.
+
+        Raises:
+            SaltusError: the file is no checkpoint, or one of networks of another size.
+        """
         state = read_checkpoint(path, self._env.device)
         try:
             self.ppo.load(state, None, strict=True)

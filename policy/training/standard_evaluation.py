@@ -49,7 +49,11 @@ COURSES: dict[str, TerrainConfig] = {
 
 
 def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, processes: int) -> Iterator[Row]:
-    """Exports a checkpoint and runs it on courses, one batch of robots each; rows come in the order of the courses."""
+    """Exports a checkpoint and runs it on courses, one batch of robots each; rows come in the order of the courses.
+
+    Raises:
+        SaltusError: the checkpoint cannot be read or does not fit.
+    """
     from saltus.policy.training.checkpoint import config_of, read_checkpoint
     from saltus.policy.training.export import export  # here: the processes that run trials need no torch
 

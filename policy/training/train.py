@@ -70,6 +70,10 @@ def train(
         evaluate_minutes: Time between evaluations with the deployed stack, which run beside the training; 0 for none.
         code: Which code trains, where this machine cannot tell.
         note: A line for people before it begins.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; what was learned is saved.
+        SaltusError: a checkpoint cannot be read or written.
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)

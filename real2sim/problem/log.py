@@ -30,7 +30,11 @@ SHARED_CLAIMS = ("robot", "base", "joints", "kp", "kd", "control_dt", "terrain",
 
 
 def load_rigs(paths: Sequence[Path]) -> list[RunLog]:
-    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other."""
+    """Reads runs. Those that claim the same rig are read as one log, in which they follow each other.
+
+    Raises:
+        RecordingError: no run given, one that is given twice, or one that cannot be read.
+    """
     if not paths:
         raise RecordingError("name at least one run log")
     rigs: dict[str, list[tuple[Path, RunLog]]] = {}

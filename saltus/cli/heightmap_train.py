@@ -29,7 +29,11 @@ PACKAGES = "pip install 'saltus[train]'"
 
 @contextmanager
 def training_packages() -> Iterator[None]:
-    """Says in one line which package is missing."""
+    """Says in one line which package is missing.
+
+    Raises:
+        SaltusError: one is.
+    """
     try:
         yield
     except ImportError as error:

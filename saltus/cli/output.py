@@ -18,7 +18,11 @@ PROGRESS_PERIOD_S = 0.2
 
 
 def run_directory(command: str, out: Path | None) -> Path:
-    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here."""
+    """The folder of this run: `out`, or a new `runs/<date>-<command>`. It is made here.
+
+    Raises:
+        SaltusError: it cannot be written into.
+    """
     path = out or new_folder(command)
     ask_for_room(path)
     return path

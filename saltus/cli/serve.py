@@ -17,6 +17,9 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
     """Runs `python -P -m module` against a router and returns its exit code.
 
     Ctrl-C and the signals that end a command end it too, cleanly.
+
+    Raises:
+        ConfigError: the folder holds no run.
     """
     from saltus.runtime.process import PEER_FLAG
     from saltus.runtime.run_folder import RUN_FILE, endpoint_of

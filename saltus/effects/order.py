@@ -28,7 +28,11 @@ def ordered(effects: tuple[Effect[Any], ...], order: Order, what: str) -> tuple[
 
 @dataclass(frozen=True)
 class Chain:
-    """Effects in one fixed order, whatever the order in which they are given; those that are null are left out."""
+    """Effects in one fixed order, whatever the order in which they are given; those that are null are left out.
+
+    Raises:
+        ConfigError: an effect that is given twice, or that does not belong here.
+    """
 
     effects: tuple[Effect[Any], ...] = ()
 

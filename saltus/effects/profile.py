@@ -45,7 +45,11 @@ PARTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """The effects of one robot's hardware."""
+    """The effects of one robot's hardware.
+
+    Raises:
+        ConfigError: an effect that is given twice, or in a part where it does not belong.
+    """
 
     actuator: tuple[Effect[Any], ...] = ()
     camera: tuple[Effect[Any], ...] = ()
@@ -158,7 +162,11 @@ def profile_from_toml(text: str) -> Profile:
 
 
 def profile_to_toml(profile: Profile) -> str:
-    """Writes a profile; parameters at their null values are left out. All robots must share its parameters."""
+    """Writes a profile; parameters at their null values are left out. All robots must share its parameters.
+
+    Raises:
+        ConfigError: a parameter that differs from robot to robot.
+    """
     table = {
         f.name: {effect.name: _parameters(effect) for effect in getattr(profile, f.name)}
         for f in fields(profile)

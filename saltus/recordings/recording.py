@@ -59,7 +59,11 @@ class Recording:
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot of the run; where the head of the file is lost, the default one."""
+        """The robot of the run; where the head of the file is lost, the default one.
+
+        Raises:
+            ConfigError: it was written by another version.
+        """
         if "robot" in self.metadata:
             return Robot.from_toml(self.metadata["robot"])
         name = self.config.robot if self.config is not None else DEFAULT_ROBOT
@@ -67,7 +71,11 @@ class Recording:
 
     @cached_property
     def terrain(self) -> Terrain:
-        """The terrain of the run; where the head of the file is lost, the default one."""
+        """The terrain of the run; where the head of the file is lost, the default one.
+
+        Raises:
+            ConfigError: it was written by another version, or is not in the recording and cannot be made.
+        """
         if "terrain" in self.metadata:
             return Terrain.from_toml(self.metadata["terrain"])
         return make_terrain((self.config or RunConfig()).terrain)
@@ -253,6 +261,9 @@ def digest(recording: Recording) -> str:
     """sha256 over capture time and payload of heightmaps, plans and robot states, in order; none may be missing.
 
     A message that was resent in lockstep counts once. Two lockstep runs of one seed give the same digest.
+
+    Raises:
+        RecordingError: a message is missing.
     """
     total = hashlib.sha256()
     for topic in DIGEST_TOPICS:

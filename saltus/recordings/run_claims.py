@@ -82,7 +82,11 @@ def check_claims(meta: dict[str, Any]) -> None:
 
 
 def segments(meta: dict[str, Any]) -> list[dict[str, Any]]:
-    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none."""
+    """Segments that a log's meta.json names, beside `excitation` or within it; none if it names none.
+
+    Raises:
+        RecordingError: a segment without name, t0, t1 or condition, or that ends before it begins.
+    """
     excitation = meta.get("excitation")
     named = meta.get("segments", excitation.get("segments") if isinstance(excitation, dict) else None) or []
     if not isinstance(named, list):

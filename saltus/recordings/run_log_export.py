@@ -21,12 +21,20 @@ NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "inv
 
 
 def export_run_log(recording: Recording, directory: Path) -> None:
-    """Writes a recording as a run log, with the robot's model beside it where Saltus does not ship that robot."""
+    """Writes a recording as a run log, with the robot's model beside it where Saltus does not ship that robot.
+
+    Raises:
+        RecordingError: the recording has no joint data, or the directory cannot be written.
+    """
     write_run_log(_collect(recording), directory, recording.robot)
 
 
 def as_run_log(run: Path, folder: Path) -> Path:
-    """A run log as it is; of a run of Saltus, by its folder or its recording, one that is written into `folder`."""
+    """A run log as it is; of a run of Saltus, by its folder or its recording, one that is written into `folder`.
+
+    Raises:
+        RecordingError: the recording cannot be read, has no joint data, or the log cannot be written.
+    """
     if not is_run(run):
         return run
     export_run_log(read_recording(run / RECORDING_FILE if run.is_dir() else run), folder)

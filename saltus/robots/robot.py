@@ -55,6 +55,9 @@ class Robot:
     """A quadruped with legs of three hinges: abduction about x, then thigh and calf about y.
 
     Robots are equal when their fingerprints are. Arrays cannot be written.
+
+    Raises:
+        ConfigError: an array of another shape, a value that is no number, or a length or mass that is not positive.
     """
 
     name: str

@@ -15,7 +15,11 @@ def shipped_robots() -> list[str]:
 
 
 def shipped_folder(name: str) -> Path:
-    """The folder of one of `shipped_robots`."""
+    """The folder of one of `shipped_robots`.
+
+    Raises:
+        ConfigError: it is none of them.
+    """
     if name not in shipped_robots():
         raise ConfigError(f"no robot '{name}': {nearest_hint(name, shipped_robots())}")
     return _HERE / name

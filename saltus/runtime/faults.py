@@ -58,6 +58,9 @@ def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: f
     """Starts a real-time run, kills a process `after_s` after the robot has begun to run, and goes on watching.
 
     All times are in the clock of the run.
+
+    Raises:
+        StackError: the robot did not begin to run, or the run could not go on.
     """
     with Stack(config, directory) as stack:
         states = stack.latest("controller/state")

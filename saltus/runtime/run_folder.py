@@ -35,7 +35,11 @@ def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terra
 
 
 def read_run(run_dir: Path) -> RunFolder:
-    """Reads them."""
+    """Reads them.
+
+    Raises:
+        ConfigError: one cannot be read.
+    """
     return RunFolder(
         config=config.load(RunConfig, run_dir / RUN_FILE),
         robot=config.load(Robot, run_dir / ROBOT_FILE),

@@ -349,7 +349,11 @@ class Stack:
 
 
 def loopback_round_trip(messages: int = 50) -> float:
-    """Median time of a small message from one client to another and back, through a router on loopback [s]."""
+    """Median time of a small message from one client to another and back, through a router on loopback [s].
+
+    Raises:
+        StackError: no router can be had, or nothing arrives.
+    """
     endpoint, router = open_router()
     times = []
     with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:

@@ -100,7 +100,11 @@ class ZenohPublisher:
         self._sequence = 0
 
     def put(self, message: Message) -> None:
-        """Encodes and sends; never waits."""
+        """Encodes and sends; never waits.
+
+        Raises:
+            MessageError: the message does not have the shape that travels.
+        """
         payload = codec.encode(message)
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._boot_id)

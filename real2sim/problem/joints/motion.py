@@ -55,7 +55,11 @@ class Rows:
 
 
 def uniform_rows(log: RunLog) -> Rows:
-    """Puts a log's rows on a uniform grid: states are interpolated, commands held. A log must fill one window."""
+    """Puts a log's rows on a uniform grid: states are interpolated, commands held. A log must fill one window.
+
+    Raises:
+        RecordingError: fewer rows than a window needs.
+    """
     table = log.joints
     periods = np.diff(table.time_s)
     dt = float(np.median(periods)) if len(periods) else 0.0
