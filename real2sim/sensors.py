@@ -7,13 +7,15 @@ from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
 from saltus.errors import SaltusError
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
-from saltus.real2sim.problem.log import robot_of, untold
+from saltus.real2sim.problem.log import has_changing_gains, robot_of, untold
 from saltus.real2sim.problem.problem import Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
 
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 """Effects of how a robot is operated, not of its hardware."""
+
+CHANGING_GAINS = "the drives' gains change within the log: replays take one kp and one kd for each joint"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +44,9 @@ class Sensor:
 
 
 def _no_held_base(log: RunLog) -> str:
-    return untold(log) if log.meta["base"] == "fixed" else "the base is not held: what the ground does hides the joints"
+    if log.meta["base"] != "fixed":
+        return "the base is not held: what the ground does hides the joints"
+    return untold(log) or (CHANGING_GAINS if has_changing_gains(log) else "")
 
 
 def _no_images(log: RunLog) -> str:
@@ -68,7 +72,7 @@ def _no_free_base(log: RunLog) -> str:
         return "the robot's model counts angles the other way: positive is about x (hip) and y (thigh, calf)"
     share = carried_by(log)
     if share >= LEAST_SHARE:
-        return ""
+        return CHANGING_GAINS if has_changing_gains(log) else ""
     return f"the robot does not stand on its legs: their drives carry {share:.0%} of its weight"
 
 

@@ -15,7 +15,15 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_claims import segments
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, read_claims, read_run_log
+from saltus.recordings.run_log import (
+    JOINT_SIGNALS,
+    DepthTable,
+    JointTable,
+    RunLog,
+    Table,
+    read_claims,
+    read_run_log,
+)
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
@@ -90,6 +98,21 @@ def gains(meta: dict[str, Any]) -> tuple[Floats, Floats]:
     return kp, kd
 
 
+def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
+    """Stiffness and damping of each command, shape (rows, joints) each: of the columns, or else as claimed."""
+    own = (log.joints.kp, log.joints.kd)
+    kp, kd = (
+        np.broadcast_to(claimed, log.joints.q.shape) if column is None else column
+        for column, claimed in zip(own, gains(log.meta), strict=True)
+    )
+    return kp, kd
+
+
+def has_changing_gains(log: RunLog) -> bool:
+    """Whether commands come with other gains than those that are claimed."""
+    return any(np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log.meta), strict=True))
+
+
 def model_of(meta: dict[str, Any]) -> Robot | Path:
     """The model that a log names: a robot that Saltus ships, or the path of an MJCF of any kind."""
     name = str(meta["robot"])
@@ -122,7 +145,7 @@ def torque_limits(model: Robot | Path) -> Floats:
 
 def commanded(log: RunLog) -> Floats:
     """The commands' part of the drives' torque: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
-    (kp, kd), joints = gains(log.meta), log.joints
+    (kp, kd), joints = gains_in_force(log), log.joints
     torque = kp * joints.commanded_q
     if joints.dq_des is not None:
         torque = torque + kd * joints.dq_des
@@ -136,7 +159,7 @@ def rates(joints: JointTable) -> Floats:
 
 def drive_torque(log: RunLog) -> Floats:
     """Torque by the law of the drives on measured angles and velocities [Nm], shape (rows, joints)."""
-    kp, kd = gains(log.meta)
+    kp, kd = gains_in_force(log)
     return np.asarray(commanded(log) - kp * log.joints.q - kd * rates(log.joints))
 
 
@@ -244,7 +267,7 @@ def _later(table: Table | None, shift_s: float) -> Table | None:
 def _join(logs: Sequence[RunLog]) -> RunLog:
     """One log of runs on consecutive clocks, with the signals that all runs have."""
     signals: dict[str, Floats | None] = {}
-    for signal in ("q", "q_des", "dq", "dq_des", "tau_ff", "tau_est"):
+    for signal in JOINT_SIGNALS:
         parts = [getattr(log.joints, signal) for log in logs]
         signals[signal] = None if any(part is None for part in parts) else np.concatenate(parts)
     joints = JointTable(time_s=np.concatenate([log.joints.time_s for log in logs]), **signals)  # type: ignore[arg-type]

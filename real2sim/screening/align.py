@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.view import expected_depth
-from saltus.real2sim.problem.log import commanded, gains, untold
+from saltus.real2sim.problem.log import commanded, gains, has_changing_gains, untold
 from saltus.recordings.run_log import RunLog, Table
 
 SEARCH_S = (-0.05, 0.2)  # offsets that are tried: some lead, and the largest latency of a camera on a robot
@@ -189,7 +189,7 @@ def _trend(
 def _torque_on_command(log: RunLog) -> ClockOffset | None:
     """Torque without the encoder's part shows when a command arrived at the drive."""
     joints = log.joints
-    if joints.tau_est is None or joints.dq is None or untold(log):
+    if joints.tau_est is None or joints.dq is None or untold(log) or has_changing_gains(log):
         return None
     (kp, kd), command = gains(log.meta), commanded(log)
     moved = np.ptp(command, axis=0) > 0

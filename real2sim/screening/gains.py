@@ -1,16 +1,18 @@
 """Compares the gains that a log claims with those that the drives' own torque shows.
 
 `tau_est` of each joint is regressed on what its PD law sees: position error, velocity error and feed-forward torque.
-The command packet may be late, so the regression is repeated for several delays and the best one counts.
+The command packet may be late, so the regression is repeated for several delays and the best one counts. Where gains
+come with each command, errors count by their share of the largest one.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains, rates, untold
+from saltus.real2sim.problem.log import gains_in_force, rates, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
 
@@ -70,8 +72,12 @@ def gain_faults(log: RunLog) -> list[Fault]:
     if log.joints.tau_est is None or untold(log):
         return []
     names = log.meta["joints"]
-    kp, kd = gains(log.meta)
-    fits = _fits(log.joints, log.joints.tau_est, kp, kd)
+    told = gains_in_force(log)
+    kp, kd = (np.max(each, axis=0) for each in told)
+    stiff, damped = (
+        each / np.where(top > 0.0, top, np.inf) + (top == 0.0) for each, top in zip(told, (kp, kd), strict=True)
+    )
+    fits = _fits(log.joints, log.joints.tau_est, (kp, kd), (stiff, damped))
     return [f for j, name in enumerate(names) for f in _faults(name, fits[j], float(kp[j]), float(kd[j]))]
 
 
@@ -81,6 +87,8 @@ class _Fit:
 
     explained: float
     """Share of the torque's variance."""
+    followed: float
+    """The same where the drive has stiffness."""
     kp: float
     kp_margin: float
     """By how much kp may be off by chance: `STANDARD_ERRORS` of its standard error."""
@@ -98,20 +106,26 @@ class _Fit:
         return self.torque_nm * (1.0 - self.explained) ** 0.5
 
 
-def _fits(joints: JointTable, torque: Floats, kp: Floats, kd: Floats) -> list[_Fit]:
+def _fits(
+    joints: JointTable, torque: Floats, gains: tuple[Floats, Floats], shares: tuple[Floats, Floats]
+) -> list[_Fit]:
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     dq = rates(joints)
     best: dict[int, _Fit] = {}
     for delay in DELAYS_S:
         sent_s = joints.time_s[rows] - delay
-        error = _in_force(joints, joints.commanded_q, sent_s) - joints.q[rows]
-        rate = -dq[rows] if joints.dq_des is None else _in_force(joints, joints.dq_des, sent_s) - dq[rows]
+        stiff, damped = (_in_force(joints, share, sent_s) for share in shares)
+        error = _in_force(joints, shares[0] * joints.commanded_q, sent_s) - stiff * joints.q[rows]
+        rate = -damped * dq[rows]
+        if joints.dq_des is not None:
+            rate += _in_force(joints, shares[1] * joints.dq_des, sent_s)
         # backlash shifts what the drive sees by half its width, to the side to which it pushes
-        columns = [error, rate, np.tanh((kp * error + kd * rate) / SIGN_TORQUE_NM), np.ones_like(error)]
+        columns = [error, rate, np.tanh((gains[0] * error + gains[1] * rate) / SIGN_TORQUE_NM), np.ones_like(error)]
         if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
             columns += [_in_force(joints, joints.tau_ff, sent_s - late) for late in FEEDFORWARD_DELAYS_S]
         for joint in range(torque.shape[1]):
-            fit = _regress([column[:, joint] for column in columns], torque[rows, joint])
+            is_stiff = shares[0][rows, joint] > 0.0
+            fit = _regress([column[:, joint] for column in columns], torque[rows, joint], is_stiff)
             if joint not in best or fit.explained > best[joint].explained:
                 best[joint] = fit
     return [best[joint] for joint in range(torque.shape[1])]
@@ -123,14 +137,16 @@ def _in_force(joints: JointTable, commands: Floats, when_s: Floats) -> Floats:
     return np.asarray(np.mean([commands[np.clip(row, 0, len(commands) - 1)] for row in rows], axis=0))
 
 
-def _regress(columns: list[Floats], torque: Floats) -> _Fit:
+def _regress(columns: list[Floats], torque: Floats, is_stiff: NDArray[np.bool_]) -> _Fit:
     """Least squares of a torque on columns in the order error, rate, side of the backlash, constant, feed-forward."""
     matrix = np.stack(columns)
     inverse = np.linalg.pinv(matrix @ matrix.T, rcond=SINGULAR, hermitian=True)
     solution = inverse @ (matrix @ torque)
-    left, variance = float(np.var(torque - solution @ matrix)), float(np.var(torque))
+    rest = torque - solution @ matrix
+    left, variance = float(np.var(rest)), float(np.var(torque))
     return _Fit(
         explained=1 - left / max(variance, 1e-12),
+        followed=1 - float(np.var(rest[is_stiff])) / max(float(np.var(torque[is_stiff])), 1e-12),
         kp=float(solution[0]),
         kp_margin=STANDARD_ERRORS * float(np.sqrt(left * inverse[0, 0])),
         kd=float(solution[1]),
@@ -145,8 +161,8 @@ def _regress(columns: list[Floats], torque: Floats) -> _Fit:
 def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
     left = fit.residual_nm
     is_judged = fit.torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + kp * HALF_BACKLASH_RAD
-    if is_judged and fit.explained < LEAST_EXPLAINED:
-        text = f"q, q_des and gains explain {fit.explained:.0%} of tau_est of {name}: the columns are not of one joint"
+    if is_judged and fit.followed < LEAST_EXPLAINED:
+        text = f"q, q_des and gains explain {fit.followed:.0%} of tau_est of {name}: the columns are not of one joint"
         yield Fault(name="torque_unexplained", text=text)
         return
     is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * fit.torque_nm)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains, model_of, untold
+from saltus.real2sim.problem.log import gains_in_force, model_of, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held import HeldRobot
@@ -53,6 +53,6 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 
 def _mean_torque(log: RunLog) -> Floats:
     """Mean torque of the drives by the claimed gains [Nm], shape (joints,)."""
-    kp, _ = gains(log.meta)
+    kp, _ = gains_in_force(log)
     torque: Floats = np.mean(kp * (log.joints.commanded_q - log.joints.q), axis=0)
     return torque if log.joints.tau_ff is None else np.asarray(torque + np.mean(log.joints.tau_ff, axis=0))

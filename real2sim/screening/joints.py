@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import model_of
+from saltus.real2sim.problem.log import gains_in_force, model_of, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import gravity_faults
@@ -65,10 +65,12 @@ class _SlowMotion:
         self.joints: list[str] = log.meta["joints"]
         self.is_fixed = log.meta.get("base") == "fixed"
         width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
+        told = log.joints.commanded_q
+        if not untold(log):  # a drive without stiffness follows no angle
+            told = np.where(gains_in_force(log)[0] > 0.0, told, log.joints.q)
         # twice: a triangular window has small side lobes
         self.q, self.q_des = (
-            uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0)
-            for values in (log.joints.q, log.joints.commanded_q)
+            uniform_filter1d(uniform_filter1d(values, width, axis=0), width, axis=0) for values in (log.joints.q, told)
         )
         self.moves = np.ptp(self.q_des, axis=0) > MOVES
 

@@ -33,7 +33,7 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 IMU_COLUMNS = (*QUATERNION, *(f"gyro_{a}" for a in AXES), *(f"acc_{a}" for a in AXES))
 BASE_COLUMNS = (*AXES, *QUATERNION, *(f"v{a}" for a in AXES))
 FEET_COLUMNS = tuple(f"f_{leg}" for leg in LEGS)
-JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est")
+JOINT_SIGNALS = ("q", "dq", "q_des", "dq_des", "tau_ff", "tau_est", "kp", "kd")
 REQUIRED_SIGNALS = ("q",)
 DEPTH_ARRAYS = {
     "t_arrival": (1, "fiu", "seconds"),
@@ -65,6 +65,9 @@ class JointTable:
     dq_des: Floats | None = None
     tau_ff: Floats | None = None
     tau_est: Floats | None = None
+    kp: Floats | None = None
+    """Gains that go with the command, where they are not those of the claims throughout."""
+    kd: Floats | None = None
 
     @property
     def commanded_q(self) -> Floats:

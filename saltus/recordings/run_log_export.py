@@ -15,7 +15,9 @@ from saltus.recordings.recording import Recording, is_recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS, Robot
+from saltus.trial import Trial
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
+from saltus.wire.topics import CAMERA_LATENCY_S
 
 NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "invalid", 0
 
@@ -56,7 +58,7 @@ def _collect(recording: Recording) -> RunLog:
     imu = [(*m.quaternion_base_in_world, *m.angular_velocity_base, *m.acceleration_base) for m in states]
     base = [(*m.position_base_in_world, *m.quaternion_base_in_world, *m.velocity_base_in_world) for m in truths]
     return RunLog(
-        meta=_meta(recording, logs, [frame for _, frame in frames]),
+        meta=_meta(recording, logs, [frame for _, frame in frames], is_simulated=bool(truths)),
         joints=_joints(logs),
         imu=_table([m.time_ns for m in states], imu),
         base=_table([m.time_ns for m in truths], base),
@@ -65,7 +67,9 @@ def _collect(recording: Recording) -> RunLog:
     )
 
 
-def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) -> dict[str, Any]:
+def _meta(
+    recording: Recording, logs: list[JointLog], frames: list[DepthFrame], *, is_simulated: bool
+) -> dict[str, Any]:
     last = logs[-1].time_ns * 1e-9 + logs[-1].dt_s * len(logs[-1].position)
     segment = {"name": "run", "t0": logs[0].time_ns * 1e-9, "t1": last, "condition": "run"}
     meta: dict[str, Any] = {
@@ -76,7 +80,7 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
         "kp": np.median(np.concatenate([log.kp for log in logs]), axis=0).tolist(),
         "kd": np.median(np.concatenate([log.kd for log in logs]), axis=0).tolist(),
         "control_dt": logs[0].dt_s,
-        "excitation": {"text": "a run of the whole stack; gains change with the gait", "segments": [segment]},
+        "excitation": {"text": "a run of the whole stack", "segments": [segment]},
         "terrain": "flat",
         "notes": f"exported from {recording.path.name}",
     }
@@ -84,12 +88,16 @@ def _meta(recording: Recording, logs: list[JointLog], frames: list[DepthFrame]) 
         if recording.terrain.edges_x.size:
             meta["terrain"] = recording.terrain.arrays.to_tables()
         meta["config"] = asdict(recording.config)
+        if is_simulated:  # what a seed drew of body and ground is known
+            trial = Trial.draw(recording.config.seed)
+            meta |= {"payload_kg": trial.payload_kg, "ground": {"friction": trial.friction}}
     if frames:
-        meta["camera"] = _camera(recording.robot, frames[0])
+        is_ideal = recording.config is not None and recording.config.profile == "ideal"
+        meta["camera"] = _camera(recording.robot, frames[0], 0.0 if is_ideal else CAMERA_LATENCY_S)
     return meta
 
 
-def _camera(robot: Robot, frame: DepthFrame) -> dict[str, Any]:
+def _camera(robot: Robot, frame: DepthFrame, latency_s: float) -> dict[str, Any]:
     height, width = frame.depth.shape
     intrinsics = {name: float(getattr(frame, name)) for name in ("fx", "fy", "cx", "cy")}
     return {
@@ -99,7 +107,7 @@ def _camera(robot: Robot, frame: DepthFrame) -> dict[str, Any]:
         "position": robot.camera_position.tolist(),
         "pitch": robot.camera_pitch,
         "rate": 50.0,
-        "latency": 0.050,
+        "latency": latency_s,
     }
 
 
@@ -107,16 +115,26 @@ def _joints(logs: list[JointLog]) -> JointTable:
     def rows(name: str) -> Floats:
         return np.concatenate([np.asarray(getattr(log, name), dtype=np.float64) for log in logs])
 
-    times = [log.time_ns * 1e-9 + log.dt_s * np.arange(len(log.position)) for log in logs]
+    read = rows("torque_estimated")
     return JointTable(
-        time_s=np.concatenate(times),
+        time_s=_row_times(logs),
         q=rows("position"),
         dq=rows("velocity"),
         q_des=rows("position_desired"),
         dq_des=rows("velocity_desired"),
         tau_ff=rows("torque_feedforward"),
-        tau_est=rows("torque_estimated"),
+        tau_est=np.concatenate([read[1:], read[-1:]]),  # a drive reports the torque of the step before
+        kp=rows("kp"),
+        kd=rows("kd"),
     )
+
+
+def _row_times(logs: list[JointLog]) -> Floats:
+    """Of all rows: even between the beginnings of two messages, which in real time follow each other unevenly."""
+    most = len(logs[0].position)
+    starts_s, first = np.array([(log.time_ns * 1e-9, log.step * most) for log in logs]).T
+    rows = np.concatenate([log.step * most + np.arange(len(log.position)) for log in logs])
+    return np.interp(rows, first, starts_s) + logs[-1].dt_s * np.maximum(rows - first[-1], 0)
 
 
 def _table(times_ns: list[int], rows: Sequence[Any]) -> Table | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from test_recording import STEPS, run_samples, write
+from test_recording import STEPS, raw, run_samples, write
 
 from saltus.cli.main import main
 from saltus.errors import RecordingError
@@ -16,6 +16,8 @@ from saltus.recordings.recording import Recording
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import read_run_log, write_run_log
 from saltus.recordings.run_log_export import as_run_log, export_run_log
+from saltus.trial import Trial
+from saltus.wire import codec
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 
 
@@ -35,7 +37,10 @@ def test_export_reads_back_to_the_bit(recording: Recording, directory: Path) -> 
     rows = recording.of(JointLog)
     np.testing.assert_array_equal(log.joints.q, np.concatenate([m.position for m in rows]))
     assert log.joints.tau_est is not None
-    np.testing.assert_array_equal(log.joints.tau_est, np.concatenate([m.torque_estimated for m in rows]))
+    # a drive reports the torque of the step that is over, a row says what the command of its own time makes of it
+    np.testing.assert_array_equal(log.joints.tau_est[:-1], np.concatenate([m.torque_estimated for m in rows])[1:])
+    for gain in ("kp", "kd"):
+        np.testing.assert_array_equal(getattr(log.joints, gain), np.concatenate([getattr(m, gain) for m in rows]))
     np.testing.assert_allclose(np.diff(log.joints.time_s), 0.002, atol=1e-9)
     states = recording.of(RobotState)
     truths = recording.of(GroundTruth)
@@ -66,6 +71,20 @@ def test_meta_claims_what_the_run_was(directory: Path) -> None:
     assert len(meta["joints"]) == len(meta["kp"]) == len(meta["kd"]) == 12
     assert all(len(box["size"]) == 3 for box in meta["terrain"])
     assert meta["camera"]["latency"] == 0.05
+    trial = Trial.draw(7)
+    assert (meta["payload_kg"], meta["ground"]["friction"]) == (trial.payload_kg, trial.friction)
+
+
+def test_rows_of_a_run_in_real_time_follow_each_other(tmp_path: Path) -> None:
+    early = [
+        raw(s.key, replace(m, time_ns=m.time_ns - 3_000_000 * (m.step % 3)), k)
+        for k, s in enumerate(run_samples())
+        if isinstance(m := codec.decode(JointLog, s.payload) if s.key == "controller/joints" else None, JointLog)
+    ]
+    export_run_log(write(tmp_path / "recording.mcap", early), tmp_path / "log")
+    time_s = read_run_log(tmp_path / "log").joints.time_s
+    assert np.diff(time_s).min() > 0.0
+    np.testing.assert_allclose(np.diff(time_s[::5]), np.tile([0.007, 0.007, 0.016], STEPS)[: STEPS - 1], atol=1e-9)
 
 
 def test_everything_but_meta_and_joints_may_be_missing(directory: Path) -> None:
