@@ -99,7 +99,7 @@ def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: P
             start_x = float(robot.state.position_base_in_world[0])
             robot.take_trunk_contact()
         if tick % POLICY_STEPS == 0 and not (silent and tick >= fault_tick):
-            seen = _heightmap(robot, trial, now_ns, step) if tick < fault_tick else None
+            seen = true_heightmap(robot, trial, now_ns, step) if tick < fault_tick else None
             plan = process.step(loop.state(now_ns, step), seen, now_ns)
         robot.write(loop.act(plan, 1e-9 * (now_ns - plan.time_ns) if plan else float("inf")))
         if loop.mode == ControllerMode.STOPPED and stopped_s == float("inf"):
@@ -117,7 +117,8 @@ def land(kind: Robot, terrain: Terrain, trial: Trial, fault_s: float, planner: P
     )
 
 
-def _heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Heightmap:
+def true_heightmap(robot: MujocoRobot, trial: Trial, time_ns: int, step: int) -> Heightmap:
+    """The heights around a robot, as its trial shifts them."""
     position: Floats = robot.state.position_base_in_world
     x = position[0] + trial.height_shift_x + HEIGHTMAP_X
     return Heightmap(

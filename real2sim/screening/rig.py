@@ -7,20 +7,21 @@ from scipy.spatial.transform import Rotation
 
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
+from saltus.real2sim.problem.log import boxes_of
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.screening.rates import means
 from saltus.recordings.run_log import RunLog, Table
 
 UNIT_NORM = 0.01  # error of a quaternion's norm: four decimals in a text file make 1e-4
-FREE_FALL = 0.3  # share of gravity in the mean acceleration: a hopping robot is on the ground half of the time
+FREE_FALL = 0.3  # share of gravity in the mean acceleration: the ground gives a hopping robot all of it, in impacts
 G_UNIT = 0.3
 TILT = 0.5  # cosine between mean acceleration and up below which axes are wrong: 60 deg, biases are 2 deg
 MEAN_S = 0.2  # time over which a rate must equal the change of a pose: longer than any delay
 CARRIED = 1.5  # times the usual time span: rows are missing in between
-TURNS = 0.1  # rad/s RMS from which axes can be told from biases (0.05 at most)
+TURNS = 0.1  # rad/s RMS from which axes can be told from biases (0.05 at most; this much is forgiven)
 MOVES = 0.05  # m/s RMS from which velocities are compared
 RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
-FAR = 5.0  # m: no base of a standing or hopping robot is higher
+FAR = 5.0  # m: no base of a standing or jumping robot is higher above the ground
 
 
 def rig_faults(log: RunLog) -> list[Fault]:
@@ -34,7 +35,7 @@ def rig_faults(log: RunLog) -> list[Fault]:
     if log.imu is not None:
         faults += [*_gravity(log.imu), *_gyro(log.imu)]
     if log.base is not None:
-        faults += _base(log.base)
+        faults += _base(log, log.base)
     return faults
 
 
@@ -77,11 +78,12 @@ def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, F
     return turn, means(gyro, rows)
 
 
-def _base(base: Table) -> Iterator[Fault]:
+def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     height = float(np.median(base.values[:, 2]))
-    if abs(height) > FAR:
+    tops = [box["center"][2] + 0.5 * box["size"][2] for box in boxes_of(log.meta)]
+    if not min([0.0, *tops]) - FAR < height < max([0.0, *tops]) + FAR:
         yield Fault(
-            name="base_unit", text=f"base: z is {height:.4g}: more than {FAR:.0f} m above the ground; millimetres?"
+            name="base_unit", text=f"base: z is {height:.4g}: more than {FAR:.0f} m off the ground; millimetres?"
         )
         return
     rows = _span(base.time_s)
@@ -94,9 +96,10 @@ def _base(base: Table) -> Iterator[Fault]:
 
 
 def _compare(table: str, rate: str, pose: str, change: Floats, mean: Floats, seen: float) -> Iterator[Fault]:
-    """Compares each axis of a rate with the change of its pose."""
+    """Compares each axis of a rate with the change of its pose; a bias of the rate below `seen` is no fault."""
     power = np.sum(change**2, axis=0)
-    slope = np.sum(change * (mean - mean.mean(axis=0)), axis=0) / np.maximum(power, 1e-12)
+    bias = np.clip(np.mean(mean - change, axis=0), -seen, seen)
+    slope = np.sum(change * (mean - bias), axis=0) / np.maximum(power, 1e-12)
     wrong = (np.sqrt(power / len(change)) > seen) & ((slope < RANGE[0]) | (slope > RANGE[1]))
     for axis in np.flatnonzero(wrong):
         text = f"{table}: {rate} {'xyz'[axis]} is {slope[axis]:.3g} times the change of {pose}: unit, sign or axis"

@@ -1,0 +1,56 @@
+"""Run logs of a robot that jumps: a run of control loop and plant, recorded and exported; for tests of real2sim."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from samples import ROBOT
+
+from benchmarks.landing import TICK_NS, true_heightmap
+from saltus.config import RunConfig, TerrainConfig
+from saltus.constants import POLICY_STEPS
+from saltus.controller.loop import ControlLoop
+from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.effects.profile import IDEAL
+from saltus.policy.planner import make_planner
+from saltus.policy.process import PlannerProcess
+from saltus.recordings.recorder import Recorder
+from saltus.recordings.recording import read_recording
+from saltus.recordings.run_log import RunLog, read_run_log
+from saltus.recordings.run_log_export import export_run_log
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+from saltus.wire import codec
+from saltus.wire.bus import RawSample
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Message
+
+STEP_NS = TICK_NS * POLICY_STEPS
+
+
+def jumping_log(folder: Path, seconds: float = 3.5) -> RunLog:
+    """The log of a run up stairs; the robot sets out after a second."""
+    config = RunConfig(seed=3, profile="ideal", terrain=TerrainConfig(terrain="stairs", rise_m=0.08))
+    terrain = make_terrain(config.terrain)
+    with Recorder(folder / "recording.mcap", config, ROBOT, terrain) as file:
+        for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS)):
+            envelope = Envelope(message.time_ns // STEP_NS, message.time_ns, bytes(16))
+            file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), message.time_ns))
+    export_run_log(read_recording(folder / "recording.mcap"), folder / "log")
+    return read_run_log(folder / "log")
+
+
+def _run(terrain: Terrain, trial: Trial, steps: int) -> Iterator[tuple[str, Message]]:
+    robot = MujocoRobot(ROBOT, terrain, trial, trial.applied_to(IDEAL))
+    robot.reset()
+    loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
+    for step in range(steps):
+        now_ns = step * STEP_NS
+        for tick in range(POLICY_STEPS):
+            loop.sense(robot.read())
+            if tick == 0:
+                yield "plant/truth", robot.truth(now_ns, step)
+                yield "controller/state", (state := loop.state(now_ns, step))
+                plan = planner.step(state, true_heightmap(robot, trial, now_ns, step), now_ns)
+            robot.write(loop.act(plan, 0.0))
+        yield "controller/joints", loop.take_joint_log(now_ns, step)

@@ -1,0 +1,159 @@
+"""Logs of robots that stand, walk, turn and jump: healthy ones are no damage, damage is named, and a search ends."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from moving_robot import jumping_log
+from samples import ROBOT
+
+from benchmarks.moving_logs import trot
+from saltus.effects.profile import IDEAL
+from saltus.real2sim.experiments.menu import Experiment, experiment_named
+from saltus.real2sim.experiments.motions import Section, rest
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.safety import Limits
+from saltus.real2sim.pipeline import examine, judge
+from saltus.real2sim.screening.screen import screen
+from saltus.recordings.run_log import RunLog
+
+PATHS: dict[str, dict[str, float]] = {"walk": {"speed_m_s": 0.4}, "turn": {"turn_rad_s": 0.8}}
+FAMILIES = ("held", "stand", "walk", "turn", "jump")
+MOVING = ("walk", "turn", "jump")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
+    commands = {name: trot(ROBOT, 4.0, **how) for name, how in PATHS.items()} | {"stand": rest(ROBOT, 4.0)}
+    free = {
+        name: Experiment(
+            name=name,
+            how="",
+            shows=(),
+            base="free",
+            sections=lambda _, c=moves, n=name: (Section(name=n, condition=n, commands=c),),  # type: ignore[misc]
+            limits=Limits(),
+        )
+        for name, moves in commands.items()
+    }
+    made = {name: run(experiment, ROBOT, IDEAL) for name, experiment in free.items()}
+    held = run(experiment_named("single_sine"), ROBOT, IDEAL)
+    return {**made, "held": held, "jump": jumping_log(tmp_path_factory.mktemp("jump"))}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_healthy_log_is_not_called_damaged(logs: dict[str, RunLog], family: str) -> None:
+    assert screen(logs[family]) == []
+
+
+def test_a_robot_jumps_in_the_log_of_one_that_jumps(logs: dict[str, RunLog]) -> None:
+    log = logs["jump"]
+    assert log.feet is not None
+    assert log.base is not None
+    assert np.mean(log.feet.values[100:].max(axis=1) == 0.0) > 0.05  # all feet in the air
+    assert log.base.values[-1, 0] - log.base.values[0, 0] > 1.5
+    assert log.joints.kp is not None
+    assert set(np.unique(log.joints.kp)) >= {0.0, 30.0, 100.0}
+
+
+def test_a_bias_of_a_gyroscope_is_no_damage_however_the_robot_turns(logs: dict[str, RunLog]) -> None:
+    for family in ("stand", *MOVING):
+        for bias in (-0.05, 0.05):
+            assert screen(_table("imu", slice(4, 7), lambda v, b=bias: v + b)(logs[family])) == []  # type: ignore[misc]
+
+
+Damage = Callable[[RunLog], RunLog]
+
+
+def _table(name: str, columns: Any, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
+    def damage(log: RunLog) -> RunLog:
+        table = getattr(log, name)
+        values = table.values.copy()
+        values[:, columns] = change(values[:, columns])
+        return replace(log, **{name: replace(table, values=values)})
+
+    return damage
+
+
+def _joints(change: Callable[[np.ndarray], np.ndarray], *names: str, columns: Any = slice(None)) -> Damage:
+    def damage(log: RunLog) -> RunLog:
+        changed = {name: getattr(log.joints, name).copy() for name in names}
+        for values in changed.values():
+            values[:, columns] = change(values[:, columns])
+        return replace(log, joints=replace(log.joints, **changed))
+
+    return damage
+
+
+def _stiffer(log: RunLog) -> RunLog:
+    """Half as stiff again as claimed."""
+    if log.joints.kp is not None:
+        return _joints(lambda kp: kp / 1.5, "kp")(log)
+    return replace(log, meta={**log.meta, "kp": log.meta["kp"] / 1.5})
+
+
+DAMAGES: dict[str, tuple[Damage, str]] = {
+    "gyroscope in degrees": (_table("imu", slice(4, 7), np.rad2deg), "wrong_rate"),
+    "acceleration in g": (_table("imu", slice(7, 10), lambda a: a / 9.81), "acceleration_unit"),
+    "acceleration upside down": (_table("imu", 9, np.negative), "imu_axes"),
+    "quaternions of the IMU twice": (_table("imu", slice(0, 4), lambda q: 2 * q), "quaternion_norm"),
+    "base in millimetres": (_table("base", slice(0, 3), lambda p: 1e3 * p), "base_unit"),
+    "angles in degrees": (_joints(np.rad2deg, "q"), "degrees"),
+    "rates in degrees": (_joints(np.rad2deg, "dq"), "wrong_rate"),
+    "a rate the other way": (_joints(np.negative, "dq", columns=4), "wrong_rate"),
+    "an angle the other way": (_joints(np.negative, "q", "dq", columns=5), "flipped_sign|swapped_joints|out_of_range"),
+    "thigh and calf swapped": (_joints(lambda q: q[:, ::-1], "q", "dq", columns=[1, 2]), "swapped_joints|out_of_range"),
+    "front and rear swapped": (
+        _joints(lambda q: np.roll(q, 6, axis=1), "q", "dq"),
+        "swapped_joints|torque_unexplained|wrong_gains|flipped_sign",
+    ),
+    "torque the other way": (_joints(np.negative, "tau_est", columns=5), "flipped_sign"),
+    "stiffer than claimed": (_stiffer, "wrong_gains"),
+    "rows lost": (lambda log: _rows(log, np.flatnonzero(np.arange(len(log.joints.q)) % 40)), "lost_rows"),
+    "rows repeated": (lambda log: _rows(log, np.arange(len(log.joints.q)) // 5 * 5, keeps_time=True), "repeated_rows"),
+}
+
+
+def _rows(log: RunLog, rows: np.ndarray, keeps_time: bool = False) -> RunLog:
+    columns = {name: values[rows] for name, values in vars(log.joints).items() if values is not None}
+    if keeps_time:
+        columns["time_s"] = log.joints.time_s
+    return replace(log, joints=replace(log.joints, **columns))
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("family", MOVING)
+def test_damage_of_the_log_of_a_moving_robot_is_named(logs: dict[str, RunLog], family: str, damage: str) -> None:
+    change, names = DAMAGES[damage]
+    faults = screen(change(logs[family]))
+    assert faults
+    assert faults[0].is_fatal, faults[0].text
+    assert faults[0].name in names.split("|"), faults[0].text
+
+
+@pytest.mark.parametrize(
+    ("family", "damage"),
+    [
+        ("walk", _table("base", 7, np.negative)),
+        ("walk", _table("base", slice(7, 10), lambda v: 1e3 * v)),
+        ("jump", _table("base", 7, np.negative)),
+        ("jump", _table("base", 9, np.negative)),
+        ("turn", _table("imu", 6, np.negative)),
+        ("turn", _table("imu", slice(4, 7), lambda v: 0 * v)),
+        ("jump", _table("imu", 5, np.negative)),
+    ],
+)
+def test_a_rate_that_is_not_that_of_the_pose_is_named(logs: dict[str, RunLog], family: str, damage: Damage) -> None:
+    faults = screen(damage(logs[family]))
+    assert [fault.name for fault in faults if fault.is_fatal][:1] == ["wrong_rate"]
+
+
+def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(logs: dict[str, RunLog]) -> None:
+    examinations = examine([logs["jump"]])
+    assert [each.findings.problem for each in examinations[0].comparisons] == ["imu"]
+    assert examinations[0].failures == ()
+    verdict = judge(examinations, ()).verdict
+    assert verdict.verdict == "no_gap"
+    assert "gains" in verdict.untestable["payload_mass"]
