@@ -58,7 +58,7 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
 
 
 def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
-    """Times [s], and signals in SI units, shape (rows, joints) each."""
+    """Times from the first row on [s], and signals in SI units, shape (rows, joints) each."""
     if (columns.time is None) == (columns.rate_hz is None):
         raise RecordingError("[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced")
     named = {signal: _names(columns, signal) for signal in JOINT_SIGNALS if getattr(columns, signal) is not None}
@@ -67,7 +67,8 @@ def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
     unit = {signal: math.radians(1.0) if columns.angle == "deg" and signal in ANGLES else 1.0 for signal in named}
     signals = {s: unit[s] * np.stack([values[name] for name in names], axis=1) for s, names in named.items()}
     if columns.time is not None:
-        return np.asarray(SECONDS[columns.time_unit] * values[columns.time], dtype=np.float64), signals
+        time = values[columns.time]
+        return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals
     assert columns.rate_hz is not None  # noqa: S101 - as checked above
     return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals
 
