@@ -9,7 +9,7 @@ from saltus.real2sim.importers.table import read_table
 from saltus.real2sim.screening.clock import clock_faults
 from saltus.real2sim.screening.joints import unit_faults
 from saltus.recordings.description import Description
-from saltus.recordings.run_claims import SCHEMA, check_claims, claim_of
+from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, write_run_log
 from saltus.robots.robot import JOINTS, Robot
 
@@ -94,13 +94,13 @@ def _on_robot(log: RunLog, names: dict[str, str], robot: Robot) -> tuple[list[st
     order = [own.index(name) for name in joints]
     sign = robot.joint_sign[[JOINTS.index(name) for name in joints]]
     signals = {name: values for name in JOINT_SIGNALS if (values := getattr(log.joints, name)) is not None}
-    turned = {name: sign * values[:, order] for name, values in signals.items()}
+    turned = {name: values[:, order] * (1.0 if name in GAINS else sign) for name, values in signals.items()}
     return joints, replace(log, joints=replace(log.joints, **turned))
 
 
 def _lacking(log: RunLog, description: Description) -> list[str]:
     """What `find` will miss."""
-    there = log.meta | vars(log.joints) | vars(log)  # the table `base` before the claim
+    there = vars(log.joints) | log.meta | vars(log)  # claims before columns of gains, tables before claims
     absent = [part for part in WORTH_SAYING if there.get(part) is None]
     notes = [f"not in the log: {', '.join(absent)}; what needs them will be untestable"] if absent else []
     if "base" not in description.claims:

@@ -13,6 +13,7 @@ from saltus.arrays import Floats
 from saltus.errors import RecordingError
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.recordings.description import Columns
+from saltus.recordings.run_claims import GAINS
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, read_columns
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -39,7 +40,8 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
             raise RecordingError("[columns] states_every_s is for rows without times: it needs rate_hz and dq")
         times = state_times(signals["q"], rate, row_s, columns.states_every_s)
         signals["q"], _ = evenly(times, signals["q"], rate / rate_scale(signals["q"], rate, row_s), time_s)
-    meta = {"joints": joints, "control_dt": row_s}
+    usual = {gain: np.median(signals[gain], axis=0).tolist() for gain in GAINS if gain in signals}
+    meta = {"joints": joints, "control_dt": row_s, **usual}
     if not columns.moves_freely:
         return {"": RunLog(meta=meta, joints=JointTable(time_s=time_s, **signals))}
     logs = {}
@@ -50,6 +52,7 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
             kept = np.concatenate([np.arange(first, end) for first, end in stretches])
             part = {signal: values[kept][:, own] for signal, values in signals.items()}
             claims: dict[str, Any] = {"joints": [joints[i] for i in own], "segments": _segments(stretches, row_s)}
+            claims |= {gain: [values[i] for i in own] for gain, values in usual.items()}
             table = JointTable(time_s=time_s[kept], **part)
             logs[leg] = RunLog(meta=meta | claims, joints=table)
     if not logs:

@@ -38,6 +38,9 @@ class Columns:
     dq_des: str | None = None
     tau_ff: str | None = None
     tau_est: str | None = None
+    kp: str | None = None
+    """Gains that come with each command; without them, those in the claims hold throughout."""
+    kd: str | None = None
     joints: tuple[str, ...] = JOINTS
     """The robot's joints in the order of their numbers."""
     angle: Literal["rad", "deg"] = "rad"

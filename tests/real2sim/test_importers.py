@@ -144,6 +144,7 @@ def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path
 DEGREES = Columns(
     time="clock", time_unit="ms", angle="deg", joints=tuple(reversed(joints_log(seconds=0.1).meta["joints"])),
     q="{joint} angle", dq="{joint} rate", q_des="told {number}", tau_est="torque {number}",
+    kp="stiffness", kd="damping",
 )  # fmt: skip
 
 
@@ -151,8 +152,11 @@ def write_table(log: RunLog, path: Path, columns: Columns) -> Path:
     """As `columns` says, beside a column of text."""
     order = [log.meta["joints"].index(name) for name in columns.joints]
     lines = {"clock": 1e3 * log.joints.time_s}
-    for signal in ("q", "dq", "q_des", "tau_est"):
-        values = getattr(log.joints, signal) if signal == "tau_est" else np.rad2deg(getattr(log.joints, signal))
+    for signal in ("q", "dq", "q_des", "tau_est", "kp", "kd"):
+        if (values := getattr(log.joints, signal)) is None:
+            continue
+        if signal in ("q", "dq", "q_des"):
+            values = np.rad2deg(values)
         for number, (joint, place) in enumerate(zip(columns.joints, order, strict=True)):
             lines[getattr(columns, signal).format(joint=joint, number=number)] = values[:, place]
     rows = zip(*(map(repr, map(float, column)) for column in lines.values()), strict=True)
@@ -162,9 +166,11 @@ def write_table(log: RunLog, path: Path, columns: Columns) -> Path:
 
 def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path) -> None:
     log = joints_log(seconds=1.0)
-    log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
+    changing = 20.0 + np.arange(500.0)[:, None] * np.ones(12)
+    gains = {"kp": changing, "kd": 0.01 * changing}
+    log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None, **gains))
     table = write_table(log, tmp_path / "mine.csv", DEGREES)
-    imported = import_recording(table, tmp_path / "log", Description(claims=claims_of(log), columns=DEGREES), ROBOT)
+    imported = import_recording(table, tmp_path / "log", Description(claims={"base": "fixed"}, columns=DEGREES), ROBOT)
     assert imported.notes == ("not in the log: imu, base, depth; what needs them will be untestable",)
     same(log, read_run_log(imported.logs[0]))
 
@@ -234,11 +240,12 @@ def _rows(count: int) -> Callable[[Path], None]:
 def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
     damage: Callable[[Path], None] | None, columns: dict[str, Any], says: str, tmp_path: Path
 ) -> None:
-    table = write_table(joints_log(seconds=0.5), tmp_path / "mine.csv", DEGREES)
+    known = replace(DEGREES, kp=None, kd=None)
+    table = write_table(joints_log(seconds=0.5), tmp_path / "mine.csv", known)
     if damage is not None:
         damage(table)
     with pytest.raises(RecordingError, match=says):
-        import_recording(table, tmp_path / "log", Description(columns=replace(DEGREES, **columns)), ROBOT)
+        import_recording(table, tmp_path / "log", Description(columns=replace(known, **columns)), ROBOT)
     assert not (tmp_path / "log").exists()
 
 
