@@ -9,6 +9,7 @@ from saltus.real2sim.importers.table import read_table
 from saltus.real2sim.screening.clock import clock_faults
 from saltus.real2sim.screening.joints import unit_faults
 from saltus.recordings.description import Description
+from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, write_run_log
 from saltus.robots.robot import JOINTS, Robot
@@ -39,16 +40,14 @@ def import_recording(recording: Path, out: Path, description: Description, robot
         RecordingError: it cannot be read; joints that the robot does not have; times that run backwards, or angles that
             no joint reaches; claims that cannot be.
     """
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
     if recording.suffix == ".csv":
         if description.columns is None:
             raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
         parts = read_table(recording, description.columns)
     else:
-        from saltus.recordings.rosbag import read_rosbag
-
-        bag = read_rosbag(recording, description.topics)
-        parts, notes = {"": bag.log}, bag.notes
+        log, notes = read_rosbag(recording, description.topics)
+        parts = {"": log}
     logs = {out / name: _completed(log, recording, description, robot) for name, log in parts.items()}
     for folder, log in logs.items():
         write_run_log(log, folder, robot)

@@ -39,7 +39,7 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
         if rate is None or columns.rate_hz is None:
             raise RecordingError("[columns] states_every_s is for rows without times: it needs rate_hz and dq")
         times = state_times(signals["q"], rate, row_s, columns.states_every_s)
-        signals["q"], _ = evenly(times, signals["q"], rate / rate_scale(signals["q"], rate, row_s), time_s)
+        signals["q"] = evenly(times, signals["q"], rate / rate_scale(signals["q"], rate, row_s), time_s)
     usual = {gain: np.median(signals[gain], axis=0).tolist() for gain in GAINS if gain in signals}
     meta = {"joints": joints, "control_dt": row_s, **usual}
     if not columns.moves_freely:

@@ -33,16 +33,6 @@ TYPES = {
 OLDEST_IMAGE_S = 10.0  # an image that is older at its arrival was stamped by another clock
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bag:
-    """What a recording of ROS holds."""
-
-    log: RunLog
-    """Its `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the camera."""
-    notes: tuple[str, ...]
-    """Which topics were read, and what was left out."""
-
-
 @dataclass(frozen=True)
 class _Received:
     """One message."""
@@ -55,8 +45,12 @@ class _Received:
 _Messages = Sequence[_Received]
 
 
-def read_rosbag(path: Path, topics: Topics) -> Bag:
+def read_rosbag(path: Path, topics: Topics) -> tuple[RunLog, list[str]]:
     """Reads the joints and whatever else there is.
+
+    Returns:
+        A log whose `meta` has what the bag says: joints, control_dt, and intrinsics and rate of the camera. Notes on
+        which topics were read, and what was left out.
 
     Raises:
         RecordingError: no bag; no topic of joints; a topic that is not there, of another type, or one of several.
@@ -78,7 +72,7 @@ def read_rosbag(path: Path, topics: Topics) -> Bag:
         base=_base(received.get("base", ())),
         depth=depth,
     )
-    return Bag(log=log, notes=tuple(notes))
+    return log, notes
 
 
 def _choose(reader: AnyReader, path: Path, topics: Topics) -> dict[str, str]:

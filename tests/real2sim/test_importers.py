@@ -315,7 +315,7 @@ def test_the_states_that_passed_between_rows_are_counted(loop_jitter_s: float, s
     true = 0.002 * (state - state[0])
     assert np.mean(np.abs(found - true) < 1e-9) > 0.98
     np.testing.assert_allclose(rate_scale(seen_q, seen_dq, 0.005), scale, rtol=0.01)
-    even, _ = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
+    even = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
     rows_s = 0.005 * np.arange(len(state)) + 0.002 * state[0]
     exact = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in q.T], axis=1)
     assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(np.mean((seen_q - exact)[10:-10] ** 2))
