@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from saltus.recordings.report import figure_html, page
+from saltus.recordings.report import figure_html, page, table
 from saltus.render.fit import FitResult
 from saltus.render.stereo.estimate import Estimate
 from saltus.render.stereo.fit_baseline import Shadows, edge_shadows, left_bands
@@ -131,6 +131,6 @@ def _table(result: FitResult) -> str:
     rows = []
     for f in fields(result.parameters):
         estimate: Estimate = getattr(result.parameters, f.name)
-        value = "untestable" if estimate.value is None else f"{estimate.value:.4g} &plusmn; {estimate.error:.2g}"
-        rows.append(f"<tr><td>{f.name}</td><td>{value}</td><td>{estimate.note}</td></tr>")
-    return f'<table class="text">{"".join(rows)}</table>'
+        value = "untestable" if estimate.value is None else f"{estimate.value:.4g} ± {estimate.error:.2g}"
+        rows.append((f.name, value, estimate.note))
+    return table(("parameter", "value", "remark"), rows, "text")

@@ -15,7 +15,7 @@ from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, rea
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
 from saltus.recordings.recording import Recording
-from saltus.recordings.report import figure_html, page
+from saltus.recordings.report import figure_html, page, table
 from saltus.recordings.summary import rounded
 
 WORST = 10
@@ -253,9 +253,8 @@ def _summary_table(report: ErrorReport) -> str:
                 f"{rounded(100 * numbers['coverage90'], 1)} %", rounded(numbers["nll"], 2),
                 f"{100 * np.mean(shares):.0f} %",
             )  # fmt: skip
-            texts = (html.escape(run or "all runs"), html.escape(name), *cells)
-            rows.append("<tr>" + "".join(f"<td>{text}</td>" for text in texts) + "</tr>")
-    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{''.join(rows)}</table>"
+            rows.append((run or "all runs", name, *cells))
+    return table(head, rows)
 
 
 def centimetres(value: float | None) -> str:

@@ -12,7 +12,7 @@ from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
-from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, course_title, figure_html, numbers_table, page
+from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, course_title, figure_html, page, table
 from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
@@ -58,16 +58,16 @@ def _provenance(evaluation: Evaluation, table: dict[str, Any]) -> str:
     return "\n".join([f"commit = {commit()}", *lines, to_toml(evaluation)])
 
 
-def _numbers(table: dict[str, Any]) -> str:
+def _numbers(result: dict[str, Any]) -> str:
     rows = {
-        "planner": table["planner"],
-        "heightmap": table["heightmap"],
-        "success": f"{100 * table['success_rate']:.0f} %",
-        "mean speed of successes": f"{table['mean_speed_mps']:.2f} m/s",
-        "median time of successes": f"{table['time_s']['p50']:.2f} s",
-        "seeds": f"{table['seed']} to {table['seed'] + table['trials'] - 1}",
+        "planner": result["planner"],
+        "heightmap": result["heightmap"],
+        "success": f"{100 * result['success_rate']:.0f} %",
+        "mean speed of successes": f"{result['mean_speed_mps']:.2f} m/s",
+        "median time of successes": f"{result['time_s']['p50']:.2f} s",
+        "seeds": f"{result['seed']} to {result['seed'] + result['trials'] - 1}",
     }
-    return numbers_table({name: html.escape(str(value)) for name, value in rows.items()})
+    return table((), rows.items())
 
 
 def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go.Figure:
@@ -152,5 +152,5 @@ def _failures(result: EvaluationResult) -> str:
     for cause, count in sorted(result.failures.items(), key=lambda item: -item[1]):
         pairs = [(s, t) for s, t in zip(result.seeds, result.trials, strict=True) if t.failure == cause]
         where = ", ".join(f"{seed} at {trial.trace.base[-1, 0]:.1f} m" for seed, trial in pairs)
-        rows.append(f"<tr><td>{cause.replace('_', ' ')}</td><td>{count}</td><td>{where}</td></tr>")
-    return f'<table class="text"><tr><th>cause</th><th>trials</th><th>seeds</th></tr>{"".join(rows)}</table>'
+        rows.append((cause.replace("_", " "), count, where))
+    return table(("cause", "trials", "seeds"), rows, "text")

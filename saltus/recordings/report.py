@@ -1,7 +1,7 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,10 +122,10 @@ def figure_html(figure: go.Figure, *, first: bool = False) -> str:
     return fragment
 
 
-def numbers_table(rows: Mapping[str, str]) -> str:
-    """A table of two columns; names and values are HTML."""
-    cells = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows.items())
-    return f"<table>{cells}</table>"
+def table(head: Iterable[str], rows: Iterable[Iterable[object]], kind: str = "") -> str:
+    """A table of a page; cells are text. `kind` is "text" where they are words, not numbers."""
+    cells = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f'<table class="{kind}"><tr>{"".join(f"<th>{html.escape(name)}</th>" for name in head)}</tr>{cells}</table>'
 
 
 def _provenance(summary: RunSummary, config: RunConfig) -> str:
@@ -153,16 +153,15 @@ def _size(name: str, value: float) -> str:
 
 
 def _numbers(summary: RunSummary) -> str:
-    verdict = '<span class="good">success</span>' if summary.success else '<span class="bad">failure</span>'
     rows = {
-        "outcome": verdict,
+        "outcome": "success" if summary.success else "failure",
         "distance": shown(summary.distance_m, 2, "m"),
         "time": shown(summary.time_s, 2, "s"),
         "mean speed": shown(summary.mean_speed_mps, 2, "m/s"),
         "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
         "messages rejected": str(sum(summary.rejected.values())),
     }
-    return numbers_table(rows)
+    return table((), rows.items())
 
 
 def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
@@ -273,23 +272,17 @@ def _error_figure(data: RunData) -> go.Figure:
 
 
 def _timing_table(summary: RunSummary) -> str:
-    rows = "".join(
-        f"<tr><td>{topic}</td><td>{rate:.1f}</td><td>{summary.age_ms[topic]['p50']:.1f}</td>"
-        f"<td>{summary.age_ms[topic]['p99']:.1f}</td></tr>"
+    rows = [
+        (topic, f"{rate:.1f}", *(f"{summary.age_ms[topic][share]:.1f}" for share in ("p50", "p99")))
         for topic, rate in sorted(summary.rates_hz.items())
         if topic in summary.age_ms
-    )
-    head = "<tr><th>topic</th><th>rate [Hz]</th><th>age p50 [ms]</th><th>age p99 [ms]</th></tr>"
-    return f"<table>{head}{rows}</table>"
+    ]
+    return table(("topic", "rate [Hz]", "age p50 [ms]", "age p99 [ms]"), rows)
 
 
 def _event_table(recording: Recording, start_ns: int) -> str:
     events = recording.of(Event)
     if not events:
         return "<p>none</p>"
-    rows = "".join(
-        f"<tr><td>{(event.time_ns - start_ns) * 1e-9:.3f} s</td><td>{html.escape(event.process)}</td>"
-        f"<td>{html.escape(event.code)}</td><td>{html.escape(event.detail)}</td></tr>"
-        for event in events
-    )
-    return f'<table class="text"><tr><th>time</th><th>process</th><th>event</th><th>detail</th></tr>{rows}</table>'
+    rows = [(f"{(e.time_ns - start_ns) * 1e-9:.3f} s", e.process, e.code, e.detail) for e in events]
+    return table(("time", "process", "event", "detail"), rows, "text")
