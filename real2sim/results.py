@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from saltus.real2sim.patch import Evidence, Patch
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.screening.align import ClockOffset
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings
 from saltus.real2sim.verdict import Verdict
@@ -27,7 +26,6 @@ class Examination:
 
     log: RunLog
     faults: tuple[Fault, ...]
-    offsets: tuple[ClockOffset, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     """What several logs show together stands with the first of them."""
     untestable: dict[str, str]

@@ -3,7 +3,7 @@
 import html
 import json
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ from saltus.effects.profile import Profile, profile_to_toml
 from saltus.provenance import commit, package_version
 from saltus.real2sim.reporting.localise import Statement
 from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Examination, Judgement
+from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import FoundEffect, RankedModel
 from saltus.real2sim.verdict import Gap, Verdict
+from saltus.recordings.report import table
 
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
@@ -54,7 +55,7 @@ def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -
         for name, value in effect.params.items()
     ]
     return (
-        _table(("effect", "where", "parameter", "value", "90 % interval", "unit", "status"), rows, text=True)
+        table(("effect", "where", "parameter", "value", "90 % interval", "unit", "status"), rows, "text")
         if rows
         else ""
     )
@@ -100,10 +101,7 @@ def untestable_table(verdict: Verdict) -> str:
     reasons: dict[str, list[str]] = {}
     for name, why in verdict.untestable.items():
         reasons.setdefault(why, []).append(name)
-    rows = "".join(
-        f"<tr><td>{_text(', '.join(names))}</td><td>{_text(why)}</td></tr>" for why, names in reasons.items()
-    )
-    return f'<table class="words"><tr><th>effects</th><th>why</th></tr>{rows}</table>'
+    return table(("effects", "why"), [(", ".join(names), why) for why, names in reasons.items()], "words")
 
 
 def detectable_table(verdict: Verdict) -> str:
@@ -111,9 +109,8 @@ def detectable_table(verdict: Verdict) -> str:
     sizes = sorted(verdict.minimum_detectable.items())
     if not sizes:
         return "<p>None was worked out.</p>"
-    return _table(
-        ("effect", "smallest size that would be seen", "unit"), [(n, f"{s.value:.4g}", s.unit) for n, s in sizes]
-    )
+    rows = [(name, f"{size.value:.4g}", size.unit) for name, size in sizes]
+    return table(("effect", "smallest size that would be seen", "unit"), rows)
 
 
 def idle_models(ranking: Sequence[RankedModel]) -> str:
@@ -122,14 +119,9 @@ def idle_models(ranking: Sequence[RankedModel]) -> str:
     return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
 
 
-def clocks(examination: Examination) -> str:
-    """Offsets between the streams of a log."""
-    return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examination.offsets)
-
-
 def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:
     """Digests of the logs, commit and versions of the code, and the claims."""
-    logs = _table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], text=True)
+    logs = table(("log", "SHA-256"), [(each.log, each.sha256) for each in judgement.evidence], "text")
     runs = sum(comparison.findings.evaluations for each in judgement.examinations for comparison in each.comparisons)
     lines = [
         f"commit = {commit()}",
@@ -169,9 +161,3 @@ def _interval(low: float, high: float) -> str:
 
 def _text(value: str) -> str:
     return html.escape(str(value))
-
-
-def _table(head: Iterable[str], rows: Iterable[Sequence[str]], *, text: bool = False) -> str:
-    cells = "".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    kind = ' class="text"' if text else ""
-    return f"<table{kind}><tr>{''.join(f'<th>{_text(name)}</th>' for name in head)}</tr>{cells}</table>"
