@@ -21,11 +21,6 @@ def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
 
     Back ends are imported here, each only when it is asked for: their libraries are large.
 
-    Args:
-        name: "auto", "embree", "pyrender" or "warp".
-        terrain: what there is to see.
-        camera: to see it with.
-
     Raises:
         ConfigError: no such back end.
         SaltusError: the back end cannot be loaded.

@@ -18,12 +18,7 @@ class Exposure(Protocol):
 
 
 class PerfectExposure:
-    """True depth.
-
-    Args:
-        renderer: makes the images.
-        claimed: the intrinsics that the camera reports, where they are not those of the renderer.
-    """
+    """True depth; `claimed` are the intrinsics that the camera reports, where they are not those of the renderer."""
 
     def __init__(self, renderer: Renderer, claimed: Intrinsics | None = None) -> None:
         self.intrinsics = claimed or renderer.intrinsics

@@ -17,13 +17,8 @@ def filled_from_around(depth: Any) -> Any:
     """Holes take the nearest depth among what is above, above left, left, below left and below.
 
     Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or filled. The first
-    column, the top and the bottom row are not filled.
-
-    Args:
-        depth: 0 where invalid, any unit, shape (..., height, width).
-
-    Returns:
-        Shape as `depth`; `depth` itself where nothing can change.
+    column, the top and the bottom row are not filled. Depth is 0 where invalid, any unit, shape (..., height, width);
+    `depth` itself is returned where nothing can change.
     """
     return _from_around_by_list(depth) if on_host(depth) else _from_around_by_lines(depth)
 
@@ -143,15 +138,8 @@ def _running(values: Any, axis: int, pick: Callable[[Any, Any], Any]) -> Any:
 def filled_along_rows(depth: Any, reach: int, passes: int = 1) -> Any:
     """Holes take what is to the left of them, then what is to the right, up to `reach` pixels away, `passes` times.
 
-    The last column stays as it is.
-
-    Args:
-        depth: 0 where invalid, any unit, shape (..., height, width).
-        reach: pixels; 0 fills nothing.
-        passes: how often.
-
-    Returns:
-        Shape as `depth`; `depth` itself where nothing can change.
+    The last column stays as it is. Depth is 0 where invalid, any unit, shape (..., height, width); `depth` itself is
+    returned where nothing can change.
     """
     if reach <= 0:
         return depth

@@ -120,16 +120,7 @@ def views(robot: Robot) -> tuple[View, ...]:
 def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
     """Writes an HTML file: depth from a few poses, the camera's effects one by one, what the model gets, a point cloud.
 
-    Args:
-        robot: that looks.
-        terrain: to look at.
-        path: of the file; its folder must exist.
-
-    Returns:
-        `path`.
-
-    Raises:
-        OSError: the file cannot be written.
+    The folder of `path`, which is returned, must exist; `OSError` where the file cannot be written.
     """
     shown = views(robot)
     robots = poses(terrain, shown)
@@ -169,12 +160,9 @@ def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
 
 
 def effect_stages(depth: Depth, hidden: NDArray[np.bool_], config: StereoConfig) -> Iterator[tuple[str, str, Depth]]:
-    """Name, meaning and picture of every effect together with all that come before it.
+    """Name, meaning and picture of every effect together with all that come before it; null effects are left out.
 
-    Args:
-        depth: true depth of the D435I's pixels [m], shape (240, 424).
-        hidden: what the right imager does not see, same shape.
-        config: of the camera; effects at their null value are left out.
+    True depth of the D435I's pixels [m], and what the right imager does not see, have the shape (240, 424).
     """
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):

@@ -13,13 +13,7 @@ RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of
 
 
 class CameraProcess:
-    """Exposes at every second policy step and hands out each frame when it is due.
-
-    Args:
-        exposure: makes the images.
-        effects: of the link, its latency among them.
-        rng: draws what is random in the effects.
-    """
+    """Exposes at every second policy step and hands out each frame when it is due, by the effects of the link."""
 
     def __init__(self, exposure: Exposure, effects: CameraChain, rng: np.random.Generator) -> None:
         self._exposure = exposure
@@ -35,11 +29,9 @@ class CameraProcess:
         """Exposures that were left out because truth came late or not at all."""
 
     def step(self, truth: GroundTruth | None, now_ns: int) -> DepthFrame | None:
-        """Takes in truth and returns the frame that has become due, if one has.
+        """Takes in truth, None or repeated where nothing is new, and returns the frame that has become due, if any.
 
-        Args:
-            truth: the newest; None where nothing new is known. A repeated one changes nothing.
-            now_ns: now, in the run's clock.
+        `now_ns` is in the run's clock.
         """
         if truth is not None and truth.step >= self._exposed_step + EXPOSURE_STEPS:
             self._expose(truth)

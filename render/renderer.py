@@ -14,12 +14,7 @@ from saltus.wire.messages import Floats
 
 
 class Renderer(ABC):
-    """Depth of one terrain, and of the robot's own legs, seen from the robot's camera.
-
-    Args:
-        terrain: what there is to see.
-        camera: to see it with.
-    """
+    """Depth of one terrain, and of the robot's own legs, seen from the robot's camera."""
 
     name: ClassVar[str]
 

@@ -24,13 +24,7 @@ class StereoEmbree(EmbreeRenderer):
     """An Embree renderer that also says what the right imager of a stereo camera does not see.
 
     The second view is one ray for each point of the left image, so it is exact at every pixel and has no border; rays
-    that cannot hit terrain are not cast.
-
-    Args:
-        terrain: see `Renderer`.
-        optics: of the pair, for images of the camera.
-        camera: the left imager.
-        threads: of the ray caster.
+    that cannot hit terrain are not cast. `optics` is of the pair, for images of the camera, which is the left imager.
     """
 
     def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1) -> None:

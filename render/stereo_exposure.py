@@ -17,14 +17,9 @@ NATIVE_PIXELS = 5  # of the D435i at 424x240, in each direction, for one pixel o
 
 
 class StereoExposure:
-    """The centre crop of a D435i at 424x240, 80 pixels wide, with the errors of stereo matching.
+    """The centre crop of a D435i at 424x240, 80 pixels wide, by default with its errors of stereo matching.
 
-    Args:
-        terrain: to look at.
-        robot: that carries it.
-        rng: draws what is random in the errors.
-        config: the errors; those of a D435i by default.
-        view: effects that move the camera, which reports its intrinsics without them.
+    `view` are effects that move the camera, which reports its intrinsics without them.
     """
 
     def __init__(

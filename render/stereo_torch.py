@@ -40,13 +40,7 @@ class KorniaWindows:
 
 
 class TorchStereo:
-    """Stereo cameras whose images live on one device.
-
-    Args:
-        config: of the cameras.
-        optics: of the images that come in.
-        device: where to work.
-    """
+    """Stereo cameras whose images live on one device."""
 
     def __init__(self, config: StereoConfig, optics: Optics, device: torch.device | str = "cpu") -> None:
         self.device = torch.device(device)

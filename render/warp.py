@@ -27,12 +27,8 @@ class WarpCaster:
     """Casts the rays of many cameras, each over boxes of its own or all over the same.
 
     Torch tensors on the device are read where they are, in the order of torch's present stream; results are Warp
-    arrays, which `warp.to_torch` turns into tensors without a copy.
-
-    Args:
-        boxes: numpy or torch, arrays of shape (n, boxes, ...), or (1, boxes, ...) for one terrain under all.
-        camera: of all robots; its mount may have a place for each.
-        device: "cuda:0" or "cpu"; the first GPU where there is one, if not given.
+    arrays, which `warp.to_torch` turns into tensors without a copy. Boxes are arrays of shape (n, boxes, ...), or
+    (1, boxes, ...) for one terrain under all. The device is "cuda:0" or "cpu"; by default the first GPU, if any.
     """
 
     def __init__(self, boxes: Boxes, camera: RobotCamera, *, device: str | None = None) -> None:
@@ -139,13 +135,7 @@ def as_tensor(array: warp.array) -> Array:
 
 
 class WarpRenderer(Renderer):
-    """See `Renderer`; `caster` does the same without leaving the device.
-
-    Args:
-        terrain: see `Renderer`.
-        camera: see `Renderer`.
-        device: see `WarpCaster`.
-    """
+    """See `Renderer`; `caster` does the same without leaving the device."""
 
     name: ClassVar[str] = "warp"
 

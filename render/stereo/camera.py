@@ -66,10 +66,7 @@ UNFILTERED = StereoConfig().only([e.name for e in StereoConfig().effects if e.na
 class StereoCamera:
     """Turns true depth into what a stereo camera reports, for any leading batch dimensions, numpy or torch.
 
-    Args:
-        config: the effects.
-        optics: of the images that it is given.
-        windows: who looks around pixels.
+    `optics` are those of the images that it is given; `windows` look around pixels.
     """
 
     def __init__(self, config: StereoConfig, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> None:

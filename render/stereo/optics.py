@@ -34,12 +34,7 @@ class Optics:
 
     @classmethod
     def of(cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M) -> "Optics":
-        """The optics behind an image of any resolution with the optical axis of its sensor.
-
-        Args:
-            camera: of the image.
-            sensor: of the mode in which the sensor matches.
-            baseline_m: of the sensor.
+        """The optics behind an image of any resolution with the optical axis of its sensor, in its matching mode.
 
         Raises:
             ConfigError: a focal length or the baseline is not above 0.
