@@ -4,16 +4,14 @@ import platform
 import re
 import shutil
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import requires
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from saltus.cli.output import print_json
-from saltus.errors import SaltusError
-from saltus.flags import Flag, shown
+from saltus.flags import Flag
 from saltus.provenance import commit, package_version
 
 if TYPE_CHECKING:
@@ -44,16 +42,12 @@ class Doctor:
     Example: saltus doctor --json
     """
 
-    image: Annotated[Path | None, shown("PATH", "none")] = None
-    """Write the rendered test image to this PNG file."""
     json: Flag = False
     """Print the findings as one JSON object on the last line."""
 
     def run(self) -> int:
         """Prints every finding; 0 where nothing that all commands need is wrong, else 1."""
-        if self.image is not None:
-            _check_image(self.image)
-        findings = [*_versions(), *_attempts(self.image)]
+        findings = [*_versions(), *_attempts()]
         if self.json:
             print_json({"commit": commit(), "findings": [asdict(finding) for finding in findings]})
         else:
@@ -62,16 +56,6 @@ class Doctor:
                 cure = "" if finding.ok else f"  -> {finding.cure}"
                 print(f"{word:4} {finding.name:28} {finding.detail}{cure}")
         return 0 if all(finding.ok or finding.optional for finding in findings) else 1
-
-
-def _check_image(path: Path) -> None:
-    if path.suffix != ".png" or path.is_dir():
-        raise SaltusError(f"--image {path}: name a file that ends in .png")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise SaltusError(f"cannot write '{path}': {error.strerror}") from error
 
 
 def _versions() -> list[Finding]:
@@ -104,13 +88,13 @@ def _packages() -> dict[str, str]:
     return packages
 
 
-def _attempts(image: Path | None) -> list[Finding]:
+def _attempts() -> list[Finding]:
     """Checks that try the thing itself."""
     checks: tuple[tuple[str, str, Callable[[], str]], ...] = (
         ("heightmap model", "reinstall saltus: a shipped file is missing or damaged", _model),
         ("motion policy", "reinstall saltus: a shipped file is missing or damaged", _policy),
-        ("Embree (open3d)", LIBRARIES, lambda: _render("embree", image)),
-        ("pyrender on OSMesa", MESA, lambda: _render("pyrender", None)),
+        ("Embree (open3d)", LIBRARIES, lambda: _render("embree")),
+        ("pyrender on OSMesa", MESA, lambda: _render("pyrender")),
         ("MuJoCo on OSMesa", MESA, _mujoco_frame),
         ("Zenoh on loopback", "allow TCP connections on 127.0.0.1", _zenoh),
         ("H.264 encoder", "pip install imageio-ffmpeg", _encoder),
@@ -139,7 +123,7 @@ def _policy() -> str:
     return f"sha256 {PolicyActor(_robot(), resource('models/policy.onnx')).model_id}, loads"
 
 
-def _render(backend: str, image: Path | None) -> str:
+def _render(backend: str) -> str:
     import numpy as np
 
     from saltus.config import TerrainConfig
@@ -153,12 +137,6 @@ def _render(backend: str, image: Path | None) -> str:
     depth = renderer.render(position, np.array([1.0, 0.0, 0.0, 0.0]), robot.stand_pose)
     if not np.isfinite(depth).any():
         raise RuntimeError("the test image is empty")
-    if image is not None:
-        import cv2
-
-        grey = (255 * (1 - np.clip(depth / 3.0, 0, 1))).astype(np.uint8)
-        if not cv2.imwrite(str(image), cv2.resize(grey, None, fx=10, fy=10, interpolation=cv2.INTER_NEAREST)):
-            raise RuntimeError(f"cannot write {image}")
     return f"{depth.shape[1]}x{depth.shape[0]} image, nearest {np.nanmin(depth):.2f} m"
 
 

@@ -190,8 +190,6 @@ class Experiments:
       saltus real2sim experiments --run squat --robot robots/mine --profile ideal
     """
 
-    list: Flag = False
-    """Print the list of experiments, as without flags."""
     run_: Annotated[
         str | None, tyro.conf.arg(name="run", metavar="NAME", help_behavior_hint="(default: none, print the list)")
     ] = None
@@ -214,8 +212,6 @@ class Experiments:
         from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
         from saltus.robots.loading import load_robot
 
-        if self.run_ is not None and self.list:
-            raise ConfigError("--list and --run exclude each other")
         if self.run_ is None:
             return self._table(load_robot(self.robot), tuple(EXPERIMENTS.values()))
         return self._run(experiment_named(self.run_))

@@ -158,10 +158,6 @@ BAD = {
     "robot show go1 missing.toml": "missing.toml",
     "robot show go1 folder": "folder",
     "robot show /proc/self/mem": "/proc/self/mem",
-    "doctor --image missing/picture.png": "missing",
-    "doctor --image folder": ".png",
-    "doctor --image picture.xyz": ".png",
-    "doctor --image /proc/self/fdinfo/picture.png": "/proc/self/fdinfo",
     # models and trainings
     "policy eval --trials 0": "from 1 to 100000",
     "policy eval --trials 99999999999": "from 1 to 100000",
@@ -256,7 +252,6 @@ BAD = {
     "real2sim apply folder.toml --profile mine": "folder.toml",
     "real2sim apply empty.toml": "--profile NAME",
     "real2sim experiments --run joint_chrip": "did you mean 'joint_chirp'?",
-    "real2sim experiments --list --run drop": "--list",
     "real2sim experiments --run drop --camera-latency -1": "--camera-latency",
     "real2sim experiments --run drop --camera-latency nan": "0 to 1 s",
     "real2sim experiments --run drop --out /dev/null/log": "/dev/null/log",

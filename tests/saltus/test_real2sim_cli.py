@@ -34,7 +34,7 @@ def patch(tmp_path: Path) -> Path:
 
 
 def test_the_list_of_experiments_says_what_each_shows(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["real2sim", "experiments", "--list", "--json"]) == 0
+    assert main(["real2sim", "experiments", "--json"]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert {"joint_chirp", "wall_two_ranges", "drop"} <= {entry["name"] for entry in table["experiments"]}
     assert all(entry["shows"] and entry["limits"] and entry["duration_s"] > 0 for entry in table["experiments"])
