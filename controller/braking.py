@@ -61,19 +61,9 @@ class BrakingConfig:
 
     def of_size(self, size: Similarity) -> "BrakingConfig":
         """The numbers of a robot of another size."""
-        return replace(
-            self,
-            stepping_frequency_hz=self.stepping_frequency_hz / size.time,
-            height_m=self.height_m * size.length,
-            height_gain=self.height_gain / size.time,
-            pitch_rate=self.pitch_rate / size.time,
-            pitch_gain=self.pitch_gain / size.time,
-            reach_s=self.reach_s * size.time,
-            rear_reach_m=self.rear_reach_m * size.length,
-            clearance_m=self.clearance_m * size.length,
-            landing_height_m=self.landing_height_m * size.length,
-            slow_mps=self.slow_mps * size.length / size.time,
-        )
+        lengths = ("height_m", "rear_reach_m", "clearance_m", "landing_height_m")
+        rates = ("stepping_frequency_hz", "height_gain", "pitch_rate", "pitch_gain")
+        return replace(size.scaled(self, lengths, ("slow_mps",), rates), reach_s=self.reach_s * size.time)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -91,33 +91,49 @@ class TrainConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClosedLoop:
-    """How robots are let run on processors with a predictor in the loop, a batch at a time.
+class Loop:
+    """How robots are let run, a batch at a time.
 
     Raises:
         ConfigError: a number that leaves no robots, no time, or no course.
     """
 
+    robots: int
+    ticks: int = 600
+    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
+    hardest: float
+    learned: float
+    """Share of robots that the learned policy drives; the scripted planner drives the others."""
+    variation: float = VARIATION
+    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+
+    def __post_init__(self) -> None:
+        check_between(
+            self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT), learned=_SHARE,
+            variation=_SHARE,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop(Loop):
+    """How robots are let run on processors with a predictor in the loop, a batch at a time."""
+
     robots: int = 32
     """In a batch."""
     courses: int = 8
     """Different terrains in a batch: the images of robots on the same one are taken together."""
-    ticks: int = 600
-    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
     hardest: float = 0.8
     """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
     poor heights: falls are part of what must be seen."""
     learned: float = 0.5
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
-    variation: float = VARIATION
-    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     camera: Camera = "d435i"
     """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
     The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
 
     def __post_init__(self) -> None:
-        check_between(self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=_SHARE, learned=_SHARE)
-        check_between(self, variation=_SHARE)
+        super().__post_init__()
+        check_between(self, hardest=_SHARE)
         if not 1 <= self.courses <= self.robots:
             raise ConfigError(f"courses = {self.courses}: it must be from 1 to robots = {self.robots}")
 
@@ -170,31 +186,22 @@ class ProcessorCollection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceLoop:
-    """How robots are let run on one device, thousands at once.
-
-    Raises:
-        ConfigError: a number that leaves no robots, no time, or no course.
-    """
+class DeviceLoop(Loop):
+    """How robots are let run on one device, thousands at once."""
 
     robots: int = 4096
     """At once: 2.5 GB of a GPU's memory for what 6 s of them leave."""
-    ticks: int = 600
-    """Of 10 ms, of every robot; one that falls or arrives starts again, which begins another episode."""
     hardest: float = 1.0
     """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to 1.2, as falls are
     part of what must be seen."""
     learned: float = 1.0
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
-    variation: float = VARIATION
-    """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     cameras: tuple[Camera, ...] = ("d435i",)
     """Whose images are kept, of the same motion; the predictor in the loop sees those of the first. d435i: with the
     errors of a stereo camera. ideal: true depth."""
 
     def __post_init__(self) -> None:
-        check_between(self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT))
-        check_between(self, learned=_SHARE, variation=_SHARE)
+        super().__post_init__()
         if not self.cameras or len(set(self.cameras)) < len(self.cameras):
             raise ConfigError(f"cameras = {self.cameras}: name each once, and at least one")
 

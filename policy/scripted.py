@@ -102,12 +102,9 @@ class ScriptedParameters:
 
     def of_robot(self, robot: Robot) -> "ScriptedParameters":
         """The numbers of a robot of another size, whose hips may be above or below its base."""
-        size, hips_m = Similarity.of_robot(robot), float(robot.hip_anchor[:, 2].mean())
-        scaled = {name: getattr(self, name) * size.length for name in LENGTHS}
-        scaled |= {name: getattr(self, name) * (size.length / size.time) for name in SPEEDS}
-        scaled |= {name: getattr(self, name) / size.time for name in RATES}
-        scaled |= {name: scaled[name] - hips_m for name in ("height_m", "ceiling_m")}
-        return replace(self, **scaled)
+        scaled = Similarity.of_robot(robot).scaled(self, LENGTHS, SPEEDS, RATES)
+        hips_m = float(robot.hip_anchor[:, 2].mean())
+        return replace(scaled, height_m=scaled.height_m - hips_m, ceiling_m=scaled.ceiling_m - hips_m)
 
 
 LENGTHS = (

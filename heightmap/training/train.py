@@ -1,7 +1,6 @@
 """Trains the heightmap network: truncated back-propagation through windows with a hidden state that is carried on."""
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -13,7 +12,7 @@ import torch
 from torch import Tensor
 
 from saltus.errors import ConfigError, ModelError
-from saltus.folders import differences
+from saltus.folders import ask_for_room, differences
 from saltus.heightmap.data.delivery import DELIVERIES
 from saltus.heightmap.data.shards import (
     DatasetError,
@@ -73,11 +72,11 @@ def train(
         ConfigError: there is no such device.
         DatasetError: the dataset is missing, damaged, or has too few episodes to hold any out.
         ModelError: `start` is no checkpoint, or `checkpoint` one of another training (the message says what differs).
-        OSError: `checkpoint` cannot be written.
+        SaltusError: `checkpoint` cannot be written.
     """
     records, device = read_records(data), _device(config.device)
     known = load_checkpoint(start) if start else None
-    _ask_for_room(checkpoint)
+    ask_for_room(checkpoint.parent)
     settings = {**asdict(config), "model": asdict(known[0].config if known else config.model)}
     origin: dict[str, Any] = {"config": settings, "dataset": dataset_hash(records), "start": None}
     if start and known:
@@ -242,13 +241,6 @@ def _read(checkpoint: Path) -> dict[str, Any]:
     if not known or not isinstance(table["origin"], dict):
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network")
     return table
-
-
-def _ask_for_room(checkpoint: Path) -> None:
-    """Finds out before the work whether its result can be written."""
-    checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=checkpoint.parent):
-        pass
 
 
 def _begun(checkpoint: Path, origin: dict[str, Any]) -> dict[str, Any] | None:

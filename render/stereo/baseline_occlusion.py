@@ -25,12 +25,11 @@ class BaselineOcclusion(RandomStereoEffect):
 
     rejected: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
 
-    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
         """Invalidates what is hidden."""
-        del time_s
         lost = signal.hidden
         if not np.all(np.equal(self.rejected, 1.0)):
             dtype = signal.disparity.dtype
-            draw = unit_uniform(state, signal.time_s, signal.hidden.shape[-2:], dtype)
+            draw = unit_uniform(keys, signal.time_s, signal.hidden.shape[-2:], dtype)
             lost = lost & (draw < per_image(self.rejected, signal.disparity, namespace(draw)))
-        return replace(signal, valid=signal.valid & ~lost), state
+        return replace(signal, valid=signal.valid & ~lost)

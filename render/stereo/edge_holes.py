@@ -34,11 +34,8 @@ class EdgeHoles(RandomStereoEffect):
     patch: float = field(default=3.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
 
-    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
         """Loses pixels at edges."""
-        del time_s
-        if self.is_null():
-            return signal, state
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
         rows, columns = math.ceil(self.reach / optics.pitch_y), math.ceil(self.reach / optics.pitch_x)
@@ -46,9 +43,9 @@ class EdgeHoles(RandomStereoEffect):
         mean = mean_around(disparity, rows, columns)
         # samples that reach farther than `reach` make up for it by losing fewer
         excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach
-        draw = self.patches(signal, state, self.patch)
+        draw = self.patches(signal, keys, self.patch)
         share = np.clip(np.asarray(self.fraction, dtype=np.float64) / max(1.0, excess), 1e-9, 1.0 - 1e-9)
         limit = ndtri(share)
         threshold = float(limit) if limit.ndim == 0 else like(limit, disparity, xp)[..., None, None]
         lost = near_edge & (disparity < mean) & (draw < threshold)
-        return replace(signal, valid=signal.valid & ~lost), state
+        return replace(signal, valid=signal.valid & ~lost)

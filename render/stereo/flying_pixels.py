@@ -22,18 +22,15 @@ class FlyingPixels(RandomStereoEffect):
     # as for holes at edges
     jump: float = field(default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False})
 
-    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
         """Moves pixels into the gap."""
-        del time_s
-        if self.is_null():
-            return signal, state
         disparity, optics = signal.disparity, signal.optics
         # one sample in `pitch` lies within a pixel of the edge
         scale = 1.0 / max(optics.pitch_x, optics.pitch_y)
         share = per_image(self.fraction, disparity, namespace(disparity)) * scale
-        draw = unit_uniform(state, signal.time_s, disparity.shape[-2:], disparity.dtype)
+        draw = unit_uniform(keys, signal.time_s, disparity.shape[-2:], disparity.dtype)
         flies = discontinuity(signal.truth, self.jump) & (draw < share)
         low, high = signal.windows.range_around(disparity)
         # among those that fly, draw / share is uniform again; where the share is 0 none do
         between = low + (high - low) * (draw / (share + (share == 0.0)))
-        return replace(signal, disparity=namespace(disparity).where(flies, between, disparity)), state
+        return replace(signal, disparity=namespace(disparity).where(flies, between, disparity))

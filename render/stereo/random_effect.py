@@ -1,5 +1,6 @@
 """What effects of a stereo matcher that draw at random have in common."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,6 +21,15 @@ class RandomStereoEffect(Effect[StereoImage]):
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """A key for each image."""
         return draw_keys(batch, rng)
+
+    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+        """See `Effect.apply`."""
+        del time_s
+        return (signal if self.is_null() else self.drawn(signal, state)), state
+
+    @abstractmethod
+    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
+        """The image after the effect."""
 
     @staticmethod
     def patches(signal: StereoImage, keys: Any, size: float) -> Any:

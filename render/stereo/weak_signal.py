@@ -28,14 +28,11 @@ class WeakSignal(RandomStereoEffect):
     patch: float = field(default=5.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False})
     """Size of the patches that are lost together."""
 
-    def apply(self, signal: StereoImage, time_s: float, state: Any) -> tuple[StereoImage, Any]:
+    def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
         """Loses what returns too little."""
-        del time_s
-        if self.is_null():
-            return signal, state
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
-        draw = self.patches(signal, state, self.patch)
+        draw = self.patches(signal, keys, self.patch)
         # cos / z^2 over that at the reach; disparities stand for 1 / z
         weakest = optics.disparity_at_1m / per_image(self.reach, disparity, xp)
         draw *= self.spread
@@ -50,7 +47,7 @@ class WeakSignal(RandomStereoEffect):
         needed *= steepness
         strength = square * square
         strength *= square
-        return replace(signal, valid=signal.valid & (strength > needed)), state
+        return replace(signal, valid=signal.valid & (strength > needed))
 
 
 def _slopes_squared(disparity: Any, focal_x: float, focal_y: float) -> Any:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from saltus import config
 from saltus.arrays import Floats
+from saltus.config import Value
 from saltus.errors import ConfigError
 
 LEGS = ("FR", "FL", "RR", "RL")
@@ -51,7 +51,7 @@ class Gains:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Robot:
+class Robot(Value):
     """A quadruped with legs of three hinges: abduction about x, then thigh and calf about y.
 
     Robots are equal when their fingerprints are. Arrays cannot be written.
@@ -176,15 +176,6 @@ class Robot:
         """16 hexadecimal digits that are the same for the same robot on every computer."""
         content = _NUMBER.sub(_shortened, self.to_toml())
         return hashlib.sha256(content.encode()).hexdigest()[:16]
-
-    def to_toml(self) -> str:
-        """The whole robot, as `from_toml` reads it."""
-        return config.to_toml(self)
-
-    @classmethod
-    def from_toml(cls, text: str) -> "Robot":
-        """Reads what `to_toml` wrote, or raises `ConfigError`."""
-        return config.from_toml(cls, text)
 
 
 def _checked_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:

@@ -6,7 +6,9 @@ time. The reference has the settings of the authors of "Agile Continuous Jumping
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +19,8 @@ LEG_LENGTH, MASS = 0.426, 12.743448  # of the reference [m], [kg]
 INERTIA_FACTOR = (1.6, 1.32, 1.24)  # of what its controller takes for its inertia about x, y, z to what it is
 STAND_SHARE = 0.62  # height of a standing hip above its foot, as a share of the leg
 HIP_TO_CAMERA, CAMERA_Z, CAMERA_PITCH = 0.084, 0.092, 0.52  # [m], [m], [rad]
+
+Numbers = TypeVar("Numbers", bound=Any)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +44,15 @@ class Similarity:
     def time(self) -> float:
         """Ratio of times."""
         return math.sqrt(self.length)
+
+    def scaled(
+        self, numbers: Numbers, lengths: Iterable[str], speeds: Iterable[str] = (), rates: Iterable[str] = ()
+    ) -> Numbers:
+        """The reference's numbers for this robot: by name what grows as lengths, speeds and rates do."""
+        changes = {name: getattr(numbers, name) * self.length for name in lengths}
+        changes |= {name: getattr(numbers, name) * (self.length / self.time) for name in speeds}
+        changes |= {name: getattr(numbers, name) / self.time for name in rates}
+        return replace(numbers, **changes)
 
     @property
     def gains(self) -> Gains:

@@ -11,7 +11,7 @@ from samples import ROBOT
 from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main as saltus
-from saltus.errors import ConfigError, ModelError
+from saltus.errors import ConfigError, ModelError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_manifest, write_shard
@@ -223,7 +223,7 @@ def test_what_is_no_checkpoint_is_refused_before_any_work(
 def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(data: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     told: list[Progress] = []
-    with pytest.raises(OSError, match="file"):
+    with pytest.raises(SaltusError, match="folder"):
         train(data, tmp_path / "file" / "a.pt", CONFIG, told.append)
     assert not told
 
