@@ -10,7 +10,7 @@ from saltus.cli.main import main
 
 @pytest.fixture(autouse=True)
 def _nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_attempts", lambda _: [])
+    monkeypatch.setattr(doctor, "_attempts", lambda: [])
 
 
 def without(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
