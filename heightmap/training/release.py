@@ -11,9 +11,9 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ModelError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, motion, read_dataset, read_records
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.export import Origin, export, parity
+from saltus.heightmap.training.interface import interface
 from saltus.heightmap.training.train import load_checkpoint, split
 from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames
 from saltus.model_file import put_model
@@ -30,26 +30,6 @@ REGIONS = (
     ("under and behind, x <= 0.2 m", "under_m"),
 )
 """Rows of the card and fields of `Accuracy`."""
-_INTERFACE = """\
-## Inputs and outputs
-
-One call is one tick of 10 ms. All arrays are float32 with a leading dimension of robots.
-
-- `image` (2, 48, 16): depth along the optical axis over 3 m, at most 1, and 1 where invalid; then 1 where valid, else
-  0. Rows from the top, of the camera in the metadata `camera`. Before the first image: ones, then zeros.
-- `age`: of that image since its capture [s]; more than 0.5 s, or infinite, counts as 0.5 s.
-- `new`: 1 in the first tick that uses the image, else 0.
-- `proprioception` ({features}), in the order of the metadata `proprioception`: roll and pitch [rad]; of each foot x
-  ahead and z up of the base [m], zero while its leg is not trusted to stand; 1 for a leg that is trusted, else 0;
-  velocity [m/s] and angular velocity [rad/s]; height of the base above the feet in stance [m]. Feet and velocities are
-  in the yaw frame: world axes turned by the yaw of the base.
-- `hidden` ({hidden}): `hidden_out` of the tick before; zeros at first.
-
-Outputs: `height` (30), the terrain relative to the base [m] at the metadata `grid_m` ahead of it along its yaw; `std`
-(30), 1.645 of which are half of the 90 % interval of a height [m]; `hidden_out` ({hidden}).
-
-The file normalises its inputs itself: the metadata `normalisation` must not be applied again.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +148,7 @@ Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 t
 with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
 simulation only. For the robot {robot.name} and its camera: it is refused for others.
 
-{_INTERFACE.format(hidden=sizes["hidden"], features=len(PROPRIOCEPTION))}
+{interface(robot, sizes["hidden"])}
 ## Errors and training
 
 Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:
