@@ -8,3 +8,5 @@ POLICY_DT = PHYSICS_DT * POLICY_STEPS
 """Period of the motion policy [s]."""
 GRAVITY = 9.81
 """[m/s^2]; the engine's default, and the original's."""
+LOADED_N = 5.0
+"""Force from which a foot bears load: above the noise of one that grazes the ground."""

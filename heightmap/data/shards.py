@@ -238,8 +238,8 @@ def write_shard(directory: Path, episodes: Iterable[Episode], *, seed: int, conf
 
 def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
     """Replaces the manifest of a dataset, whole or not at all."""
-    text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1)
-    write_whole(directory / MANIFEST, lambda temporary: _write_text(temporary, text))
+    text = json.dumps({"format": _FORMAT, "shards": [asdict(record) for record in records]}, indent=1) + "\n"
+    write_whole(directory / MANIFEST, lambda temporary: temporary.write_text(text))
 
 
 def layout() -> dict[str, Any]:
@@ -326,10 +326,6 @@ def _whole(path: Path) -> Iterator[Path]:
 
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(len(os.sched_getaffinity(0)))
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text + "\n")
 
 
 def file_sha256(path: Path) -> str:

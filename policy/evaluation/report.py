@@ -12,14 +12,22 @@ from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
-from saltus.recordings.report import BLUE, GREEN, GREY, ORANGE, RED, course_title, figure_html, page, table
+from saltus.recordings.report import (
+    BLUE,
+    GREEN,
+    RED,
+    add_ground,
+    contact_figure,
+    course_title,
+    figure_html,
+    page,
+    table,
+)
 from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.messages import Floats
 
 SHOWN = 20  # trials whose curves are drawn: more would hide each other
 BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish
-GAIT = (("front feet", 0, BLUE), ("rear feet", 2, ORANGE))
 
 
 def write_evaluation_report(
@@ -73,9 +81,8 @@ def _numbers(result: dict[str, Any]) -> str:
 def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go.Figure:
     figure = go.Figure()
     for terrain in {id(terrain): terrain for terrain in terrains}.values():
-        x = np.linspace(-BEHIND_M, terrain.finish_x + AHEAD_M, 1000)
-        x = np.unique(np.concatenate([x, terrain.edges_x - 1e-6, terrain.edges_x]))
-        figure.add_scatter(x=x, y=terrain.height_at(x, 0.0), showlegend=False, line={"color": GREY, "width": 1.5})
+        add_ground(figure, terrain, -BEHIND_M, terrain.finish_x + AHEAD_M)
+    figure.update_traces(showlegend=False)
     for trial in trials:
         colour = GREEN if trial.outcome.success else RED
         figure.add_scattergl(
@@ -126,23 +133,9 @@ def _phase(trials: Sequence[TrialResult]) -> go.Figure:
 
 
 def _gait(trial: TrialResult) -> go.Figure:
-    """Lines where a pair of feet is scheduled to stand, and below where one of it bears load."""
-    trace, figure = trial.trace, go.Figure()
-    for row, (name, leg, colour) in enumerate(GAIT):
-        pair = slice(leg, leg + 2)
-        for values, shift, what in (
-            (trace.stance[:, pair].any(axis=1), 0.12, "scheduled"),
-            (trace.loaded[:, pair].any(axis=1), -0.12, "loaded"),
-        ):
-            line: Floats = np.where(values, -row + shift, np.nan)
-            figure.add_scatter(
-                x=trace.time_s, y=line, mode="lines", name=f"{name}, {what}", connectgaps=False,
-                line={"color": colour, "width": 7}, opacity=1.0 if what == "scheduled" else 0.5,
-            )  # fmt: skip
-    figure.update_yaxes(tickvals=[0, -1], ticktext=[name for name, _, _ in GAIT], range=[-1.5, 0.5])
-    figure.update_xaxes(title="time [s]")
-    figure.update_layout(height=230, legend={"orientation": "h", "y": 1.3})
-    return figure
+    """Of a pair of feet either may stand, and either may bear load."""
+    stance, loaded = (mask.reshape(-1, 2, 2).any(axis=-1) for mask in (trial.trace.stance, trial.trace.loaded))
+    return contact_figure(trial.trace.time_s, ("front feet", "rear feet"), stance, loaded)
 
 
 def _failures(result: EvaluationResult) -> str:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.constants import PHYSICS_DT, POLICY_STEPS
+from saltus.constants import LOADED_N, PHYSICS_DT, POLICY_STEPS
 from saltus.policy.evaluation.rollout import RolloutStep
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -18,7 +18,6 @@ from saltus.wire.messages import Floats
 Failure = Literal["", "timeout", "trench", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
 
 STEP_S = PHYSICS_DT * POLICY_STEPS
-LOADED_N = 5.0  # above the noise of a foot that grazes the ground
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
 SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold
 WALL_M = 0.02  # sole to wall: what a foot moves in one step

@@ -4,7 +4,7 @@ The robot is the simulated one with the effects of a profile; its sensors have n
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,10 @@ def run(
     sections, terrain = experiment.sections(robot), experiment.terrain()
     for section in sections:
         experiment.limits.check_commands(robot, section.commands, experiment.gains(robot)[0])
-    plant = _plant(experiment, robot, profile, terrain, seed)
+    plant = Plant(
+        robot, terrain, payload_kg=experiment.payload_kg, chain=profile.actuator_chain, body=profile.body_chain,
+        imu=profile.imu_chain, seed=seed, held=experiment.base == "fixed",
+    )  # fmt: skip
     tape = _move(plant, experiment, robot, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])
     log = _log(tape, experiment, robot, sections, terrain, Instruments(noise or SensorNoise(), rng))
@@ -83,23 +86,7 @@ def run(
         return log
     camera = camera or Camera.on(robot)
     log.meta["camera"] = camera.claim()
-    return RunLog(
-        meta=log.meta, joints=log.joints, imu=log.imu, base=log.base, feet=log.feet,
-        depth=_depth(tape, robot, terrain, camera, profile, rng),
-    )  # fmt: skip
-
-
-def _plant(experiment: Experiment, robot: Robot, profile: Profile, terrain: Terrain, seed: int) -> Plant:
-    return Plant(
-        robot,
-        terrain,
-        payload_kg=experiment.payload_kg,
-        chain=profile.actuator_chain,
-        body=profile.body_chain,
-        imu=profile.imu_chain,
-        seed=seed,
-        held=experiment.base == "fixed",
-    )
+    return replace(log, depth=_depth(tape, robot, terrain, camera, profile, rng))
 
 
 def _move(
@@ -211,16 +198,16 @@ def _depth(
     tape: _Tape, robot: Robot, terrain: Terrain, camera: Camera, profile: Profile, rng: np.random.Generator
 ) -> DepthTable:
     """Images from the true poses at the camera's rate."""
-    every = round(1.0 / (camera.rate_hz * PHYSICS_DT))
-    rows = tape.rows[::every]
+    rows = tape.rows[:: round(1.0 / (camera.rate_hz * PHYSICS_DT))]
+    states = [row.state for row in rows]
     return film(
         robot,
         camera,
         profile,
         terrain,
         capture_s=np.array([row.time_s for row in rows]),
-        position=np.array([row.state.position_base_in_world for row in rows]),
-        quaternion=np.array([row.state.quaternion_base_in_world for row in rows]),
-        joints=np.array([row.state.joint_position for row in rows]),
+        position=np.array([state.position_base_in_world for state in states]),
+        quaternion=np.array([state.quaternion_base_in_world for state in states]),
+        joints=np.array([state.joint_position for state in states]),
         rng=rng,
     )

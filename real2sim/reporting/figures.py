@@ -95,7 +95,7 @@ def regime_figure(before: Channel, after: Channel) -> go.Figure:
         figure.update_xaxes(title=f"{driver.name} [{driver.unit}]", title_standoff=4, row=row, col=column)
     figure.add_hline(y=1.0, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(rangemode="tozero")
-    figure.update_yaxes(title=f"{_name(before)} [sigma]", col=1)
+    figure.update_yaxes(title=f"{before.signal}, {before.place} [sigma]", col=1)
     return _sized(figure, 60 + 200 * rows)
 
 
@@ -162,10 +162,6 @@ def _rms_table(channels: Sequence[Channel], signals: list[str], places: list[str
 
 def _rms(residual: Floats) -> float:
     return float(np.sqrt(np.mean(residual**2)))
-
-
-def _name(channel: Channel) -> str:
-    return f"{channel.signal}, {channel.place}"
 
 
 def _sized(figure: go.Figure, height: int) -> go.Figure:

@@ -1,14 +1,16 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from saltus.config import RunConfig, to_toml
+from saltus.constants import LOADED_N
 from saltus.provenance import commit
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import RunSummary, shown
@@ -27,6 +29,7 @@ from saltus.wire.messages import (
 
 # Okabe and Ito's palette: told apart by colour-blind readers
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555"
+Mask = NDArray[np.bool_]
 PROFILE_EVERY = 10  # steps between the profiles that are drawn: more would hide each other
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -80,6 +83,8 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     config = recording.config or RunConfig()
     data = collect(recording)
     terrain = recording.terrain
+    scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
+    loaded = np.array([truth.foot_force for truth in data.truths]).reshape(-1, 4) > LOADED_N
     parts = [
         f"<h1>{html.escape(_headline(summary, terrain, config))}</h1>",
         _numbers(summary),
@@ -90,7 +95,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         figure_html(_body_figure(data)),
         "<h2>Contact schedule and measured contact</h2>",
         '<p class="note">Blue: a leg is scheduled to stand. Orange: its foot bears more than 5 N.</p>',
-        figure_html(_contact_figure(data)),
+        figure_html(contact_figure(data.time_s, LEGS, scheduled, loaded)),
         "<h2>Heightmap error by distance ahead of the base</h2>",
         '<p class="note">The nearest ground in view is 0.49 m ahead of a standing robot: nearer is memory.</p>',
         figure_html(_error_figure(data)),
@@ -166,13 +171,8 @@ def _numbers(summary: RunSummary) -> str:
 
 def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
     x_end = float(data.position[:, 0].max()) + 1.0 if len(data.position) else 1.0
-    ground_x = np.unique(np.concatenate([np.linspace(-0.6, x_end, 2000), terrain.edges_x - 1e-6, terrain.edges_x]))
-    ground_x = ground_x[(ground_x > -0.7) & (ground_x < x_end)]
     figure = go.Figure()
-    figure.add_scatter(
-        x=ground_x, y=terrain.height_at(ground_x, 0.0), name="terrain", fill="tozeroy",
-        line={"color": GREY, "width": 1.5}, fillcolor="rgba(120,120,120,0.25)",
-    )  # fmt: skip
+    add_ground(figure, terrain, -0.6, x_end)
     for status, colour in (
         (HeightmapStatus.OK, GREEN),
         (HeightmapStatus.WARMING, ORANGE),
@@ -231,22 +231,32 @@ def _body_figure(data: RunData) -> go.Figure:
     return figure
 
 
-def _contact_figure(data: RunData) -> go.Figure:
-    scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
-    loaded = np.array([truth.foot_force for truth in data.truths]).reshape(-1, 4) > 5.0
+def contact_figure(time_s: Floats, legs: Sequence[str], scheduled: Mask, loaded: Mask) -> go.Figure:
+    """Lines where legs, or pairs of them, are scheduled to stand, and below where they bear load; shape (n, legs)."""
     figure = go.Figure()
-    for index, leg in enumerate(LEGS):
-        level = float(len(LEGS) - index)
+    for index, leg in enumerate(legs):
+        level = float(len(legs) - index)
         for mask, colour, shift, name in ((scheduled, BLUE, 0.12, "scheduled"), (loaded, ORANGE, -0.12, "measured")):
             line = np.where(mask[:, index], level + shift, np.nan)
             figure.add_scatter(
-                x=data.time_s, y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
+                x=time_s, y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
                 line={"color": colour, "width": 7}, hoverinfo="skip", text=leg,
             )  # fmt: skip
-    figure.update_yaxes(tickvals=[4, 3, 2, 1], ticktext=list(LEGS), range=[0.5, 4.5])
+    levels = list(range(len(legs), 0, -1))
+    figure.update_yaxes(tickvals=levels, ticktext=list(legs), range=[0.5, len(legs) + 0.5])
     figure.update_xaxes(title="time [s]")
-    figure.update_layout(height=260, legend={"orientation": "h", "y": 1.2})
+    figure.update_layout(height=100 + 40 * len(legs), legend={"orientation": "h", "y": 1.2})
     return figure
+
+
+def add_ground(figure: go.Figure, terrain: Terrain, start_x: float, end_x: float) -> None:
+    """Draws the terrain along y = 0, with its walls upright."""
+    x = np.unique(np.concatenate([np.linspace(start_x, end_x, 2000), terrain.edges_x - 1e-6, terrain.edges_x]))
+    x = x[(x >= start_x) & (x <= end_x)]
+    figure.add_scatter(
+        x=x, y=terrain.height_at(x, 0.0), name="terrain", line={"color": GREY, "width": 1.5}, fill="tozeroy",
+        fillcolor="rgba(120,120,120,0.25)",
+    )  # fmt: skip
 
 
 def _error_figure(data: RunData) -> go.Figure:
