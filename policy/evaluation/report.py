@@ -134,8 +134,9 @@ def _phase(trials: Sequence[TrialResult]) -> go.Figure:
 
 def _gait(trial: TrialResult) -> go.Figure:
     """Of a pair of feet either may stand, and either may bear load."""
-    stance, loaded = (mask.reshape(-1, 2, 2).any(axis=-1) for mask in (trial.trace.stance, trial.trace.loaded))
-    return contact_figure(trial.trace.time_s, ("front feet", "rear feet"), stance, loaded)
+    trace = trial.trace
+    stance, loaded = (np.any(mask.reshape(-1, 2, 2), axis=-1) for mask in (trace.stance, trace.loaded))
+    return contact_figure(trace.time_s, ("front feet", "rear feet"), stance, loaded)
 
 
 def _failures(result: EvaluationResult) -> str:

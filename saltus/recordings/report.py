@@ -253,10 +253,7 @@ def add_ground(figure: go.Figure, terrain: Terrain, start_x: float, end_x: float
     """Draws the terrain along y = 0, with its walls upright."""
     x = np.unique(np.concatenate([np.linspace(start_x, end_x, 2000), terrain.edges_x - 1e-6, terrain.edges_x]))
     x = x[(x >= start_x) & (x <= end_x)]
-    figure.add_scatter(
-        x=x, y=terrain.height_at(x, 0.0), name="terrain", line={"color": GREY, "width": 1.5}, fill="tozeroy",
-        fillcolor="rgba(120,120,120,0.25)",
-    )  # fmt: skip
+    figure.add_scatter(x=x, y=terrain.height_at(x, 0.0), name="terrain", line={"color": GREY, "width": 1.5})
 
 
 def _error_figure(data: RunData) -> go.Figure:
