@@ -167,11 +167,9 @@ class HeldOutRun:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Tick:
-    """What the services of all robots had and answered at one step."""
+class _Tick(Prediction):
+    """What the services of all robots had and answered at one step, shape (robots, 30)."""
 
-    height: Floats
-    half_width_90: Floats
     captured_s: Floats
     depth: NDArray[np.uint16] | None
     """Taken at this step [mm], shape (robots, 48, 16)."""

@@ -51,21 +51,11 @@ Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class CollectionProgress:
-    """Where the collection of a round is."""
-
-    round: int
-    batches: int
-    """That are done."""
-    ticks: int
-    """Labelled steps of 10 ms in them."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Observer:
     """What is told about a run while it goes on."""
 
-    collected: Callable[[CollectionProgress], None]
+    collected: Callable[[int, int, int], None]
+    """Gets the round, its batches that are done, and the labelled steps of 10 ms in them."""
     trained: Callable[[int, Progress], None]
     """Gets the round, too."""
 
@@ -192,7 +182,7 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
     for done, episodes in enumerate(batches, start=1):
         yield from episodes
         ticks += sum(len(episode.height) for episode in episodes)
-        observer.collected(CollectionProgress(round=index, batches=done, ticks=ticks))
+        observer.collected(index, done, ticks)
 
 
 def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer) -> None:

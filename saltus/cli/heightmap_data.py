@@ -23,7 +23,6 @@ from saltus.workers import check_processes
 if TYPE_CHECKING:
     from saltus.heightmap.data.shards import Collection
     from saltus.heightmap.device_collection import DeviceSpeed
-    from saltus.heightmap.training.dagger import CollectionProgress
     from saltus.heightmap.training.train import Progress
 
 DATASET = Path("runs/dataset")
@@ -218,10 +217,9 @@ class _Bars:
         if self._bar is not None:
             self._bar.close()
 
-    def collected(self, progress: "CollectionProgress") -> None:
-        """One more batch."""
-        bar = self._at(progress.round, "collect", progress.batches)
-        bar.set_postfix(steps=progress.ticks)
+    def collected(self, index: int, batches: int, ticks: int) -> None:
+        """One more batch of a round."""
+        self._at(index, "collect", batches).set_postfix(steps=ticks)
 
     def trained(self, index: int, progress: "Progress") -> None:
         """Some more updates."""

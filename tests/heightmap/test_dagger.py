@@ -19,7 +19,7 @@ from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
-from saltus.heightmap.training.dagger import CollectionProgress, Observer, dagger
+from saltus.heightmap.training.dagger import Observer, dagger
 from saltus.heightmap.training.train import Progress
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.observation import observe
@@ -39,8 +39,8 @@ class Killed(BaseException):
 def killed_at(when: str) -> Observer:
     """Ends the run when it is told of this moment: "collect ROUND BATCHES" or "train ROUND"."""
 
-    def collected(progress: CollectionProgress) -> None:
-        if when == f"collect {progress.round} {progress.batches}":
+    def collected(index: int, batches: int, _: int) -> None:
+        if when == f"collect {index} {batches}":
             raise Killed
 
     def trained(index: int, progress: Progress) -> None:
@@ -91,7 +91,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
         "if __name__ == '__main__':\n"  # the workers import this file, and need none of it
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "    from saltus.heightmap.settings import *\n"
-        f"    told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
+        f"    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda i, p: None)\n"
         f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )
     script = tmp_path / "run.py"

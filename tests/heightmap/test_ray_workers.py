@@ -89,7 +89,7 @@ def test_an_interrupted_run_leaves_no_process_and_no_shard(tmp_path: Path) -> No
     code = (
         "import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "from saltus.heightmap.settings import *\n"
-        "told = Observer(collected=lambda p: print(p.batches, flush=True), trained=lambda i, p: None)\n"
+        "told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda i, p: None)\n"
         f"dagger(Path(sys.argv[1]), DaggerConfig(batches=50, loop={LOOP!r}), told, processes=1, cluster={LOCAL!r})\n"
     )
     command = [sys.executable, "-c", code, tmp_path / "run"]
