@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from benchmarks._measuring import recorded_run
-from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig, TerrainKind
+from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment
@@ -31,7 +31,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 
-TERRAINS: tuple[TerrainKind, ...] = ("stairs", "stepping_stones", "gap")
+TERRAINS: tuple[str, ...] = ("stairs", "stepping_stones", "gap")
 PERIOD_S, STANCE, LIFT_M = 0.5, 0.6, 0.06
 """Of the trot: two steps a second, of which a leg stands more than half, so that the body never falls far."""
 TURN_OF_LEG = np.array([0.0, 0.5, 0.5, 0.0])
@@ -44,7 +44,7 @@ START_S = 1.0
 class Benchmark(Command):
     seeds: tuple[int, ...] = (0, 1, 2)
     """Of the runs."""
-    terrains: tuple[TerrainKind, ...] = TERRAINS
+    terrains: tuple[str, ...] = TERRAINS
     """That are jumped over."""
 
     def measure(self) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Benchmark(Command):
         return {"logs": results}
 
 
-def jumped(terrain: TerrainKind, seed: int, folder: Path) -> None:
+def jumped(terrain: str, seed: int, folder: Path) -> None:
     """Writes the log of a run without effects."""
     config = RunConfig(terrain=TerrainConfig(terrain=terrain), seed=seed, profile="ideal", camera="ideal")
     export_run_log(recorded_run(config), folder)

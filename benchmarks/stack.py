@@ -9,14 +9,14 @@ from typing import Any
 
 from benchmarks._command import Command
 from benchmarks._measuring import recorded_run
-from saltus.config import RunConfig, TerrainConfig, TerrainKind
+from saltus.config import RunConfig, TerrainConfig
 from saltus.recordings.recording import Recording, rates_and_ages
 from saltus.wire.messages import ProcessStatus
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    terrain: TerrainKind = "flat"
+    terrain: str = "flat"
     """What the robot crosses."""
     seed: int = 0
     """Of the trial."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,4 +61,4 @@ def closed_loop_batches(
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
     """What the manifest says of a round; by it a dataset knows the episodes that it has."""
     heights = "true" if model is None else HeightmapNetwork(load_robot(DEFAULT_ROBOT), model).model_id
-    return {"source": "dagger", "round": index, "batches": batches, **asdict(loop), "heights": heights}
+    return {"source": "dagger", "round": index, "batches": batches, **loop.table, "heights": heights}

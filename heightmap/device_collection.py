@@ -3,7 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +57,7 @@ def collect(
     policy, predictor = settings.policy or _shipped_policy(), settings.predictor
     model = None if predictor is None else load_checkpoint(predictor)[0]
     rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=device, seed=settings.seed)
-    table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **asdict(loop)}
+    table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **loop.table}
     table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
     began, moving_s = time.perf_counter(), 0.0
 

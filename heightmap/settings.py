@@ -1,9 +1,9 @@
 """Settings of collections and trainings: each dataclass is the TOML file and the flags of its command."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -24,6 +24,8 @@ LARGEST = 2**20
 MANY = 10**9
 """Of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
+TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
+"""Stairs and stones twice: there the heights matter most, and there they were worst."""
 _SHARE = (0.0, 1.0)
 _SHIPPED, _NONE = "(default: that of this checkout)", "(default: none, true heights)"
 
@@ -106,12 +108,22 @@ class Loop:
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
     variation: float = VARIATION
     """Standard deviation of each of the scripted planner's numbers, as a share of it."""
+    terrains: tuple[str, ...] = TERRAINS
+    """Families of the courses, drawn evenly from this list; families of your own are named like those of Saltus."""
 
     def __post_init__(self) -> None:
         check_between(
             self, robots=(1, LARGEST), ticks=(MIN_TICKS, LARGEST), hardest=(0.0, MOST_DIFFICULT), learned=_SHARE,
             variation=_SHARE,
         )  # fmt: skip
+        if not self.terrains:
+            raise ConfigError("terrains = (): name at least one")
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """What a manifest says of it; of terrains only others than the usual, as manifests that are older."""
+        table = asdict(self) | {"terrains": list(self.terrains)}
+        return table if self.terrains != TERRAINS else {name: table[name] for name in table if name != "terrains"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,6 @@ import tomli_w
 
 from saltus.errors import ConfigError, nearest_hint
 
-TerrainKind = Literal["flat", "stairs", "stepping_stones", "step", "gap"]
 Pace = Literal["lockstep", "realtime"]
 Camera = Literal["ideal", "d435i"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
@@ -36,7 +35,7 @@ class TerrainConfig:
     """The terrain. A size that is given wins over the difficulty."""
 
     terrain: str = "stairs"
-    """flat, stairs, stepping_stones, step, gap, or a TOML file with boxes."""
+    """flat, stairs, stepping_stones, step, gap, a family of your own, or a TOML file with boxes."""
     difficulty: float | None = None
     """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None

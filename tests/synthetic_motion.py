@@ -7,7 +7,7 @@ import numpy as np
 from samples import KINEMATICS, ROBOT
 
 from saltus import rotations
-from saltus.config import TerrainConfig, TerrainKind
+from saltus.config import TerrainConfig
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
 from saltus.heightmap.data.shards import Episode
@@ -16,11 +16,11 @@ from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
 
 TICK_S = 0.01
-TERRAINS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+TERRAINS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 
 
 def gliding_robots(
-    rng: np.random.Generator, count: int, *, ticks: int = 150, terrains: tuple[TerrainKind, ...] = TERRAINS
+    rng: np.random.Generator, count: int, *, ticks: int = 150, terrains: tuple[str, ...] = TERRAINS
 ) -> Iterator[Trajectory]:
     """Yields trajectories of one robot each: stiff legs, a base that bobs and nods above the ground."""
     for _ in range(count):
@@ -28,7 +28,7 @@ def gliding_robots(
 
 
 def gliding_episodes(
-    count: int, *, seed: int = 0, ticks: int = 150, terrains: tuple[TerrainKind, ...] = TERRAINS
+    count: int, *, seed: int = 0, ticks: int = 150, terrains: tuple[str, ...] = TERRAINS
 ) -> Iterator[Episode]:
     """The same with true images, as a dataset keeps them."""
     rng = np.random.default_rng(seed)
@@ -36,7 +36,7 @@ def gliding_episodes(
         yield episode_of(trajectory, replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)))
 
 
-def _trajectory(rng: np.random.Generator, ticks: int, kind: TerrainKind) -> Trajectory:
+def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, 0.4))))
     time_s = TICK_S * np.arange(ticks)
     x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s

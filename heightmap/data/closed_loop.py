@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, TerrainConfig, TerrainKind
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, Profile, load_profile
@@ -33,14 +33,12 @@ from saltus.render.camera import RobotCamera
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.workers import tell
 
-# Stairs and stones twice: there the heights matter most, and there they were worst.
-KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
 MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.delivery.TRAINING`
 
 
@@ -67,8 +65,9 @@ def closed_loop_episodes(
 def _trajectories(
     loop: ClosedLoop, model: Path | None, rng: np.random.Generator, robot: Robot, profile: Profile
 ) -> Iterator[Trajectory]:
+    kinds = loop.terrains
     some = [
-        make_terrain(random_course(rng, loop.hardest, KINDS[rng.integers(len(KINDS))])) for _ in range(loop.courses)
+        make_terrain(random_course(rng, loop.hardest, kinds[rng.integers(len(kinds))])) for _ in range(loop.courses)
     ]
     terrains = [some[i % loop.courses] for i in range(loop.robots)]
     # Beyond the seeds of all evaluations and other rounds of data.
@@ -130,8 +129,8 @@ def _predicted(
     return PredictedHeights(network, IdealCameras(network.robot, terrains, profile), trials, profile)
 
 
-def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -> TerrainConfig:
-    """A course of a kind, of a difficulty up to `hardest`, which is from 0 to 1."""
+def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:
+    """A course of a family, of a difficulty up to `hardest`, which is from 0 to 1."""
     difficulty = float(rng.uniform(0.0, hardest))
     if kind == "stairs":
         run, steps = float(rng.uniform(0.2, 0.4)), int(rng.integers(5, 15))
@@ -141,7 +140,8 @@ def random_course(rng: np.random.Generator, hardest: float, kind: TerrainKind) -
         greatest = float(0.05 + 0.6 * difficulty)
         stone, layout = float(rng.uniform(0.3, 0.7)), int(rng.integers(2**31))
         return TerrainConfig(terrain=kind, stone_m=stone, gap_m=0.05, gap_max_m=greatest, layout_seed=layout)
-    return TerrainConfig(terrain=kind, difficulty=difficulty)
+    layout = 0 if kind in FAMILIES else int(rng.integers(2**31))
+    return TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=layout)
 
 
 def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:

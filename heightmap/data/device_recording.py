@@ -16,15 +16,14 @@ from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.terrain.batch import KINDS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedBatch:
     """A batch of robots, robot by robot."""
 
-    kind: NDArray[np.int64]
-    """Of each robot's terrain, its place in `saltus.terrain.batch.KINDS`, shape (n,)."""
+    terrain: Sequence[str]
+    """Kind of each robot's."""
     starts: NDArray[np.bool_]
     """Whether a robot starts anew with a tick, shape (n, ticks)."""
     proprioception: Singles
@@ -41,7 +40,7 @@ class RecordedBatch:
             for run in runs(starts):
                 frames = slice(*np.searchsorted(taken, (run.start, run.stop)))
                 yield Episode(
-                    terrain=KINDS[self.kind[robot]],
+                    terrain=self.terrain[robot],
                     proprioception=self.proprioception[robot, run],
                     height=self.height[robot, run],
                     depth=self.depth[camera][robot, frames],
@@ -73,10 +72,10 @@ class DeviceRecording:
         for camera, image in images.items():
             self._depth[camera][:, tick // FRAME_TICKS] = image.to(torch.int16)
 
-    def to_host(self, kind: Tensor) -> RecordedBatch:
-        """A copy of what is there, for robots on the given kinds of terrain, shape (n,)."""
+    def to_host(self, terrain: Sequence[str]) -> RecordedBatch:
+        """A copy of what is there, for robots on the given kinds of terrain."""
         return RecordedBatch(
-            kind=_copied(kind),
+            terrain=terrain,
             starts=_copied(self._starts),
             proprioception=_copied(self._proprioception),
             height=_copied(self._height),

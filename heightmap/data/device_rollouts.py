@@ -34,9 +34,7 @@ from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-
-# Stairs and stones twice, as in `saltus.heightmap.data.closed_loop`; one level: who falls gets no easier course.
-_COURSES = CurriculumConfig(flat=1.0, stairs=2.0, stepping_stones=2.0, step=1.0, gap=1.0, levels=1)
+from saltus.terrain.batch import KINDS
 
 
 class DeviceRollouts:
@@ -60,9 +58,9 @@ class DeviceRollouts:
         self._rng = np.random.default_rng(seed)
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
         config = from_toml(TrainConfig, policy["config"]).env
-        config = replace(config, curriculum=replace(_COURSES, hardest=loop.hardest))
+        config = replace(config, curriculum=_curriculum(loop))
         robot = load_robot(DEFAULT_ROBOT)
-        engine = make_engine(robot, loop.robots, device)
+        engine = make_engine(robot, loop.robots, config.curriculum.boxes, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
         self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)
@@ -97,7 +95,8 @@ class DeviceRollouts:
             transition = env.step(env.config.bounds.normalised(plan))
             fresh = transition.done
             told()
-        return self._recording.to_host(env.memory.kind)
+        kinds = tuple(env.config.curriculum.shares)
+        return self._recording.to_host([kinds[kind] for kind in env.memory.kind.tolist()])
 
     def proprioception(self) -> Tensor:
         """Of the robots now, see `saltus.heightmap.service.features`, shape (n, some)."""
@@ -135,6 +134,14 @@ class DeviceRollouts:
 
     def _uniform(self) -> Tensor:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)
+
+
+def _curriculum(loop: DeviceLoop) -> CurriculumConfig:
+    """The terrains of a loop on one level: who falls gets no easier course."""
+    times = {name: float(loop.terrains.count(name)) for name in (*KINDS, *loop.terrains)}
+    own = {name: share for name, share in times.items() if name not in KINDS}
+    shares = {name: times[name] for name in KINDS}
+    return CurriculumConfig(**shares, own=own, levels=1, hardest=loop.hardest)
 
 
 def checked_device(device: str) -> str:

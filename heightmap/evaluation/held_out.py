@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, TerrainKind, check_between
+from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, load_profile
@@ -39,17 +39,16 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
-from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, RobotState
 from saltus.workers import tell
 
-KINDS: tuple[TerrainKind, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+KINDS = tuple(FAMILIES)
 MASTERED, HARD = "mastered", "hard"
 HARDEST = 0.8  # as in training: stairs of 0.25 m, a step of 0.64 m, a gap of 0.89 m
-COURSES = 10  # in a batch: all kinds, mastered and hard
 ROBOTS = 20  # in a batch
 FIRST_SEED = 3_000_000_000  # above those of policy evaluations, below those that data are drawn from (2**32)
 LAST_SEED = 6000  # of the runs: each has 200,000 seeds of trials
@@ -71,6 +70,8 @@ class HeldOutRuns:
     seed: int = 0
     camera: Camera = "d435i"
     """ideal: true depth. d435i: a stereo camera whose errors have another strength in each run."""
+    terrains: tuple[str, ...] = KINDS
+    """Families of the courses in turn, mastered and hard; those of one's own are all called hard."""
     policy: Path | None = None
     """ONNX file of the learned policy; by default the shipped one."""
     baselines: tuple[str, ...] = tuple(BASELINES)
@@ -101,8 +102,8 @@ class HeldOutRuns:
         """Runs one of `batches`; it follows from the seed and the model alone."""
         number, count = batch
         rng = np.random.default_rng([self.seed, number])
-        some = [_course(rng, i) for i in range(min(COURSES, count))]
-        terrains = [make_terrain(some[i % COURSES][1]) for i in range(count)]
+        some = [_course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
+        terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
         kind, ticks = load_robot(DEFAULT_ROBOT), list[_Tick]()
@@ -121,7 +122,7 @@ class HeldOutRuns:
         tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
         measured = []
         for robot, terrain in enumerate(terrains):
-            measured.append(_measured(self, kind, steps, ticks, robot, terrain, some[robot % COURSES][0]))
+            measured.append(_measured(self, kind, steps, ticks, robot, terrain, some[robot % len(some)][0]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
@@ -259,10 +260,10 @@ def _state(states: RobotStates, robot: int) -> RobotState:
     return state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
 
 
-def _course(rng: np.random.Generator, index: int) -> tuple[str, TerrainConfig]:
-    """Kinds in turn, the first five of a size that is mastered."""
-    kind = KINDS[index % len(KINDS)]
-    if index % COURSES >= len(KINDS):
+def _course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[str, TerrainConfig]:
+    """Kinds in turn, each at first of a size that is mastered."""
+    kind = kinds[index % len(kinds)]
+    if index >= len(kinds) or kind not in FAMILIES:
         return HARD, random_course(rng, HARDEST, kind)
     if kind == "stairs":
         rise, run = float(rng.uniform(0.05, 0.10)), float(rng.uniform(0.25, 0.3))

@@ -133,6 +133,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
     """Writes down how a run began, or compares with how it did."""
     wanted = {
         **{name: value for name, value in asdict(config).items() if name != "rounds"},
+        "loop": config.loop.table,
         "start": start and file_sha256(start),
         "base": base and dataset_hash(read_records(base)),
     }

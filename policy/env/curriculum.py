@@ -1,11 +1,14 @@
 """How difficult a robot's next course is: a level that rises with the way it came, and falls again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 from saltus.arrays import Array, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
-from saltus.terrain.batch import KINDS
+from saltus.flags import shown
+from saltus.terrain.batch import BOXES, KINDS
+from saltus.terrain.table import CourseTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +28,8 @@ class CurriculumConfig:
     hurdles: float = 0.0
     ditch: float = 0.0
     """The same for kinds that are left out unless they are asked for, see `saltus.terrain.batch.KINDS`."""
+    own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
+    """The same for families of your own, by name, see `saltus.terrain.own`."""
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0
@@ -38,18 +43,40 @@ class CurriculumConfig:
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys(KINDS, (0.0, 1e6)))
         check_between(self, levels=(1, 255), hardest=(0.0, 2.0), promotion_m=(0.0, 100.0), demotion_m=(0.0, 100.0))
-        if not any(getattr(self, kind) for kind in KINDS):
+        for kind, share in self.own.items():
+            if kind in KINDS or not 0.0 <= share <= 1e6:
+                raise ConfigError(f"own.{kind} = {share:g}: a family of your own, and a share from 0 to 1e+06")
+        if not any(self.shares.values()):
             raise ConfigError("the shares of all kinds of terrain are 0: one must be more")
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What is given for each kind of terrain, `KINDS` and then those of one's own; a kind is its place in it."""
+        return {kind: getattr(self, kind) for kind in KINDS} | self.own
 
     def share(self, kind: str) -> float:
         """Share of the robots on a kind of terrain."""
-        return float(getattr(self, kind) / sum(getattr(self, name) for name in KINDS))
+        return self.shares[kind] / sum(self.shares.values())
+
+    @property
+    def table(self) -> CourseTable | None:
+        """Courses of the families of one's own; None where there are none.
+
+        Raises:
+            ConfigError: a family is not installed here, or makes no course.
+        """
+        return CourseTable.of(tuple(self.own), self.levels, self.hardest, BOXES) if self.own else None
+
+    @property
+    def boxes(self) -> int:
+        """How many a course may have."""
+        return BOXES if self.table is None else self.table.boxes
 
 
 def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
-    """The kind of each robot as its place in `KINDS`; kinds lie side by side, in the shares of `config`."""
+    """The kind of each robot as its place in `shares`; kinds lie side by side, in the shares of `config`."""
     ends, total = [], 0.0
-    for kind in KINDS:
+    for kind in config.shares:
         total += config.share(kind)
         ends.append(round(total * count))
     return [next(k for k, end in enumerate(ends) if robot < end) for robot in range(count)]

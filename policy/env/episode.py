@@ -16,7 +16,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
-from saltus.terrain.batch import DRAWS, KINDS, descends, draw_courses
+from saltus.terrain.batch import DRAWS, draw_courses
 from saltus.terrain.terrain import TRENCH_DEPTH
 from saltus.trial import UPRIGHT_LIMIT
 
@@ -45,19 +45,19 @@ class Episodes:
         self.reward = torch.zeros(count, device=device)
         self.done = torch.zeros(count, dtype=torch.bool, device=device)
         self.timed_out = torch.zeros(count, dtype=torch.bool, device=device)
-        self.tally = torch.zeros(len(KINDS), len(TALLY), device=device)
+        kinds = range(len(config.curriculum.shares))
+        self.tally = torch.zeros(len(kinds), len(TALLY), device=device)
         """Sums over the episodes that ended, for each kind of terrain; see `TALLY`."""
         self.term_sums = torch.zeros_like(memory.terms[0])
         """Sum over steps of the mean of each reward term."""
         self._grown = torch.zeros((), device=device)
         self.grow(0.0)
-        self._descends = descends(memory.kind)
         self._blank = estimator.init((count,), memory.phase)
         robot = engine.robot
         self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
         self._armature = torch.tensor(robot.armature, dtype=torch.float32, device=device)
         self._stand = torch.tensor(robot.stand_pose, dtype=torch.float32, device=device)
-        self._is_kind = torch.stack([memory.kind == k for k in range(len(KINDS))]).float()
+        self._is_kind = torch.stack([memory.kind == k for k in kinds]).float()
         low, high = robot.trunk_center - 0.5 * robot.trunk_size, robot.trunk_center + 0.5 * robot.trunk_size
         edge = torch.zeros(_TRUNK_POINTS, 3, device=device)
         edge[:, 0] = torch.linspace(float(low[0]), float(high[0]), _TRUNK_POINTS)
@@ -81,7 +81,8 @@ class Episodes:
         finite = torch.isfinite(self._qpos.sum(-1) + self._qvel.sum(-1))
         tilted = (roll.abs() > UPRIGHT_LIMIT) | (pitch.abs() > UPRIGHT_LIMIT)
         touched = (edge[..., 2] < ground[:, 1:]).any(-1) | memory.touched[:, 12:].any(-1)
-        lowest = torch.where(self._descends, memory.floor + TRENCH_DEPTH, 0.0)
+        descends = self._views.descends()
+        lowest = torch.where(descends, memory.floor + TRENCH_DEPTH, 0.0)
         sunk = (position[:, 2] - ground[:, 0] < limits.lowest_base_m) | (position[:, 2] < lowest - limits.sunk_m)
         astray = (position[:, 1].abs() > limits.astray_m) | ((yaw - memory.heading).abs() > limits.astray_rad)
         failed = tilted | touched | sunk | astray | ~finite
@@ -94,7 +95,7 @@ class Episodes:
         self.reward.copy_(terms.sum(-1))
         self.term_sums.add_(terms.mean(0))
 
-        climb = torch.where(self._descends, ground[:, 0].abs(), ground[:, 0].clamp(min=0.0))
+        climb = torch.where(descends, ground[:, 0].abs(), ground[:, 0].clamp(min=0.0))
         way = position[:, 0] - memory.start_x + climb
         lasted = memory.time_s - memory.first_time_s
         rows = [torch.ones_like(way), finished, tilted, touched, sunk, astray, way, lasted]
@@ -114,6 +115,10 @@ class Episodes:
         )
         names = ("low", "high", "top", "finish_x", "slope", "floor")
         store(memory, mask, **{name: getattr(course, name) for name in names})
+        if (table := self._views.table) is not None:
+            place = table.draw(self._views.family, memory.level, course_draws[:, 0])
+            own = {name: getattr(table, name)[place] for name in ("finish_x", "slope", "floor")}
+            store(memory, mask & self._views.is_own, course=place, **own)
         bodies = draw_bodies(ranges, body_draws)
         drawn = ("friction", "payload_kg", "motor_strength", "com_shift", "delay_s", "plan_delay_s")
         store(memory, mask, **{name: getattr(bodies, name) for name in drawn})

@@ -59,6 +59,7 @@ class Memory:
     finish_x: Tensor
     slope: Tensor
     floor: Tensor
+    course: Tensor  # of a family of one's own: its place in the table, see `saltus.terrain.table`
     # drawn only where `saltus.policy.env.randomisation.WideConfig` is on
     command_line: Tensor  # (length, 60)
     joint_friction: Tensor

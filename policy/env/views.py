@@ -15,7 +15,8 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
-from saltus.terrain.batch import Courses, descends
+from saltus.terrain.batch import KINDS, Courses, descends
+from saltus.terrain.table import OwnCourses
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)
 """Heights that only the critic sees [m ahead]."""
@@ -41,13 +42,24 @@ class Views:
         self.points = LINE.size
         self.actor = torch.zeros(count, SIZE, device=device)
         self._has_wide = config.randomisation.wide.share > 0.0
-        self._descends = descends(memory.kind)
+        self._descends, self.family = descends(memory.kind), memory.kind - len(KINDS)
+        self.is_own = self.family >= 0
+        """Which robots are on families of one's own, and below, on which; shape (n,)."""
+        self.table = None if config.curriculum.table is None else config.curriculum.table.like(memory.phase)
         self.critic = torch.zeros(count, SIZE + PRIVILEGED + config.randomisation.wide.draws, device=device)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
-        m = self._memory
-        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope, floor=m.floor)
+        m, own = self._memory, None
+        if self.table is not None:
+            own = OwnCourses(table=self.table, course=m.course.long(), used=self.is_own)
+        return Courses(low=m.low, high=m.high, top=m.top, finish_x=m.finish_x, slope=m.slope, floor=m.floor, own=own)
+
+    def descends(self) -> Tensor:
+        """Which robots are on ground that may lead down, bool, shape (n,)."""
+        if self.table is None:
+            return self._descends
+        return torch.where(self.is_own, self.table.leads_down[self._memory.course.long()], self._descends)
 
     def set_goals(self, fresh: Tensor) -> None:
         """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)), the goal of their next jump.
@@ -60,11 +72,12 @@ class Views:
         far = position[:, :1] + position.new_tensor([0.0, _GOAL_M])
         aside = position[:, 1:2]
         below = self.courses().height_at(far, aside.expand_as(far))
-        ground = torch.where(self._descends[:, None], below, below.clamp(min=0.0))  # over a trench it is its rim
+        descends = self.descends()
+        ground = torch.where(descends[:, None], below, below.clamp(min=0.0))  # over a trench it is its rim
         length = _GOAL_M / (1.0 + (ground[:, 1] - ground[:, 0]).abs() / _GOAL_M)
         goal_x = position[:, 0] + length
         there = self.courses().height_at(goal_x[:, None], aside)[:, 0]
-        goal_z = torch.where(self._descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
+        goal_z = torch.where(descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
     def observe(self, draws: Tensor) -> None:

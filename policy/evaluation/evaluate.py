@@ -17,7 +17,7 @@ from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import Listener, in_order, tell
@@ -162,7 +162,7 @@ def _telling(rollout: Rollout, terrains: Sequence[Terrain]) -> Iterator[RolloutS
 
 def courses_of(course: TerrainConfig, seeds: Sequence[int]) -> list[Terrain]:
     """The terrain of each trial: one for all, unless something of it is drawn."""
-    if course.gap_max_m is None:
+    if not is_drawn(course):
         return [make_terrain(course)] * len(seeds)
     return [make_terrain(replace(course, layout_seed=int(seed))) for seed in seeds]
 

@@ -14,7 +14,6 @@ from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv, Transition
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
-from saltus.terrain.batch import KINDS
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
 """What an untrained policy does: a slow bound that lifts its feet. From the middle of the ranges, standing would have
@@ -165,7 +164,7 @@ def _observation(transition: Transition) -> TensorDict:
 def _levels(old_kind: torch.Tensor, old_level: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
     """Levels for robots of the given kinds, with the distribution that the old robots of each kind had."""
     level = torch.zeros(len(kind), device=kind.device)
-    for k in range(len(KINDS)):
+    for k in kind.unique():
         known = old_level[old_kind == k].float().sort().values
         members = (kind == k).nonzero()[:, 0]
         if len(known) and len(members):

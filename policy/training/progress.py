@@ -10,7 +10,6 @@ from saltus.policy.env.episode import TALLY
 from saltus.policy.env.rewards import TERMS
 from saltus.policy.tables import append_table
 from saltus.policy.training.learner import Learner
-from saltus.terrain.batch import KINDS
 
 PROGRESS = "progress.csv"
 _SHORT = {
@@ -66,7 +65,7 @@ class Progress:
     def _terrains(self) -> dict[str, float]:
         memory, tally = self._env.memory, self._env.episodes.tally
         values: dict[str, float] = {}
-        for k, kind in enumerate(KINDS):
+        for k, kind in enumerate(self._env.config.curriculum.shares):
             level = memory.level[memory.kind == k]
             if not len(level):
                 continue
@@ -87,11 +86,11 @@ class Progress:
 
 
 def _line(row: dict[str, float]) -> str:
+    kinds = [name.removesuffix("/level") for name in row if name.endswith("/level")]
     terrains = [
-        f"{short} L{row[f'{kind}/level']:.2f} {row[f'{kind}/way_m']:.1f}m {row[f'{kind}/speed']:.2f}m/s "
-        f"ok{100 * row[f'{kind}/finished']:.0f}%"
-        for kind, short in _SHORT.items()
-        if f"{kind}/level" in row
+        f"{_SHORT.get(kind, kind)} L{row[f'{kind}/level']:.2f} {row[f'{kind}/way_m']:.1f}m "
+        f"{row[f'{kind}/speed']:.2f}m/s ok{100 * row[f'{kind}/finished']:.0f}%"
+        for kind in kinds
     ]
     return (
         f"it {row['iteration']:.0f} {row['steps'] / 1e6:.1f}M {row['seconds']:.0f}s {row['steps_per_s'] / 1e3:.1f}k/s "

@@ -23,8 +23,8 @@ from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, coll
 from saltus.policy.evaluation.rollout import shifted_heights
 from saltus.policy.planner import make_planner
 from saltus.policy.training.evaluation_table import Row, append_rows, summary
-from saltus.terrain.batch import KINDS
-from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
+from saltus.terrain.own import own_families
 from saltus.workers import in_order
 
 FIRST_SEED = 20_000
@@ -46,6 +46,11 @@ COURSES: dict[str, TerrainConfig] = {
     "gap_0.80": TerrainConfig(terrain="gap", gap_m=0.80),
 }
 """Of each kind of terrain what the paper's robot did, and something easier that shows progress before."""
+
+
+def course_of(name: str) -> TerrainConfig:
+    """One of `COURSES`; else that family of one's own, at medium difficulty."""
+    return COURSES.get(name, TerrainConfig(terrain=name))
 
 
 def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, processes: int) -> Iterator[Row]:
@@ -70,13 +75,13 @@ def evaluate_checkpoint(checkpoint: Path, courses: Sequence[str], trials: int, p
 
 
 def _results(robot: str, model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(robot=robot, course=COURSES[course], trials=trials, seed=FIRST_SEED)
+    evaluation = Evaluation(robot=robot, course=course_of(course), trials=trials, seed=FIRST_SEED)
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
     return collect([run_batch(evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds)])
 
 
 def _row(course: str, result: EvaluationResult, iteration: int, steps: int) -> Row:
-    finish = make_terrain(COURSES[course]).finish_x
+    finish = make_terrain(course_of(course)).finish_x
     way = [outcome.distance_m / finish for outcome in result.outcomes]
     return Row(
         iteration=iteration,
@@ -96,11 +101,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("table", type=Path)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of terrain")
+    parser.add_argument("--kinds", nargs="+", default=list(FAMILIES), help="of terrain")
     parser.add_argument("--trials", type=int, default=TRIALS, help="of each course")
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)
     courses = [name for name, course in COURSES.items() if course.terrain in given.kinds]
+    courses += sorted(own_families().keys() & given.kinds)
     rows = list(evaluate_checkpoint(given.checkpoint, courses, given.trials, given.processes))
     append_rows(given.table, rows)
     print(summary(rows))  # noqa: T201

@@ -23,7 +23,6 @@ from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
-from saltus.terrain.batch import BOXES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,15 +34,15 @@ class Rank:
     device: str = "cpu"
 
 
-def make_engine(robot: Robot, count: int, device: str, threads: int = 0) -> Engine:
-    """The physics for a device: "cpu" or "cuda:N"."""
+def make_engine(robot: Robot, count: int, boxes: int, device: str, threads: int = 0) -> Engine:
+    """The physics for a device, "cpu" or "cuda:N", on terrains of so many boxes."""
     if device == "cpu":
         from saltus.sim.batch_engine import BatchEngine
 
-        return BatchEngine(robot, count, BOXES, threads=threads)
+        return BatchEngine(robot, count, boxes, threads=threads)
     from saltus.sim.warp import WarpEngine
 
-    return WarpEngine(robot, count, BOXES, device=device)
+    return WarpEngine(robot, count, boxes, device=device)
 
 
 def train(
@@ -77,7 +76,7 @@ def train(
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
-    engine = make_engine(load_robot(config.robot), config.robots, rank.device)
+    engine = make_engine(load_robot(config.robot), config.robots, config.env.curriculum.boxes, rank.device)
     env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0

@@ -17,7 +17,6 @@ from saltus.policy.training.background_evaluation import BackgroundEvaluation, m
 from saltus.policy.training.evaluation_table import Row, summary
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.progress import PROGRESS, Progress
-from saltus.terrain.batch import KINDS
 
 REPORT_S = 10.0
 SAVE_S = 120.0
@@ -108,7 +107,7 @@ class TrainingRecord:
         if missing:
             self.say(f"no evaluation with the deployed stack: not installed here: {', '.join(missing)}")
             return None
-        kinds = [kind for kind in KINDS if curriculum.share(kind) > 0.0]
+        kinds = [kind for kind, share in curriculum.shares.items() if share > 0.0]
         return BackgroundEvaluation(folder / RESULTS, kinds, every_s=every_s, trials=EVALUATION_TRIALS)
 
 

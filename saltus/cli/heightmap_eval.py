@@ -47,6 +47,8 @@ class Eval:
     learned policy and the scripted planner drive a batch in turns."""
     seed: int = 0
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
+    terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
+    """Families of the courses; yours too."""
     camera: Camera = "d435i"
     """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run."""
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
@@ -66,8 +68,8 @@ class Eval:
         from saltus.workers import in_order
 
         config = HeldOutRuns(
-            runs=self.runs, seed=self.seed, camera=self.camera, policy=self.policy_model, baselines=self.baselines,
-            time_limit_s=self.time_limit_s,
+            runs=self.runs, seed=self.seed, terrains=self.terrains, camera=self.camera, policy=self.policy_model,
+            baselines=self.baselines, time_limit_s=self.time_limit_s,
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)

@@ -6,20 +6,20 @@ instead of one, several steps up.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 from saltus.arrays import Array, namespace
 from saltus.terrain.boxes import Boxes
-from saltus.terrain.curriculum import TABLE
+from saltus.terrain.curriculum import FAMILIES
+from saltus.terrain.table import OwnCourses
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
 
 KINDS = (
     "flat", "stairs", "stepping_stones", "step", "gap",
     "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch",
 )  # fmt: skip
-"""A kind is its place in this order. The first five are those of `saltus.terrain`. The others are trained on only where
-a curriculum asks for them: ground that leads down, stairs whose treads and rises differ, thin walls, trenches of any
-depth.
+"""A kind is its place in this order; those of families of one's own follow. The first five are those of
+`saltus.terrain`. The others are trained on only where a curriculum asks for them: ground that leads down, stairs whose
+treads and rises differ, thin walls, trenches of any depth.
 """
 DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
 """Kinds whose ground, without trenches, may lead down."""
@@ -43,7 +43,7 @@ REPEATS = {
     "flat": 0, "stairs": 16, "stepping_stones": 15, "step": 3, "gap": 4,
     "stairs_down": 16, "step_down": 3, "pyramid": 16, "irregular": 16, "hurdles": 8, "ditch": 4,
 }  # fmt: skip
-# Rise at difficulty 0 and its growth [m]. As in `TABLE`, difficulty 1 is a third or more beyond what a robot should
+# Rise at difficulty 0 and its growth [m]. As in `FAMILIES`, difficulty 1 is a third or more beyond what a robot should
 # take: 0.15 m down or up and down, steps of 0.6 m down, hurdles of 0.2 m.
 _RISE_LAWS = {
     "stairs_down": (-0.05, -0.20), "step_down": (0.0, -0.80), "pyramid": (0.05, 0.20),
@@ -75,29 +75,28 @@ class Courses:
     """Length of way, up and along, for each metre ahead, on average over the course; shape (n,)."""
     floor: Array
     """Height of the floor under trenches [m], shape (n,)."""
-    turn: Array | None = None
-    """Pitch and yaw of the columns about their centres [rad], shape (n, COLUMNS, 2); None where all are level."""
+    own: OwnCourses | None = None
+    """Courses of families of one's own, where robots are on such."""
 
     def height_at(self, x: Array, y: Array) -> Array:
-        """Ground at world x and y [m], the higher side of an edge; shapes (n, points). Level columns reach any y."""
-        if self.turn is not None:
-            return self.boxes().height_at(x, y)
+        """Ground at world x and y [m], the higher side of an edge; shapes (n, points). Columns reach any y."""
         xp = namespace(x)
         inside = (x[..., None] >= self.low[:, None, :]) & (x[..., None] <= self.high[:, None, :])
-        return xp.max(xp.where(inside, self.top[:, None, :], self.floor[:, None, None]), axis=-1)
+        heights = xp.max(xp.where(inside, self.top[:, None, :], self.floor[:, None, None]), axis=-1)
+        return heights if self.own is None else self.own.height_at(x, y, heights)
 
     def boxes(self) -> Boxes:
-        """Columns and floor, arrays of shape (n, BOXES, ...)."""
+        """Columns and floor, arrays of shape (n, BOXES, ...); more boxes where courses of one's own have more."""
         xp = namespace(self.low)
         low = xp.concat([self.low, self.low[:, :1]], axis=-1)
         high = xp.concat([self.high, self.high[:, -1:]], axis=-1)
         top = xp.concat([self.top, self.floor[:, None]], axis=-1)
         half = xp.zeros_like(low) + 0.5 * _THICKNESS
-        return Boxes(
+        columns = Boxes(
             center=xp.stack([0.5 * (low + high), xp.zeros_like(low), top - half], -1),
             half_size=xp.stack([0.5 * (high - low), xp.zeros_like(low) + 0.5 * WIDTH, half], -1),
-            turn=None if self.turn is None else xp.concat([self.turn, xp.zeros_like(self.turn[:, :1])], axis=1),
         )
+        return columns if self.own is None else self.own.boxes(columns)
 
 
 def draw_courses(kind: Array, difficulty: Array, draws: Array) -> Courses:
@@ -165,8 +164,8 @@ def _sizes(kind: Array, difficulty: Array) -> tuple[Array, Array]:
     return found[0], found[1]
 
 
-def _law(kind: Literal["stairs", "stepping_stones", "step", "gap"], size: str) -> tuple[float, float]:
-    law = TABLE[kind][size]
+def _law(kind: str, size: str) -> tuple[float, float]:
+    law = FAMILIES[kind].sizes[size]
     return law.base or 0.0, law.slope
 
 

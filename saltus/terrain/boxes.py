@@ -115,8 +115,8 @@ class Boxes:
             return self.half_size
         return (namespace(self.half_size).abs(self.rotation) @ self.half_size[..., None])[..., 0]
 
-    def of_robot(self, robot: int) -> "Boxes":
-        """Those of one robot, without the leading dimension."""
+    def of_robot(self, robot: int | Array) -> "Boxes":
+        """Those of one robot, without the leading dimension; or of many, by an array of whole numbers."""
         turn = None if self.turn is None else self.turn[robot]
         return Boxes(center=self.center[robot], half_size=self.half_size[robot], turn=turn)
 

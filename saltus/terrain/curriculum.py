@@ -1,21 +1,20 @@
-"""From a configuration to a terrain: explicit sizes, else sizes from the difficulty, else defaults; or from a file."""
+"""From a configuration to a terrain: a family makes it, by explicit sizes or by the difficulty; or a file holds it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any
 
 import numpy as np
 
-from saltus.config import TerrainConfig, TerrainKind, load
+from saltus.config import TerrainConfig, load
 from saltus.errors import ConfigError, nearest_hint
 from saltus.terrain import flat, gap, stairs, step, stepping_stones
-from saltus.terrain.terrain import Terrain
+from saltus.terrain.own import OwnFamily, own_families
+from saltus.terrain.terrain import Terrain, checked
 
 FILE_SUFFIX = ".toml"
-LEVEL_M = 1e-3
-"""What the ground at the start of a course from a file may be off zero: a robot starts upon it."""
-SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m")
+SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m", "gap_max_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,26 +40,52 @@ class Size:
         return value
 
 
+@dataclass(frozen=True, kw_only=True)
+class SizedFamily:
+    """A family whose sizes can be given one by one, each in place of what the difficulty or a default would make it."""
+
+    make: Callable[..., Terrain]
+    """Takes the sizes by their names."""
+    sizes: dict[str, Size] = field(default_factory=dict)
+    greatest: dict[str, Size] = field(default_factory=dict)
+    """Sizes that can be given besides, with which others are drawn: `make` takes these and `rng`."""
+
+    def __call__(self, difficulty: float | None, rng: np.random.Generator, **given: float) -> Terrain:
+        """A terrain of the family, see `make_terrain`."""
+        sizes: dict[str, Any] = {n: size.resolve(n, given.get(n), difficulty) for n, size in self.sizes.items()}
+        if "steps" in sizes:
+            sizes["steps"] = int(sizes["steps"])
+        drawn = {n: size.resolve(n, given[n], None) for n, size in self.greatest.items() if n in given}
+        return self.make(**sizes, **drawn, **({"rng": rng} if drawn else {}))
+
+
 # The laws of difficulty are the project's definition (the original's, with gap and step widened so that difficulty 1
 # is beyond the paper's best jumps of 0.8 m and 0.6 m). Defaults: the courses of the paper's robot, with the mean of its
 # gaps between stones. Bounds: the least that a foot of 4 cm can tell from flat ground or stand on, up to a quarter more
 # than difficulty 1 asks for.
-TABLE: dict[TerrainKind, dict[str, Size]] = {
-    "flat": {},
-    "stairs": {
-        "steps": Size(default=14, low=1, high=100),
-        "rise_m": Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
-        "run_m": Size(default=0.25, low=0.1, high=2.0),
-    },
-    "stepping_stones": {
-        "steps": Size(default=8, low=1, high=100),
-        "stone_m": Size(default=0.5, low=0.1, high=2.0),
-        "gap_m": Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
-    },
-    "step": {"height_m": Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)},
-    "gap": {"gap_m": Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)},
+FAMILIES: dict[str, SizedFamily] = {
+    "flat": SizedFamily(make=flat.make),
+    "stairs": SizedFamily(
+        make=stairs.make,
+        sizes={
+            "steps": Size(default=14, low=1, high=100),
+            "rise_m": Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
+            "run_m": Size(default=0.25, low=0.1, high=2.0),
+        },
+    ),
+    "stepping_stones": SizedFamily(
+        make=stepping_stones.make,
+        sizes={
+            "steps": Size(default=8, low=1, high=100),
+            "stone_m": Size(default=0.5, low=0.1, high=2.0),
+            "gap_m": Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
+        },
+        greatest={"gap_max_m": Size(default=0.5, low=0.0, high=0.75)},
+    ),
+    "step": SizedFamily(make=step.make, sizes={"height_m": Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)}),
+    "gap": SizedFamily(make=gap.make, sizes={"gap_m": Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)}),
 }
-GREATEST_GAP = Size(default=0.5, low=0.0, high=0.75)  # between stones; bounds of the gap itself
+"""Those that Saltus brings; installed packages add theirs (`saltus.terrain.own`)."""
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
@@ -70,58 +95,51 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         ConfigError: there is no such terrain, a size or the difficulty is out of range, or a size is given that this
             terrain does not have.
     """
+    given = {name: value for name in SIZES if (value := getattr(config, name)) is not None}
     if config.terrain.endswith(FILE_SUFFIX):
-        return _from_file(config)
-    if config.terrain not in get_args(TerrainKind):
-        raise ConfigError(
-            f"no terrain '{config.terrain}': {nearest_hint(config.terrain, get_args(TerrainKind))}; or give a TOML file"
-        )
-    kind = cast(TerrainKind, config.terrain)
+        return _from_file(config, given)
+    family = find_family(config.terrain)
     if config.layout_seed < 0:
         raise ConfigError(f"layout_seed = {config.layout_seed}: seeds are not negative")
     if config.difficulty is not None and not 0.0 <= config.difficulty <= 1.0:
         raise ConfigError(f"difficulty = {config.difficulty} is out of range: it must be from 0 to 1")
-    table = TABLE[kind]
-    given = {name: getattr(config, name) for name in SIZES}
+    rng = np.random.default_rng(config.layout_seed)
+    if isinstance(family, SizedFamily):
+        _refuse(config, given, [*family.sizes, *family.greatest])
+        return family(config.difficulty, rng, **given)
+    _refuse(config, given, [])
+    return family(config.difficulty, rng)
+
+
+def find_family(name: str) -> SizedFamily | OwnFamily:
+    """The family of that name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    families: dict[str, SizedFamily] | dict[str, OwnFamily] = FAMILIES if name in FAMILIES else own_families()
+    if name not in families:
+        raise ConfigError(f"no terrain '{name}': {nearest_hint(name, [*FAMILIES, *families])}; or give a TOML file")
+    return families[name]
+
+
+def is_drawn(config: TerrainConfig) -> bool:
+    """Whether terrains of another layout seed differ."""
+    is_own = config.terrain not in FAMILIES and not config.terrain.endswith(FILE_SUFFIX)
+    return is_own or config.gap_max_m is not None
+
+
+def _refuse(config: TerrainConfig, given: dict[str, float], known: list[str]) -> None:
     for name, value in given.items():
-        if value is not None and name not in table:
-            known = ", ".join(table) or "no sizes"
-            raise ConfigError(f"{name} = {value} has no meaning for terrain '{config.terrain}', which has: {known}")
-    sizes: dict[str, Any] = {name: size.resolve(name, given[name], config.difficulty) for name, size in table.items()}
-    if "steps" in sizes:
-        sizes["steps"] = int(sizes["steps"])
-    if config.gap_max_m is not None:
-        sizes |= _drawn_gaps(config, config.gap_max_m)
-    return MAKERS[kind](**sizes)
+        if name not in known:
+            has = ", ".join(known) or "no sizes"
+            raise ConfigError(f"{name} = {value} has no meaning for terrain '{config.terrain}', which has: {has}")
 
 
-def _from_file(config: TerrainConfig) -> Terrain:
+def _from_file(config: TerrainConfig, given: dict[str, float]) -> Terrain:
     """The terrain of a file, whose sizes are in the file alone."""
-    for name in (*SIZES, "gap_max_m", "difficulty"):
-        if (value := getattr(config, name)) is not None:
-            raise ConfigError(f"{name} = {value} has no meaning for {config.terrain}: its sizes are in the file")
-    terrain = load(Terrain, Path(config.terrain))
-    start_z = float(terrain.height_at(terrain.start_x, 0.0))
-    if abs(start_z) > LEVEL_M:
-        raise ConfigError(f"{config.terrain}: the ground at the start is {start_z:g} m high, it must be at 0")
-    if terrain.finish_x <= terrain.start_x:
-        raise ConfigError(
-            f"{config.terrain}: finish_x = {terrain.finish_x:g} m, it must be beyond the start at {terrain.start_x:g} m"
-        )
-    return terrain
-
-
-def _drawn_gaps(config: TerrainConfig, gap_max_m: float) -> dict[str, Any]:
-    if config.terrain != "stepping_stones":
-        raise ConfigError(f"gap_max_m = {gap_max_m} has no meaning for terrain '{config.terrain}': only for stones")
-    greatest = GREATEST_GAP.resolve("gap_max_m", gap_max_m, None)
-    return {"gap_max_m": greatest, "rng": np.random.default_rng(config.layout_seed)}
-
-
-MAKERS: dict[TerrainKind, Callable[..., Terrain]] = {
-    "flat": flat.make,
-    "stairs": stairs.make,
-    "stepping_stones": stepping_stones.make,
-    "step": step.make,
-    "gap": gap.make,
-}
+    if config.difficulty is not None:
+        given = {**given, "difficulty": config.difficulty}
+    for name, value in given.items():
+        raise ConfigError(f"{name} = {value} has no meaning for {config.terrain}: its sizes are in the file")
+    return checked(load(Terrain, Path(config.terrain)), config.terrain)

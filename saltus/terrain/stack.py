@@ -43,7 +43,7 @@ class TerrainStack:
         """
         if self._columns is not None:
             return column_heights(*self._columns, x)
-        return self._boxes.like(x).height_at(x, y)
+        return self.ground.like(x).height_at(x, y)
 
     def boxes(self, count: int) -> Boxes:
         """Exactly `count` boxes for each robot, with spare ones far below; arrays of shape (robots, count, ...)."""
@@ -64,7 +64,8 @@ class TerrainStack:
         return np.stack(walls), np.stack([_padded(each.top, self.widest, 0.0) for each in columns if each])
 
     @cached_property
-    def _boxes(self) -> Boxes:
+    def ground(self) -> Boxes:
+        """Boxes that are as high as the terrains, in arrays of one size; for solid ones see `boxes`."""
         return self._repeated(self.widest)
 
     def _repeated(self, count: int) -> Boxes:

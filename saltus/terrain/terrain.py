@@ -23,6 +23,8 @@ TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns; thick enough that nothing falls through
 TRENCH_DEPTH = 0.4  # original
+LEVEL_M = 1e-3
+"""What the ground at the start of somebody's own course may be off zero: a robot starts upon it."""
 _DIGITS = 9  # edges that differ by less than a nanometre are one
 
 
@@ -35,7 +37,7 @@ class Terrain(Value):
     """
 
     kind: str
-    """A `TerrainKind`, or a name of one's own."""
+    """Its family, or a name of one's own."""
     boxes: tuple[Box, ...]
     """They may overlap; the highest counts."""
     finish_x: float
@@ -129,6 +131,22 @@ class _CentredBox:
     size: Point
     pitch: float = 0.0
     yaw: float = 0.0
+
+
+def checked(terrain: Terrain, where: str) -> Terrain:
+    """A terrain that others made, `where` they did, if a robot can start on it and come to its end.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    start_z = float(terrain.height_at(terrain.start_x, 0.0))
+    if abs(start_z) > LEVEL_M:
+        raise ConfigError(f"{where}: the ground at the start is {start_z:g} m high, it must be at 0")
+    if terrain.finish_x <= terrain.start_x:
+        raise ConfigError(
+            f"{where}: finish_x = {terrain.finish_x:g} m, it must be beyond the start at {terrain.start_x:g} m"
+        )
+    return terrain
 
 
 def _by_corners(box: Any, where: str) -> Any:

@@ -11,7 +11,6 @@ from saltus.cli.main import main
 from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import (
-    COURSES,
     FIRST_SEED,
     HARD,
     KINDS,
@@ -24,6 +23,7 @@ from saltus.heightmap.evaluation.held_out import (
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
 
+COURSES = 2 * len(KINDS)
 POINTS = len(HEIGHTMAP_X)
 STEPS = 400
 

@@ -41,6 +41,8 @@ def other(value: Any) -> Any:
         return tuple(other(item) for item in value)
     if isinstance(value, str):
         return "ideal"
+    if isinstance(value, dict):
+        return {"beams": 0.5}
     return value + 1 if isinstance(value, int) else 0.875 * value or 0.001
 
 
@@ -84,11 +86,12 @@ def test_a_file_or_a_flag_with_one_value_changes_that_value_alone(
         file.write_text(tomli_w.dumps(table(path, new)))
         flags += ["--config", str(file)]
     else:
-        words = [str(item) for item in new] if isinstance(new, tuple) else [str(new)]
+        items = [word for pair in new.items() for word in pair] if isinstance(new, dict) else new
+        words = [str(item) for item in items] if isinstance(items, tuple | list) else [str(items)]
         flags += ["--profile" if path[-1] == "profile" else "--" + ".".join(path).replace("_", "-"), *words]
     after = parse(["--device", "cpu", *flags]).training
     assert at(after, path) == pytest.approx(new) if not isinstance(new, str) else at(after, path) == new
-    assert changed(before, after) == [".".join(path)]
+    assert changed(before, after) == [".".join((*path, *new) if isinstance(new, dict) else path)]
 
 
 def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(resumed: Path, tmp_path: Path) -> None:

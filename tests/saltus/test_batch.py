@@ -11,11 +11,11 @@ from saltus.effects.chain import ActuatorChain
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
-from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import JointCommand
 
-TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in TABLE]
+TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in FAMILIES]
 COUNT = len(TERRAINS)
 FRICTION = np.linspace(0.5, 1.0, COUNT)
 PAYLOAD = np.linspace(0.0, 1.5, COUNT)

@@ -13,7 +13,7 @@ from saltus.rotations import rotation_matrix
 from saltus.sim.plant import Plant
 from saltus.sim.state import PlantState
 from saltus.terrain import flat
-from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.wire.messages import JointCommand
 
 ONE = np.ones(12)
@@ -37,7 +37,7 @@ def same(first: PlantState, second: PlantState) -> bool:
     return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)
 
 
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("kind", FAMILIES)
 @pytest.mark.parametrize("payload_kg", [0.0, 1.5])
 def test_it_stands(kind: str, payload_kg: float) -> None:
     plant = Plant(ROBOT, make_terrain(TerrainConfig(terrain=kind)), payload_kg=payload_kg)
@@ -53,7 +53,7 @@ def test_it_stands(kind: str, payload_kg: float) -> None:
     assert not state.trunk_contact
 
 
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("kind", FAMILIES)
 @pytest.mark.parametrize("x", [-0.2, 0.0, 1.3, 1.55, 1.7])
 def test_reset_puts_the_feet_just_above_the_ground(kind: str, x: float) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind))

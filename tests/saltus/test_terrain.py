@@ -16,11 +16,11 @@ from saltus.errors import ConfigError
 from saltus.sim import scene
 from saltus.terrain import stepping_stones
 from saltus.terrain.boxes import Box, Boxes
-from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import WIDTH, Terrain
 
-KINDS = tuple(TABLE)
+KINDS = tuple(FAMILIES)
 FAMILY = [TerrainConfig(terrain=kind, difficulty=d) for kind in KINDS for d in (None, 0.0, 0.4, 1.0)]
 
 
@@ -227,9 +227,9 @@ def test_difficulty_sets_the_sizes(d: float) -> None:
     assert made["step"]["height_m"] == pytest.approx(0.8 * d)
 
 
-@pytest.mark.parametrize(("kind", "size"), [(kind, size) for kind in KINDS for size in TABLE[kind]])
+@pytest.mark.parametrize(("kind", "size"), [(kind, size) for kind in KINDS for size in FAMILIES[kind].sizes])
 def test_an_explicit_size_wins_and_comes_back_and_is_bounded(kind: str, size: str) -> None:
-    law = TABLE[kind][size]
+    law = FAMILIES[kind].sizes[size]
     for value in (law.low, law.high):
         given_size = int(value) if size == "steps" else value
         assert make_terrain(TerrainConfig(terrain=kind, difficulty=0.3, **{size: given_size})).params[size] == value
@@ -247,7 +247,7 @@ def test_difficulty_is_bounded(kind: str, difficulty: float) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_size_of_another_terrain_is_an_error(kind: str) -> None:
-    for size in {"rise_m", "gap_m", "stone_m", "height_m"} - set(TABLE[kind]):
+    for size in {"rise_m", "gap_m", "stone_m", "height_m"} - set(FAMILIES[kind].sizes):
         with pytest.raises(ConfigError, match=rf"{size} = 0.2 has no meaning for terrain '{kind}'"):
             make_terrain(TerrainConfig(terrain=kind, **{size: 0.2}))
 

@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -13,11 +11,10 @@ from saltus.terrain.batch import (
     HURDLE_M,
     IRREGULAR_RUN_M,
     KINDS,
-    Courses,
     draw_courses,
 )
 from saltus.terrain.boxes import Box
-from saltus.terrain.curriculum import TABLE
+from saltus.terrain.curriculum import FAMILIES
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH, Terrain
 
 N = 400
@@ -51,7 +48,7 @@ def test_sizes_follow_the_laws_of_difficulty(difficulty):
     sizes = {"stairs": "rise_m", "step": "height_m", "stepping_stones": "gap_m", "gap": "gap_m"}
     for name, size in sizes.items():
         rows = kind == KINDS.index(name)
-        law = TABLE[name][size]
+        law = FAMILIES[name].sizes[size]
         expected = (law.base or 0.0) + law.slope * difficulty
         rise = course.top[rows, 1] - course.top[rows, 0]
         gap = course.low[rows, 1] - course.high[rows, 0]
@@ -82,23 +79,6 @@ def test_torch_and_numpy_make_the_same_courses():
     for name in ("low", "high", "top", "finish_x", "slope", "floor"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name).numpy(), atol=1e-12)
     assert a.low.shape == (N, COLUMNS)
-
-
-def test_columns_may_be_turned():
-    """Each course is then as high as a terrain of the same boxes."""
-    rng = np.random.default_rng(4)
-    _, _, level = courses()
-    turned = dataclasses.replace(level, turn=rng.uniform(-0.5, 0.5, (N, COLUMNS, 2)))
-    x, y = rng.uniform(-1.0, 6.0, (N, 20)), rng.uniform(-2.0, 2.0, (N, 20))
-    heights = turned.height_at(x, y)
-    for i in range(0, N, 40):
-        boxes = turned.boxes().of_robot(i)
-        np.testing.assert_allclose(heights[i], boxes.height_at(x[i], y[i]), atol=1e-12)
-    tensors = (torch.as_tensor(a) for a in (x, y))
-    arrays = {f.name: torch.as_tensor(getattr(turned, f.name)) for f in dataclasses.fields(turned)}
-    np.testing.assert_allclose(Courses(**arrays).height_at(*tensors).numpy(), heights, atol=1e-9)
-    still = dataclasses.replace(level, turn=np.zeros((N, COLUMNS, 2)))
-    np.testing.assert_allclose(still.height_at(x, y), level.height_at(x, y), atol=1e-12)
 
 
 def as_terrain(course, i):

@@ -15,7 +15,7 @@ from saltus.sim.overlay import heightmap_in_world
 from saltus.sim.plant import standing_pose
 from saltus.sim.video import render_run, write_video
 from saltus.sim.video import test_frame as draw_test_frame
-from saltus.terrain.curriculum import TABLE, make_terrain
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 
 SIZE = (320, 240)
 
@@ -38,7 +38,7 @@ def pink(pictures: np.ndarray) -> int:
     return int(((red - green > 80) & (blue - green > 40)).sum())
 
 
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("kind", FAMILIES)
 def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
     pictures = frames(kind)
     assert pictures.shape == (2, SIZE[1], SIZE[0], 3)
