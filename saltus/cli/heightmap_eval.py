@@ -1,6 +1,5 @@
 """`saltus heightmap eval`: what a predictor is worth in runs that no training saw."""
 
-import math
 import sys
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +9,7 @@ from typing import Annotated, Any
 from tqdm import tqdm
 
 from saltus.cli.heightmap_train import QUIET_S
-from saltus.cli.output import print_json
+from saltus.cli.output import print_json, table_lines
 from saltus.config import Camera
 from saltus.flags import Flag, shown
 from saltus.models import model_id, model_path
@@ -94,10 +93,5 @@ def _print_table(table: dict[str, Any]) -> None:
     rows = [("network", table), *((f"  {name}", row) for name, row in groups)]
     for baseline, row in table["baselines"].items():
         rows += [(baseline, row), *((f"  {name}", part) for name, part in row["by_terrain"].items())]
-    print(f"{'error [mm]':<18}" + "".join(f"{title:>11}" for title, _, _ in COLUMNS))
-    for name, row in rows:
-        print(f"{name:<18}" + "".join(f"{_cell(factor * row[key]):>11}" for _, key, factor in COLUMNS))
-
-
-def _cell(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "-"
+    shown = [(name, {title: round(factor * row[key], 2) for title, key, factor in COLUMNS}) for name, row in rows]
+    print("error [mm]", *table_lines(shown), sep="\n")

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +49,7 @@ def print_figures(figures: Mapping[str, Any], indent: str = "") -> None:
     for name, value in figures.items():
         rows = _rows(value)
         if rows:
-            print(f"{indent}{name}:", *_table(rows), sep=f"\n{indent}  ")
+            print(f"{indent}{name}:", *table_lines(rows), sep=f"\n{indent}  ")
         elif isinstance(value, dict) and any(isinstance(part, dict) or _rows(part) for part in value.values()):
             print(f"{indent}{name}:")
             print_figures(value, indent + "  ")
@@ -82,7 +82,8 @@ def _is_cell(value: Any) -> bool:
     return not isinstance(value, dict) or all(isinstance(part, int) for part in value.values())
 
 
-def _table(rows: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
+def table_lines(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
+    """Lines of a table for people: rows with their labels, and their cells by column."""
     columns = list(dict.fromkeys(name for _, row in rows for name in row))
     cells = [["", *columns], *([label, *(_cell(row.get(name)) for name in columns)] for label, row in rows)]
     label, *widths = (max(map(len, column)) for column in zip(*cells, strict=True))

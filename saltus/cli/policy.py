@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tqdm import tqdm
 
-from saltus.cli.output import print_json, run_directory
+from saltus.cli.output import print_json, run_directory, table_lines
 from saltus.cli.run_options import Course, CourseOptions
 from saltus.cli.serve import ServeProcess
 from saltus.config import DEFAULT_ROBOT, Camera, PlannerName
@@ -158,12 +158,12 @@ class Policy(Group):
 
 
 def _print_table(result: "EvaluationResult") -> None:
-    print(f"{'seed':>8}  {'result':<14} {'time':>7} {'distance':>9} {'speed':>9}")
+    rows = []
     for seed, trial in zip(result.seeds, result.trials, strict=True):
         outcome = trial.outcome
-        speed = f"{outcome.mean_speed_mps:5.2f} m/s"
-        how = trial.failure or "success"
-        print(f"{seed:>8}  {how:<14} {outcome.time_s:5.2f} s {outcome.distance_m:7.2f} m {speed:>9}")
+        cells = {"time [s]": outcome.time_s, "distance [m]": outcome.distance_m, "speed [m/s]": outcome.mean_speed_mps}
+        rows.append((f"seed {seed}", {"result": trial.failure or "success", **cells}))
+    print(*table_lines(rows), sep="\n")
     failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
     print(
         f"{result.successes} of {len(result.trials)} succeeded, {result.mean_speed_mps:.2f} m/s, "
