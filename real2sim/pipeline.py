@@ -115,8 +115,9 @@ def _screened(log: RunLog) -> Examination:
     examination = Examination(log=log, faults=tuple(screen(log)), untestable={})
     if examination.is_bad:  # a damaged log says nothing about its sensors
         return examination
-    untestable = {name: why for sensor in SENSORS if (why := sensor.lacks(log)) for name in sensor.effects}
-    return replace(examination, untestable=untestable)
+    lacking = {sensor: why for sensor in SENSORS if (why := sensor.lacks(log))}
+    untestable = {name: why for sensor, why in lacking.items() for name in sensor.effects}
+    return replace(examination, untestable=untestable, lacking={sensor.name: why for sensor, why in lacking.items()})
 
 
 def _problems(

@@ -1,6 +1,6 @@
 """Results of a comparison with the simulator: of one sensor, of one log, and of all logs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from saltus.real2sim.patch import Evidence, Patch
 from saltus.real2sim.problem.problem import Problem
@@ -28,6 +28,8 @@ class Examination:
     faults: tuple[Fault, ...]
     comparisons: tuple[Comparison, ...] = ()
     """What several logs show together stands with the first of them."""
+    lacking: dict[str, str] = field(default_factory=dict)
+    """Sensors of which the log poses no problem, and why."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
     failures: tuple[str, ...] = ()
@@ -47,3 +49,9 @@ class Judgement:
     patch: Patch
     examinations: tuple[Examination, ...]
     evidence: tuple[Evidence, ...]
+
+    @property
+    def not_compared(self) -> dict[str, str]:
+        """Sensors of which no log poses a problem, and why the first does not."""
+        first, *others = (each.lacking for each in self.examinations)
+        return {sensor: why for sensor, why in first.items() if all(sensor in other for other in others)}

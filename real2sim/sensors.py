@@ -15,7 +15,7 @@ from saltus.robots.robot import JOINTS
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 """Effects of how a robot is operated, not of its hardware."""
 
-CHANGING_GAINS = "the drives' gains change within the log: replays take one kp and one kd for each joint"
+CHANGING_GAINS = "gains change from command to command: replays take one kp and one kd for each joint"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -67,6 +67,8 @@ class Find:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
         for remark in verdict.log_faults if verdict.verdict != "bad_log" else ():
             print(f"note: {remark}")
+        if lacking := judgement.not_compared:
+            print("not compared: " + "; ".join(f"{sensor} ({why})" for sensor, why in lacking.items()))
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         if self.json:
             print_json(verdict.to_dict())

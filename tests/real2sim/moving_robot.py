@@ -1,8 +1,9 @@
-"""Run logs of a robot that jumps: a run of control loop and plant, recorded and exported; for tests of real2sim."""
+"""Run logs of a robot that jumps: a run of control loop, plant and camera, recorded and exported."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from samples import ROBOT
 
 from benchmarks.landing import TICK_NS, true_heightmap
@@ -10,6 +11,7 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import POLICY_STEPS
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.depth import MODEL_CAMERA
 from saltus.effects.profile import IDEAL
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
@@ -17,6 +19,10 @@ from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
 from saltus.recordings.run_log import RunLog, read_run_log
 from saltus.recordings.run_log_export import export_run_log
+from saltus.render.backends import make_renderer
+from saltus.render.camera import RobotCamera
+from saltus.render.exposure import PerfectExposure
+from saltus.render.process import CameraProcess
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
@@ -29,8 +35,8 @@ STEP_NS = TICK_NS * POLICY_STEPS
 
 
 def jumping_log(folder: Path, seconds: float = 3.5) -> RunLog:
-    """The log of a run up stairs; the robot sets out after a second."""
-    config = RunConfig(seed=3, profile="ideal", terrain=TerrainConfig(terrain="stairs", rise_m=0.08))
+    """The log of a run onto a step; the robot sets out after a second."""
+    config = RunConfig(seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
     terrain = make_terrain(config.terrain)
     with Recorder(folder / "recording.mcap", config, ROBOT, terrain) as file:
         for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS)):
@@ -44,12 +50,16 @@ def _run(terrain: Terrain, trial: Trial, steps: int) -> Iterator[tuple[str, Mess
     robot = MujocoRobot(ROBOT, terrain, trial, trial.applied_to(IDEAL))
     robot.reset()
     loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
+    renderer = make_renderer("embree", terrain, RobotCamera.on(ROBOT))
+    camera = CameraProcess(PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0))
     for step in range(steps):
         now_ns = step * STEP_NS
         for tick in range(POLICY_STEPS):
             loop.sense(robot.read())
             if tick == 0:
-                yield "plant/truth", robot.truth(now_ns, step)
+                yield "plant/truth", (truth := robot.truth(now_ns, step))
+                if (frame := camera.step(truth, now_ns)) is not None:
+                    yield "camera/depth", frame
                 yield "controller/state", (state := loop.state(now_ns, step))
                 plan = planner.step(state, true_heightmap(robot, trial, now_ns, step), now_ns)
             robot.write(loop.act(plan, 0.0))

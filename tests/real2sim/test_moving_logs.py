@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,17 @@ from moving_robot import jumping_log
 from samples import ROBOT
 
 from benchmarks.moving_logs import trot
+from saltus.cli.main import main
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.motions import Section, rest
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.experiments.safety import Limits
 from saltus.real2sim.pipeline import examine, judge
+from saltus.real2sim.problem.camera.pose import BaseMotion
 from saltus.real2sim.screening.screen import screen
-from saltus.recordings.run_log import RunLog
+from saltus.recordings.run_log import RunLog, write_run_log
+from saltus.rotations import rotation_matrix
 
 PATHS: dict[str, dict[str, float]] = {"walk": {"speed_m_s": 0.4}, "turn": {"turn_rad_s": 0.8}}
 FAMILIES = ("held", "stand", "walk", "turn", "jump")
@@ -152,8 +156,57 @@ def test_a_rate_that_is_not_that_of_the_pose_is_named(logs: dict[str, RunLog], f
 
 def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(logs: dict[str, RunLog]) -> None:
     examinations = examine([logs["jump"]])
-    assert [each.findings.problem for each in examinations[0].comparisons] == ["imu"]
+    assert [each.findings.problem for each in examinations[0].comparisons] == ["camera", "imu"]
     assert examinations[0].failures == ()
-    verdict = judge(examinations, ()).verdict
-    assert verdict.verdict == "no_gap"
-    assert "gains" in verdict.untestable["payload_mass"]
+    judgement = judge(examinations, ())
+    assert judgement.verdict.verdict == "no_gap"
+    assert set(judgement.not_compared) == {"joints", "body"}
+    assert "gains" in judgement.verdict.untestable["payload_mass"]
+
+
+def test_find_says_in_one_line_what_was_not_compared(
+    logs: dict[str, RunLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run_log(logs["jump"], tmp_path / "log")
+    assert main(["real2sim", "find", str(tmp_path / "log"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("not compared: ")]
+    assert len(said) == 1
+    assert "joints (" in said[0]
+    assert "body (gains change" in said[0]
+
+
+def test_a_landing_is_not_smoothed_out_of_the_motion_of_a_camera(logs: dict[str, RunLog]) -> None:
+    log = logs["jump"]
+    assert log.base is not None
+    position, rotation = BaseMotion(log).at(log.base.time_s)
+    np.testing.assert_allclose(position, log.base.values[:, :3], atol=1e-9)
+    np.testing.assert_allclose(rotation, rotation_matrix(log.base.values[:, 3:7]), atol=1e-9)
+    still = logs["stand"]
+    assert still.base is not None
+    left = BaseMotion(still).at(still.base.time_s)[0] - still.base.values[:, :3]
+    assert np.std(left, axis=0).min() > 1e-4  # noise is taken away from a robot that stands
+
+
+def _camera(log: RunLog, **claims: object) -> RunLog:
+    return replace(log, meta={**log.meta, "camera": {**log.meta["camera"], **claims}})
+
+
+def _late_imu(log: RunLog) -> RunLog:
+    assert log.imu is not None
+    values = log.imu.values
+    return replace(log, imu=replace(log.imu, values=np.concatenate([values[:1], values[:-1]])))
+
+
+@pytest.mark.parametrize(
+    ("hide", "effect", "parameter", "value"),
+    [
+        (lambda log: _camera(log, pitch=log.meta["camera"]["pitch"] - 0.03), "camera_pitch", "offset", 0.03),
+        (_late_imu, "imu_latency", "delay", 0.01),
+    ],
+)
+def test_what_a_jumping_log_shows_is_named(
+    logs: dict[str, RunLog], hide: Damage, effect: str, parameter: str, value: float
+) -> None:
+    verdict = judge(examine([hide(logs["jump"])]), ()).verdict
+    assert [found.name for found in verdict.effects] == [effect]
+    assert verdict.effects[0].params[parameter].value == pytest.approx(value, rel=0.05)

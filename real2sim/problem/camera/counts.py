@@ -22,6 +22,7 @@ MAX_DENSE_FRAMES, MAX_DENSE_ROWS = 300, 40  # images and rows in which edges and
 FEWEST_EDGES = 20
 ROUNDING_PX = 0.1  # of the corner: an error of a quarter of what is claimed of an edge
 FEWEST_LOST = 20.0  # pixels that a segment would lose without a filter
+LEAST_NOISE_M = 5e-4  # rounding to 1 mm alone has 2.9e-4: then the scene makes equal neighbours, and noise does not
 AT_LEAST_PX = 2.0  # of a reach that leaves next to no hole
 BLOCKS = 5  # of images: each longer than a temporal filter remembers
 CHANCE_MODEL = 0.2  # of the copies that are usual
@@ -173,6 +174,9 @@ def _deviation_of_mean(images: list[np.floating]) -> float:
 
 def _filled_rows(data: CameraData, view: DenseView) -> list[Row]:
     """How far holes away from edges are filled: the share that would be lost is that of the whole log."""
+    noise_m = data.noise.sigma(data.predicted)[data.known]
+    if not noise_m.size or float(np.median(noise_m)) < LEAST_NOISE_M:
+        return []
     plain = plain_pixels(view.predicted_m, view.measured_mm, view.range_m)
     copies = filled(view.predicted_m, view.measured_mm, plain, view.clip_mm)
     hole = plain & (view.measured_mm == 0)

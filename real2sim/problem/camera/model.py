@@ -12,8 +12,6 @@ from saltus.real2sim.problem.camera.rays import Scene
 from saltus.render.camera import Mount
 from saltus.rotations import skew
 
-FARTHEST_M = 65.535  # what a run log can hold
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthModel:
@@ -81,9 +79,7 @@ class DepthModel:
 
     def _image(self, effects: CameraEffects, kept: Indices) -> Floats:
         depth = self.scene.depth(*self.rays(effects, kept))
-        depth = np.minimum(
-            (1.0 + effects.depth_scale) * depth + effects.depth_bias, min(self.camera.range_m, FARTHEST_M)
-        )
+        depth = np.minimum((1.0 + effects.depth_scale) * depth + effects.depth_bias, self.camera.range_m)
         if effects.range_clip > 0.0:
             depth = depth - effects.range_clip * np.maximum(depth - effects.clip_m, 0.0)
         return depth

@@ -16,8 +16,10 @@ from saltus.real2sim.problem.rotations import continuous, unit
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import rotation_matrix
 
-SMOOTHING_S = 0.06  # a body on legs does not change its acceleration faster
+SMOOTHING_S = 0.06  # a body that keeps its feet on the ground does not change its acceleration faster
+ROUGH = 6.0  # times the noise: smoothing takes away more than noise from the motion of a robot that lands
 SMOOTHING_ORDER = 3
+FARTHEST_M = 65.535  # what a run log can hold: the sky is no hole in an image
 LEAST_NOISE = 1e-4  # m and rad: no motion capture of a walking robot is better
 
 
@@ -36,7 +38,7 @@ class ClaimedCamera:
     rate_hz: float
     latency_s: float
     range_m: float
-    """What is farther reads as this far; infinite where nothing is said."""
+    """What is farther reads as this far, or as nothing."""
 
     def tangents(self, row: Indices, column: Indices) -> Floats:
         """Where pixels look, camera frame (right, down, forward), of depth 1. Shapes (n,) -> (3, n)."""
@@ -53,14 +55,14 @@ def claimed_camera(meta: dict[str, Any]) -> ClaimedCamera:
             position=np.asarray(camera["position"], dtype=np.float64).reshape(3),
             rate_hz=float(camera.get("rate", 0.0)),
             latency_s=float(camera.get("latency", 0.0)),
-            range_m=float(camera.get("range_max") or math.inf),
+            range_m=min(float(camera.get("range_max") or math.inf), FARTHEST_M),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"meta.json: camera lacks or misspells {error}") from error
 
 
 class BaseMotion:
-    """The measured pose of the base at any time: smoothed, then cubic interpolation of position and quaternion.
+    """The measured pose of the base at any time: smoothed but for landings, then cubic interpolation.
 
     An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground at 1.5 m by more
     than its noise. Akima's interpolation does not swing about a base that is moved by hand from one rest to the next.
@@ -83,10 +85,13 @@ class BaseMotion:
         if len(time_s) >= 4:
             self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
             smooth, left = _smoothed(time_s, pose)
-            self._spline = Akima1DInterpolator(time_s, smooth)
-            self.noise_m = max(left * _spread(pose[:, :3] - smooth[:, :3]), LEAST_NOISE)
             # a rotation by a small angle is half of it in the quaternion
-            self.noise_rad = max(2.0 * left * _spread(pose[:, 3:] - smooth[:, 3:]), LEAST_NOISE)
+            taken = (pose - smooth) * np.array([1.0] * 3 + [2.0] * 4)
+            spread = [max(_spread(part), LEAST_NOISE) for part in (taken[:, :3], taken[:, 3:])]
+            if np.any(np.abs(taken) > ROUGH * np.repeat(spread, [3, 4])):
+                smooth, left = pose, math.hypot(1.0, left)
+            self._spline = Akima1DInterpolator(time_s, smooth)
+            self.noise_m, self.noise_rad = (max(left * each, LEAST_NOISE) for each in spread)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
         """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""

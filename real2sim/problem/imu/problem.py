@@ -6,7 +6,6 @@ The heading of an IMU is its own and says nothing.
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem import rotations
@@ -121,25 +120,35 @@ class ImuProblem(Problem):
         return _means(rotations.to_vector(rotations.product(rotations.inverse(base), path)))
 
     def _roots(self) -> tuple[Floats, Floats]:
-        """Cholesky factors of the covariance of a window: tilt and turn about one axis, and turn alone.
+        """What makes windows white: tilt and turn about roll and pitch, and turn about yaw alone.
 
-        Both signals have the noise of the base in common. The integral of the rates has that of a random walk.
+        Inverse Cholesky factors of their covariance, shapes (w, 2, 2 BLOCKS, 2 BLOCKS) and (w, BLOCKS, BLOCKS). Both
+        signals have the noise of the base in common. The integral of the rates has that of a random walk.
         """
         imu, gyro, base = self._windows.noise
         block_s = BLOCK_STEPS * STEP_S
         time_s = (np.arange(BLOCKS) + 0.5) * block_s
-        walk = gyro.density * np.minimum(time_s[:, None], time_s)
+        gained = gyro.density * time_s[:, None] + _means(self._windows.jumped)  # (w, BLOCKS, 3)
+        gained = gained.swapaxes(-1, -2)
+        walk = np.minimum(gained[..., :, None], gained[..., None, :])
         shared = _covariance(*base.of_means(block_s))
         own = _covariance(*imu.of_means(block_s))
         turn = shared + walk + START_RAD**2
-        both = np.block([[own + shared, shared], [shared, turn]])
-        return np.linalg.cholesky(both), np.linalg.cholesky(turn)
+        both = np.empty((*turn.shape[:-3], 2, 2 * BLOCKS, 2 * BLOCKS))
+        both[..., :BLOCKS, :BLOCKS] = own + shared
+        both[..., :BLOCKS, BLOCKS:] = both[..., BLOCKS:, :BLOCKS] = shared
+        both[..., BLOCKS:, BLOCKS:] = turn[:, :2]
+        roll_and_pitch, yaw = (np.linalg.inv(np.linalg.cholesky(each)) for each in (both, turn[:, 2]))
+        return roll_and_pitch, yaw
 
     def _whitened(self, tilt: Floats, turn: Floats) -> Floats:
         """Shape (n, w, 5, BLOCKS)."""
         pairs = [np.concatenate([tilt[..., axis], turn[..., axis]], axis=-1) for axis in (0, 1)]
-        roll, pitch = (_solved(self._tilt, pair).reshape(*pair.shape[:-1], 2, BLOCKS) for pair in pairs)
-        yaw = _solved(self._turn, turn[..., 2])
+        roll, pitch = (
+            np.einsum("wij,nwj->nwi", self._tilt[:, axis], pair).reshape(*pair.shape[:-1], 2, BLOCKS)
+            for axis, pair in enumerate(pairs)
+        )
+        yaw = np.einsum("wij,nwj->nwi", self._turn, turn[..., 2])
         parts = (roll[..., 0, :], pitch[..., 0, :], roll[..., 1, :], pitch[..., 1, :], yaw)
         return np.stack(parts, axis=-2)
 
@@ -156,12 +165,6 @@ class ImuProblem(Problem):
         if max(sizes["imu_bias.gyro_x"], sizes["imu_bias.roll"]) < LEAST_SIGMA:
             found["imu_bias"] = f"0.02 rad/s would move all residuals by {sizes['imu_bias.gyro_x']:.1f} sigma"
         return found
-
-
-def _solved(root: Floats, values: Floats) -> Floats:
-    """White noise of values whose covariance has the Cholesky factor `root`, along the last axis."""
-    flat = values.reshape(-1, values.shape[-1])
-    return np.asarray(solve_triangular(root, flat.T, lower=True).T.reshape(values.shape))
 
 
 def _covariance(sigma: float, correlation: float) -> Floats:

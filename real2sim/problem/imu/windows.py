@@ -28,6 +28,8 @@ GAP_S = 0.05
 REST_RATIO = 1.3
 """A held base that swings is left out: its gyroscope is this much louder than in its quietest second, where noise
 alone varies by a few per cent."""
+JUMP = 4.0
+"""Times the usual bend from sample to sample: a foot lands between two of them, and the log does not say when."""
 STEADY_RAD = 1e-5
 """Noise of an orientation that is not measured but known: below all sensors."""
 
@@ -40,6 +42,8 @@ class ImuWindows:
         start_s: Shape (w,).
         segment: Index of the segment of each, shape (w,).
         gyro: Rates at every step [rad/s], shape (w, WINDOW_STEPS, 3).
+        jumped: Variance that the integral of rates has gained since the start by jumps between samples [rad^2], shape
+            (w, WINDOW_STEPS, 3).
         orientation: As the IMU reports it, shape (w, WINDOW_STEPS, 4).
         base: Rows of the measured orientation, which is read at any time; times of shape (n,), quaternions (n, 4).
         noise: Of the IMU's orientation, its rates, and the base's orientation.
@@ -48,6 +52,7 @@ class ImuWindows:
     start_s: Floats
     segment: Indices
     gyro: Floats
+    jumped: Floats
     orientation: Floats
     base: tuple[Floats, Floats]
     noise: tuple[StreamNoise, StreamNoise, StreamNoise]
@@ -84,14 +89,27 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         raise RecordingError("no second of the log in which the motion of the base is known")
     start_s = np.array([start for _, start in places])
     steps = start_s[:, None] + np.arange(WINDOW_STEPS) * STEP_S
+    jumped = sampled(steps, time_s, _jumps(time_s, values[:, 4:7]))
     return ImuWindows(
         start_s=start_s,
         segment=np.array([segment for segment, _ in places], dtype=np.int64),
         gyro=sampled(steps, time_s, values[:, 4:7]),
+        jumped=jumped - jumped[:, :1],
         orientation=rotations.unit(sampled(steps, time_s, orientation)),
         base=base,
         noise=(*noise, reference),
     )
+
+
+def _jumps(time_s: Floats, gyro: Floats) -> Floats:
+    """Variance of the integral of rates that jump between samples, from the first one on [rad^2], shape (n, 3).
+
+    The time of a jump is uniform within its step, and both bends beside it show its size.
+    """
+    bend = np.abs(np.diff(gyro, 2, axis=0))
+    jump = np.where(bend > JUMP * np.median(bend, axis=0), bend, 0.0)
+    variance = (float(np.median(np.diff(time_s))) * jump) ** 2 / 12.0 / 2.0
+    return np.cumsum(np.pad(variance, ((1, 1), (0, 0))), axis=0)
 
 
 def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, float]]:
