@@ -11,12 +11,13 @@ from plotly.subplots import make_subplots
 from saltus.recordings.report import figure_html, page, table
 from saltus.render.fit import FitResult
 from saltus.render.stereo.estimate import Estimate
-from saltus.render.stereo.fit_baseline import Shadows, edge_shadows, left_bands
+from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
 from saltus.wire.messages import Floats
 
 Curve = tuple[Floats, Floats]
 """Points, each of shape (n,)."""
 MEASURED = {"mode": "markers", "marker": {"color": "#1f5fa8", "size": 6}}
+SHOWN = 400  # widths: more would hide each other
 MODEL = {"mode": "lines", "line": {"color": "#d1495b", "width": 2}}
 TITLES = (
     "Noise against range",
@@ -87,7 +88,7 @@ def _widths(figure: go.Figure, result: FitResult) -> None:
     margin = result.parameters.margin_px.value or 0.0
     steps = []
     for shadows, offset in ((edge_shadows(result.scene), 0.0), (left_bands(result.scene), margin)):
-        some = _thinned(shadows)
+        some = shadows[:: max(1, len(shadows.width) // SHOWN)]
         if some.width.size:
             line = np.array([0.0, float(some.step.max())])
             model = line * result.optics.disparity_at_1m - offset
@@ -95,10 +96,6 @@ def _widths(figure: go.Figure, result: FitResult) -> None:
             steps.append(some.step)
     if not steps:
         figure.add_annotation(text="no band, no shadow in view", showarrow=False, x=0.5, y=0.5, row=1, col=2)
-
-
-def _thinned(shadows: Shadows, count: int = 400) -> Shadows:
-    return shadows[:: max(1, len(shadows.width) // count)]
 
 
 def _columns(figure: go.Figure, result: FitResult) -> None:

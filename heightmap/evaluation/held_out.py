@@ -43,7 +43,7 @@ from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode, RobotState
+from saltus.wire.messages import ControllerMode
 from saltus.workers import tell
 
 KINDS = tuple(FAMILIES)
@@ -242,7 +242,10 @@ def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Seque
         if np.isfinite(tick.captured_s[robot]):
             arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
     frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=_ns(step), frame_id=step) for step in arrived]
-    states = [_state(step.states, robot) for step in steps]
+    states = [
+        state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
+        for states in (step.states for step in steps)
+    ]
     arrival_ns = [_ns(step) for step in arrived.values()]
     maps = replay_predictor(GeometricHeightmap(kind, foot_gain=BASELINES[name]), frames, states, arrival_ns)
     return Prediction(
@@ -253,11 +256,6 @@ def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Seque
 
 def _ns(step: int) -> int:
     return round(step * TICK_S * _NS)
-
-
-def _state(states: RobotStates, robot: int) -> RobotState:
-    """The message that one robot of a batch would send."""
-    return state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
 
 
 def _course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[str, TerrainConfig]:

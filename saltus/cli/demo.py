@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
 
 from tqdm import tqdm
 
@@ -11,9 +10,6 @@ from saltus.cli.run_options import RunOptions
 from saltus.config import Pace, RunConfig
 from saltus.flags import Flag
 from saltus.wire.messages import GroundTruth
-
-if TYPE_CHECKING:
-    from saltus.terrain.terrain import Terrain
 
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
@@ -74,7 +70,10 @@ def run_stack(config: RunConfig, directory: Path) -> None:
     from saltus.runtime.stack import Stack
 
     shown = 0.0
-    with Stack(config, directory) as stack, _bar(stack.terrain) as bar:
+    with (
+        Stack(config, directory) as stack,
+        tqdm(total=stack.terrain.finish_x, desc=stack.terrain.kind, bar_format=BAR, disable=None, leave=False) as bar,
+    ):
         truths = stack.latest("plant/truth")
         for _ in follow(stack):
             sample = truths.take()
@@ -82,7 +81,3 @@ def run_stack(config: RunConfig, directory: Path) -> None:
                 x = min(max(float(sample.message.position_base_in_world[0]), shown), stack.terrain.finish_x)
                 bar.update(x - shown)
                 shown = x
-
-
-def _bar(terrain: "Terrain") -> "tqdm[NoReturn]":
-    return tqdm(total=terrain.finish_x, desc=terrain.kind, bar_format=BAR, disable=None, leave=False)
