@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks._pictures import Pictured, save, subplots
 from saltus.policy.training.evaluation_table import Row, read_rows
-from saltus.policy.training.standard_evaluation import COURSES
-from saltus.terrain.batch import KINDS
+from saltus.policy.training.standard_evaluation import course_of
 
 Column = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ class Benchmark(Pictured):
     def measure(self) -> dict[str, Any]:
         """The last row."""
         table = read_columns(self.folder / "progress.csv")
-        kinds = [kind for kind in KINDS if f"{kind}/level" in table]
+        kinds = [name.removesuffix("/level") for name in table if name.endswith("/level")]
         if self.picture is not None:
             draw(table, read_rows(self.folder / "evaluation.csv"), kinds, self.picture)
         last = {name: float(table[name][-1]) for name in ("iteration", "steps", "seconds")}
@@ -56,7 +55,7 @@ def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], pa
     size = max(7.0, 4.0 * len(kinds)), 5.5
     figure, axes = subplots(2, len(kinds), figsize=size, sharex=True, sharey="row", squeeze=False)
     for (above, below), kind in zip(axes.T, kinds, strict=True):
-        mine = [row for row in rows if COURSES[row.course].terrain == kind]
+        mine = [row for row in rows if course_of(row.course).terrain == kind]
         _draw_kind(above, below, table, mine, kind)
     axes[0, 0].set_ylim(0.0, 1.05)
     axes[1, 0].set_ylim(bottom=0.0)
