@@ -25,6 +25,7 @@ from saltus.real2sim.progress import ComparisonProgress, Progress
 from saltus.real2sim.rebased import RebasedProblem
 from saltus.real2sim.resolve import resolved
 from saltus.real2sim.results import Comparison, Examination, Judgement
+from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.search.narrowed import NarrowedProblem
@@ -94,6 +95,7 @@ def examine(
     found = [_screened(log) for log in logs]
     if any(each.is_bad for each in found):
         return tuple(found)
+    found = [replace(each, offsets=align(each.log)) for each in found]
     posed = [sensor for sensor in SENSORS if not all(sensor.lacks(log) for log in logs)]
     shown = ComparisonProgress(progress, posed)
     for sensor in posed:

@@ -12,7 +12,7 @@ Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of all that is done."""
 
 SCREEN_S, CONCLUDE_S = 1.5, 3.0
-"""Screening, and the verdict with its report [s]."""
+"""Screening and aligning, and the verdict with its report [s]."""
 LEVELS = ("slopes", "single effects", "2 effects", "3 effects", "reported values")
 """Stages of a search that raise its level; other stages belong to the level that has been reached."""
 REACHED = (0.25, 0.6, 0.85, 0.97, 1.0)

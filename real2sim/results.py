@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from saltus.real2sim.patch import Evidence, Patch
 from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.screening.align import ClockOffset
 from saltus.real2sim.screening.fault import Fault
 from saltus.real2sim.search.findings import Findings
 from saltus.real2sim.verdict import Verdict
@@ -26,6 +27,7 @@ class Examination:
 
     log: RunLog
     faults: tuple[Fault, ...]
+    offsets: tuple[ClockOffset, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     """What several logs show together stands with the first of them."""
     lacking: dict[str, str] = field(default_factory=dict)

@@ -9,6 +9,7 @@ from plotly.subplots import make_subplots
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Driver
 from saltus.real2sim.reporting.localise import Channel
+from saltus.real2sim.reporting.regimes import TIME
 from saltus.real2sim.reporting.text import LEAST_NATS
 from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
 from saltus.recordings.report import BLUE, GREEN, GREY, RED
@@ -18,6 +19,8 @@ WIDE, THIN = 3.5, 1.5  # px: where two lines agree, both can be seen
 TITLE_PX, ROW_PX = 45, 34  # px: space between parts of a figure, height of a row of a table
 BINS = 15
 FEW = 50  # rows of a channel below which bins are chance
+TRACE_S = 2.0  # shown of a residual: about ten periods of a joint's oscillation
+BREAK = 5.0  # median time steps: a longer step breaks the line
 
 
 def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
@@ -109,6 +112,50 @@ def rms_by(driver: Driver, residual: Floats) -> tuple[Floats, Floats]:
     used = counts > 0
     x = np.bincount(where, driver.values)[used] / counts[used]
     return x, np.sqrt(np.bincount(where, residual**2)[used] / counts[used])
+
+
+def trace_figure(before: Channel, after: Channel) -> go.Figure:
+    """Residuals over the two seconds in which they are largest; if there are many pixels, their mean."""
+    time_s = next(driver.values for driver in before.drivers if driver.name == TIME)
+    times, owner = np.unique(time_s, return_inverse=True)
+    counts = np.bincount(owner)
+    series = [np.bincount(owner, channel.residual) / counts for channel in (before, after)]
+    ends = np.searchsorted(times, times + TRACE_S)
+    power = np.concatenate([[0.0], np.cumsum(series[0] ** 2)])
+    start = int(np.argmax(power[ends] - power[: len(times)]))
+    shown = slice(start, int(ends[start]))
+    steps = np.diff(times[shown], append=np.nan)
+    is_break = steps > BREAK * np.nanmedian(steps) if len(steps) > 1 else np.zeros(len(steps), dtype=bool)
+    figure = go.Figure()
+    for name, colour, width, values in (("before", BEFORE, WIDE, series[0]), ("after", AFTER, THIN, series[1])):
+        line = np.where(is_break, np.nan, values[shown])
+        style = {"color": colour, "width": width}
+        figure.add_scatter(x=np.round(times[shown], 4), y=np.round(line, 3), name=name, line=style)
+    figure.update_xaxes(title=f"{TIME} [s]")
+    figure.update_yaxes(title=f"{before.signal}, {before.place} [sigma]")
+    return _sized(figure, 240)
+
+
+def image_figure(before: Channel, after: Channel, row: Driver, column: Driver) -> go.Figure:
+    """Mean residual of each pixel of the grid, before and after."""
+    rows, y = np.unique(row.values, return_inverse=True)
+    columns, x = np.unique(column.values, return_inverse=True)
+    shape = (len(rows), len(columns))
+    pixel = y * len(columns) + x
+    counts = np.bincount(pixel, minlength=shape[0] * shape[1]).astype(np.float64)
+    counts[counts == 0.0] = np.nan
+    images = [np.bincount(pixel, c.residual, len(counts)) / counts for c in (before, after)]
+    size = max(1.0, float(np.nanmax(np.abs(images))))
+    figure = make_subplots(cols=2, subplot_titles=("before", "after"), horizontal_spacing=0.08)
+    for index, image in enumerate(images, start=1):
+        figure.add_heatmap(
+            z=np.round(image.reshape(shape), 2), x=columns, y=rows, zmin=-size, zmax=size, colorscale="RdBu",
+            colorbar={"title": "sigma", "thickness": 10}, showscale=index == 2,
+            hovertemplate="column %{x:.0f}, row %{y:.0f}: %{z:.2f} sigma<extra></extra>", row=1, col=index,
+        )  # fmt: skip
+    figure.update_xaxes(title="column [px]")
+    figure.update_yaxes(title="row [px]", autorange="reversed")
+    return _sized(figure, 330)
 
 
 def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> go.Figure:

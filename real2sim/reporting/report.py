@@ -8,11 +8,12 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from saltus.effects.profile import IDEAL, Profile
+from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.reporting import figures, text
 from saltus.real2sim.reporting.localise import Channel, localise
 from saltus.real2sim.reporting.regimes import channels_of
-from saltus.real2sim.results import Comparison, Judgement
+from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
 from saltus.recordings.report import figure_html, page
 from saltus.recordings.run_log import RunLog
@@ -33,13 +34,19 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
     parts = [text.headline(verdict), text.effects_table(verdict.effects, rivals)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
-    is_alone = len(judgement.examinations) == 1
-    parts += [_comparison(one, is_alone) for each in judgement.examinations for one in each.comparisons]
+    parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]
     parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
     return page("What the simulator lacks", "".join(parts), MORE_STYLE, f"<script>{get_plotlyjs()}</script>")
+
+
+def _examination(examination: Examination, *, is_alone: bool) -> str:
+    """The part on one log."""
+    clocks = text.clocks(examination)
+    parts = ["<h2>Clocks</h2>", clocks] if clocks else []
+    return "".join([*parts, *(_comparison(comparison, is_alone) for comparison in examination.comparisons)])
 
 
 def _comparison(comparison: Comparison, is_alone: bool) -> str:
@@ -114,11 +121,23 @@ def _regimes(before: tuple[Channel, ...], after: tuple[Channel, ...]) -> list[st
     worst = figures.worst_channels(before)
     if not worst:
         return []
-    return [
+    parts = [
         "<h3>The signals that are farthest off, by regime</h3>",
         _note("One of each kind. Root mean square in bins of equal count; the dotted line is noise alone."),
         *(figure_html(figures.regime_figure(before[i], after[i])) for i in worst),
     ]
+    for i in worst:
+        drivers = {driver.name: driver for driver in before[i].drivers}
+        if ROW in drivers:
+            picture = figures.image_figure(before[i], after[i], drivers[ROW], drivers[COLUMN])
+            parts += ["<h3>Mean residual over the image</h3>", figure_html(picture)]
+    first = worst[0]
+    parts += [
+        "<h3>The two seconds that are farthest off</h3>",
+        _note("Measured minus simulated, of the first of these signals; for images, the mean over their pixels."),
+        figure_html(figures.trace_figure(before[first], after[first])),
+    ]
+    return parts
 
 
 def _note(words: str) -> str:

@@ -11,7 +11,7 @@ from saltus.effects.profile import Profile, profile_to_toml
 from saltus.provenance import commit, package_version
 from saltus.real2sim.reporting.localise import Statement
 from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Judgement
+from saltus.real2sim.results import Examination, Judgement
 from saltus.real2sim.search.findings import FoundEffect, RankedModel
 from saltus.real2sim.verdict import Gap, Verdict
 from saltus.recordings.report import table
@@ -117,6 +117,11 @@ def idle_models(ranking: Sequence[RankedModel]) -> str:
     """The models without gain on held-out data."""
     names = [" + ".join(model.effects) for model in ranking if model.effects and model.gain < LEAST_NATS]
     return f'<p class="note">Without gain: {_text("; ".join(names))}.</p>' if names else ""
+
+
+def clocks(examination: Examination) -> str:
+    """Offsets between the streams of a log."""
+    return "".join(f"<p>{_text(offset.text)}.</p>" for offset in examination.offsets)
 
 
 def provenance(judgement: Judgement, profile: Profile, seed: int) -> str:

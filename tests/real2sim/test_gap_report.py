@@ -16,6 +16,7 @@ from saltus.real2sim.patch import Applicability, Evidence, Patch
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.problem import Driver, Problem
 from saltus.real2sim.reporting import figures
+from saltus.real2sim.reporting.localise import Channel
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.reporting.report import report_page
 from saltus.real2sim.reporting.words import sentence
@@ -139,7 +140,22 @@ def test_the_signals_that_are_farthest_off_come_first() -> None:
     assert len({(channel.signal, channel.place.rpartition("_")[2]) for channel in worst}) == len(worst)
 
 
-def test_a_camera_s_residuals_are_shown_by_row_and_column(tmp_path: Path) -> None:
+def test_the_trace_shows_where_the_residual_is_largest() -> None:
+    time_s = np.repeat(np.arange(0.0, 20.0, 0.02), 3)  # three pixels an image
+    bump = 5.0 * np.exp(-(((time_s - 12.0) / 0.3) ** 2))
+    channel = Channel(
+        signal="q", place="x", residual=bump, drivers=(Driver(name=figures.TIME, unit="s", values=time_s),)
+    )
+    shown = figures.trace_figure(channel, replace(channel, residual=0.1 * bump)).data
+    x, y = np.array(shown[0].x), np.array(shown[0].y)
+    assert x[0] < 11.5
+    assert x[-1] > 12.5
+    assert x[-1] - x[0] <= figures.TRACE_S
+    assert y.max() == pytest.approx(5.0)
+    assert np.array(shown[1].y).max() == pytest.approx(0.5)
+
+
+def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
     log = camera_log(Recipe(boxes=STEP, motion=chirp, duration_s=4.0))
     problem = CameraProblem(log)
     nothing = np.concatenate([c.starts[0] for c in problem.candidates])[None, None]
@@ -156,7 +172,7 @@ def test_a_camera_s_residuals_are_shown_by_row_and_column(tmp_path: Path) -> Non
     findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
     compared = Comparison(problem=problem, findings=findings, log=log)
     examined = Examination(log=log, faults=(), untestable={}, comparisons=(compared,))
-    assert "row [px]" in page(judgement(merge([findings]), examined), tmp_path)
+    assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
 
 
 def test_samples_that_are_missing_do_not_spoil_what_they_drive() -> None:
