@@ -27,7 +27,6 @@ class MujocoRobot(RobotBackend):
             chain=profile.actuator_chain,
             body=profile.body_chain,
             imu=profile.imu_chain,
-            seed=trial.seed,
         )
         self._trunk_contact = False
 

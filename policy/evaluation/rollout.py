@@ -106,7 +106,6 @@ class Rollout:
             chain=drives(profile, trials),
             body=profile.body_chain,
             imu=profile.imu_chain,
-            seed=self.trials[0].seed,
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)

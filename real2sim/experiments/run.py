@@ -77,7 +77,7 @@ def run(
         experiment.limits.check_commands(robot, section.commands, experiment.gains(robot)[0])
     plant = Plant(
         robot, terrain, payload_kg=experiment.payload_kg, chain=profile.actuator_chain, body=profile.body_chain,
-        imu=profile.imu_chain, seed=seed, held=experiment.base == "fixed",
+        imu=profile.imu_chain, held=experiment.base == "fixed",
     )  # fmt: skip
     tape = _move(plant, experiment, robot, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])

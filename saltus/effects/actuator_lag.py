@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Constant
+from saltus.arrays import Array, Constant
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import Drive
@@ -29,15 +28,18 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
         """Of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
         return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def apply(self, signal: Drive, time_s: float, state: tuple[Any] | None) -> tuple[Drive, tuple[Any]]:
-        """Returns the lagged torque; the state is that at the end of the period. The first is as if there for long."""
+    def first(self, signal: Drive) -> Array:
+        """The lagged torque at the end of the period before, shape (..., 12)."""
+        return signal.torque
+
+    def apply(self, signal: Drive, time_s: Array, state: Array) -> tuple[Drive, Array]:
+        """Returns the mean of the lagged torque; the state is that at the end of the period."""
         del time_s
-        if state is None:
-            return signal, (signal.torque,)
+        before = self.first(signal) if state is None else state
         in_mean, at_end = (weight.like(signal.torque) for weight in self._weights)
         # (1 - r) x + r y, not x + r (y - x), is x to the bit where r is 0
-        mean = (1.0 - in_mean) * signal.torque + in_mean * state[0]
-        return replace(signal, torque=mean), ((1.0 - at_end) * signal.torque + at_end * state[0],)
+        mean = (1.0 - in_mean) * signal.torque + in_mean * before
+        return replace(signal, torque=mean), (1.0 - at_end) * signal.torque + at_end * before
 
 
 def lag_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray]:

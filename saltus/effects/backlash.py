@@ -5,13 +5,12 @@ from functools import cached_property
 
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Values, from_robot, like, parameter, period
+from saltus.effects.effect import Effect, Values, from_robot, parameter, period
 from saltus.effects.signals import Drive
 
-Play = tuple[Array, Array, Array, Array, Array] | None
+Play = tuple[Array, Array, Array, Array, Array]
 """How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch over the coming
-step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen; None before the first torque,
-which is taken to have been there for long."""
+step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,17 +33,21 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
     def _rotor(self) -> Constant:
         return Constant(self.of_robot("rotor"))
 
-    def apply(self, signal: Drive, time_s: float, state: Play) -> tuple[Drive, Play]:
+    def first(self, signal: Drive) -> Play:
+        """The first torque has been there for long: the motor pushes the joint at one end of the gap."""
+        xp, half = namespace(signal.torque), 0.5 * self.value("width", signal.torque)
+        zero = xp.zeros_like(signal.torque)
+        return xp.where(signal.torque < 0.0, -half + zero, half + zero), zero, zero == zero, signal.velocity, zero
+
+    def apply(self, signal: Drive, time_s: Array, state: Play | None) -> tuple[Drive, Play]:
         """Transmits the torque where motor and joint touch; the state is the play over the coming period."""
         del time_s
         torque = signal.torque
         xp = namespace(torque)
-        half = 0.5 * like(self.width, torque, xp)
+        half = 0.5 * self.value("width", torque)
         velocity, rotor = signal.velocity, self._rotor.like(torque)
         zero = xp.zeros_like(torque)
-        if state is None:
-            return signal, (xp.where(torque < 0.0, -half + zero, half + zero), zero, zero == zero, velocity, zero)
-        offset, rate, touched, before, expected = state
+        offset, rate, touched, before, expected = state or self.first(signal)
         # 1. what the joint did over the last step, in place of what was expected of it
         turning = (velocity - before) / self.dt_s
         surprise = xp.where(touched, zero, self.dt_s * (expected - turning))
@@ -61,10 +64,8 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         end = xp.minimum(xp.maximum(reached, -half + zero), half + zero)
         return replace(signal, torque=pushed), (end, xp.where(touches, zero, ahead), touches, velocity, turning)
 
-    def missing(self, state: Play) -> Array | float:
+    def missing(self, state: Play) -> Array:
         """Inertia that the joint lacks over the coming step, as the rotor turns without it [kg m^2]."""
-        if state is None:
-            return 0.0
         _, rate, touches, _, _ = state
         xp = namespace(rate)
         return xp.where(touches, xp.zeros_like(rate), self._rotor.like(rate))

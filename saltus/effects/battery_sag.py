@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Values, like, parameter
+from saltus.arrays import Array, namespace
+from saltus.effects.effect import Effect, Values, parameter
 from saltus.effects.signals import Drive
 
 
@@ -16,9 +16,9 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     duration_s: float = field(default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False})
     """Length of the run; not an effect in itself, so without null value."""
 
-    def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Scales the torque."""
         del state
-        gone = min(max(time_s / self.duration_s, 0.0), 1.0)
-        loss = like(self.loss_at_end, signal.torque, namespace(signal.torque))
-        return replace(signal, torque=signal.torque * (1.0 - gone * loss)), None
+        gone = namespace(time_s).clip(time_s / self.duration_s, 0.0, 1.0)
+        lost = (gone if isinstance(gone, float) else gone[..., None]) * self.value("loss_at_end", signal.torque)
+        return replace(signal, torque=signal.torque * (1.0 - lost)), None

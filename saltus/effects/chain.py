@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.effects.actuator_lag import ActuatorLag
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
@@ -25,7 +25,7 @@ from saltus.effects.offsets_and_factors import (
     TorqueGain,
     ViscousFriction,
 )  # fmt: skip
-from saltus.effects.order import Chain, Order, SignalChain
+from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -51,9 +51,9 @@ ActuatorState = tuple[Any, ...]
 class Torques:
     """What an actuator does and what it believes that it does, each of shape (..., 12) [Nm]."""
 
-    applied: Floats
+    applied: Array
     """At the joint."""
-    believed: Floats
+    believed: Array
     """What the drive reports (`tau_est`): the PD law and feed-forward before lag, limits and gain."""
     resistance: Resistance | None = None
     """For the physics to integrate over the coming step; None where nothing resists the joint."""
@@ -91,55 +91,62 @@ class ActuatorChain(Chain):
         """The chain in the drives of a robot, from which its effects take what they do not say themselves."""
         return ActuatorChain(tuple(effect.fitted(robot) for effect in self.effects))
 
-    def measured(self, position: Floats, velocity: Floats, time_s: float, state: ActuatorState) -> JointState:
+    @property
+    def senses_otherwise(self) -> bool:
+        """Whether the drives measure another motion than that of the joints."""
+        return any(effect.site == "joint_state" for effect in self.effects)
+
+    def measured(
+        self, position: Array, velocity: Array, time_s: Array, state: ActuatorState, fresh: Array | None = None
+    ) -> JointState:
         """What the drives will measure in the next `step`; arguments and `state` are those that it will get."""
         motion = JointState(position=position, velocity=velocity)
-        for effect, memory in zip(self.effects, state, strict=True):
-            if effect.site == "joint_state":
-                motion, _ = effect.apply(motion, time_s, memory)
-        return motion
+        return self._pass("joint_state", motion, time_s, list(state), fresh)
 
     def step(
-        self, command: JointCommand, position: Floats, velocity: Floats, time_s: float, state: ActuatorState
+        self,
+        command: JointCommand,
+        position: Array,
+        velocity: Array,
+        time_s: Array,
+        state: ActuatorState,
+        fresh: Array | None = None,
     ) -> tuple[Torques, ActuatorState]:
-        """Torque over the coming physics step.
+        """Torque over the coming physics step, from `blank` or the last step's state; arrays of shape (..., 12).
 
-        Args:
-            command: sent now; shape (..., 12).
-            position: of the joints [rad], shape (..., 12).
-            velocity: of the joints [rad/s], shape (..., 12).
-            time_s: now, in the run's clock.
-            state: what `init` or the last `step` returned.
+        The time is that of the run's clock, one or shape (...). Robots that are `fresh`, bool, shape (...), have had
+        no command before.
         """
         memories = list(state)
         # 1. the packet that the drive has by now
-        command = self._pass("command", command, time_s, memories)
+        command = self._pass("command", command, time_s, memories, fresh)
         # 2. its encoder
-        motion = self._pass("joint_state", JointState(position=position, velocity=velocity), time_s, memories)
-        motion = self._before_the_play(motion, state)
+        motion = self._pass("joint_state", JointState(position=position, velocity=velocity), time_s, memories, fresh)
+        motion = self._before_the_play(motion, state, fresh)
         # 3. its law
         believed = proportional_derivative(command, motion.position, motion.velocity)
         # 4. what becomes of the torque on its way to the joint
         drive = Drive(torque=believed, position=position, velocity=velocity)
-        drive = self._pass("torque", drive, time_s, memories)
+        drive = self._pass("torque", drive, time_s, memories, fresh)
         # 5. what resists there
         resistance = self._resistance(velocity, time_s, memories)
         return Torques(applied=drive.torque, believed=believed, resistance=resistance), tuple(memories)
 
-    def _pass(self, site: str, signal: Signal, time_s: float, memories: list[Any]) -> Signal:
+    def _pass(self, site: str, signal: Signal, time_s: Array, memories: list[Any], fresh: Array | None) -> Signal:
         for i, effect in enumerate(self.effects):
             if effect.site == site:
-                signal, memories[i] = effect.apply(signal, time_s, memories[i])
+                signal, memories[i] = applied(effect, signal, time_s, memories[i], fresh)
         return signal
 
-    def _before_the_play(self, motion: JointState, state: ActuatorState) -> JointState:
+    def _before_the_play(self, motion: JointState, state: ActuatorState, fresh: Array | None) -> JointState:
         """The encoder of the PD law sits on the motor's side of the play, that of the log on the joint's."""
         for effect, memory in zip(self.effects, state, strict=True):
-            if effect.name == Backlash.name and memory:
-                return JointState(position=motion.position + memory[0], velocity=motion.velocity + memory[1])
+            if isinstance(effect, Backlash) and memory:
+                motor = JointState(position=motion.position + memory[0], velocity=motion.velocity + memory[1])
+                return motor if fresh is None else chosen_of(fresh, motion, motor)
         return motion
 
-    def _resistance(self, velocity: Floats, time_s: float, memories: list[Any]) -> Resistance | None:
+    def _resistance(self, velocity: Array, time_s: Array, memories: list[Any]) -> Resistance | None:
         resisting = [effect for effect in self.effects if effect.site == "joint"]
         play = [(e, memory) for e, memory in zip(self.effects, memories, strict=True) if isinstance(e, Backlash)]
         if not resisting and not play:

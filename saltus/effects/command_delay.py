@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from saltus.effects.delay_line import History, LateCommand, delayed
+from saltus.arrays import Array, namespace
+from saltus.effects.delay_line import LateCommand
 from saltus.wire.messages import JointCommand
 
 
@@ -14,9 +15,18 @@ class CommandDelay(LateCommand, name="command_delay"):
     of the products differs from the product of the means, by one step at most.
     """
 
-    def apply(self, signal: JointCommand, time_s: float, state: History) -> tuple[JointCommand, History]:
+    def first(self, signal: JointCommand) -> Array:
+        """The last packets, newest first, shape (..., length, 5, 12)."""
+        return self._line.filled(_packet(signal))
+
+    def apply(self, signal: JointCommand, time_s: Array, state: Array) -> tuple[JointCommand, Array]:
         """Delays every field by the same time."""
         del time_s
-        packet = (signal.position, signal.velocity, signal.kp, signal.kd, signal.torque)
-        (position, velocity, kp, kd, torque), line = delayed(packet, state, self.delay, self.dt_s)
+        late, line = self._line.pushed(_packet(signal), self.first(signal) if state is None else state)
+        position, velocity, kp, kd, torque = (late[..., i, :] for i in range(5))
         return JointCommand(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque), line
+
+
+def _packet(command: JointCommand) -> Array:
+    fields = [command.position, command.velocity, command.kp, command.kd, command.torque]
+    return namespace(command.torque).stack(fields, axis=-2)

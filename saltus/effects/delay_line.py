@@ -2,17 +2,56 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Effect, Values, like, parameter, period
+from saltus.effects.effect import Drawable, Drawn, Effect, parameter, period
 from saltus.wire.messages import JointCommand
 
-History = tuple[tuple[Any, ...], ...] | None
-"""Newest first: what came in at each of the last samples, as tuples of arrays. None before the first."""
+
+class DelayLine:
+    """Makes of a signal what a receiver has of it `delay_s` later, averaged over the coming `dt_s`.
+
+    A packet that arrives between two steps splits the step: the old value acts until then, the new one after. A plant
+    that holds its input over a step is given their time-weighted mean, which has the right impulse and is continuous
+    in the delay: with delay = (n + f) dt it is (1 - f) x[k - n] + f x[k - n - 1]. Signals have the shape (..., fields,
+    values), a line of them (..., length, fields, values); a delay is one for all, or goes with values or robots.
+    """
+
+    def __init__(self, delay_s: Drawable, dt_s: float) -> None:
+        self._delay_s, self._dt_s = delay_s, dt_s
+        greatest = delay_s.greatest if isinstance(delay_s, Drawn) else float(np.max(delay_s))
+        # 0.006 / 0.002 is not 3 in floating point: a thousandth of a sample is no delay that anybody can mean
+        self.length = math.floor(greatest / dt_s + 1e-3) + 2
+        """Number of samples to remember."""
+        self._ages = Constant(np.arange(self.length)[:, None, None])
+        if not isinstance(delay_s, Drawn):
+            steps = np.atleast_1d(delay_s) / dt_s
+            steps = np.where(np.abs(steps - np.round(steps)) < 1e-3, np.round(steps), steps)
+            self._fixed = Constant(self._weights_of(steps))
+
+    def filled(self, signal: Array) -> Array:
+        """The line of a receiver that has had this signal for long."""
+        return namespace(signal).stack([signal] * self.length, axis=-3)
+
+    def pushed(self, signal: Array, line: Array) -> tuple[Array, Array]:
+        """What the receiver has now, and the line for the next call: the last samples, newest first."""
+        xp = namespace(signal)
+        line = xp.concat([signal[..., None, :, :], line[..., :-1, :, :]], axis=-3)
+        return xp.sum(self._weights(line) * line, axis=-3), line
+
+    def _weights(self, line: Array) -> Array:
+        if not isinstance(self._delay_s, Drawn):
+            return self._fixed.like(line)
+        return self._weights_of(namespace(line).clip(self._delay_s.read(line), 0.0, None) * (1.0 / self._dt_s))
+
+    def _weights_of(self, steps: Array) -> Array:
+        """Of every sample, for delays in samples, shape (..., values or 1)."""
+        xp, late = namespace(steps), steps[..., None, None, :]
+        return xp.clip(1.0 - xp.abs(self._ages.like(late) - late), 0.0, None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,42 +59,10 @@ class LateCommand(Effect[JointCommand], site="command"):
     """Part of a command, or all of it, is `delay` old when the drive uses it."""
 
     # searched up to 25 ms by published identification methods; hobby servos reach 130 ms
-    delay: Values = parameter(unit="s", null=0.0, low=0.0, high=0.15, per_joint=True)
+    delay: Drawable = parameter(unit="s", null=0.0, low=0.0, high=0.15, per_joint=True)
     dt_s: float = period(PHYSICS_DT)
     """Period of the commands."""
 
-
-def delayed(signal: tuple[Any, ...], history: History, delay_s: Values, dt_s: float) -> tuple[tuple[Any, ...], History]:
-    """Returns what a receiver makes of a signal that is `delay_s` old, averaged over the coming `dt_s`.
-
-    A packet that arrives between two steps splits the step: the old value acts until then, the new one after. A plant
-    that holds its input over a step is given their time-weighted mean, which has the right impulse and is continuous
-    in the delay: with delay = (n + f) dt it is (1 - f) x[k - n] + f x[k - n - 1]. Before the first sample the receiver
-    holds the first.
-
-    The arrays of `signal`, shape (..., 12), travel together; a delay is one for all, or one per robot, shape (robots,
-    1).
-    """
-    steps = np.asarray(delay_s) / dt_s
-    # 0.006 / 0.002 is not 3 in floating point: a thousandth of a sample is no delay that anybody can mean
-    steps = np.where(np.abs(steps - np.round(steps)) < 1e-3, np.round(steps), steps)
-    length = math.floor(float(np.max(steps))) + 2
-    past = history if history else (signal,) * length
-    line = (signal, *past)[:length]
-    if steps.ndim == 0:
-        whole, part = divmod(float(steps), 1.0)
-        newer, older = line[int(whole)], line[int(whole) + 1]
-        if part == 0.0:
-            return newer, line
-        return tuple((1.0 - part) * a + part * b for a, b in zip(newer, older, strict=True)), line
-    return tuple(_interpolated(samples, steps) for samples in zip(*line, strict=True)), line
-
-
-def _interpolated(samples: tuple[Any, ...], steps: np.ndarray) -> Any:
-    """Linear interpolation in a line of samples at one place per robot."""
-    xp = namespace(samples[0])
-    weights = [like(np.clip(1.0 - np.abs(steps - k), 0.0, 1.0), samples[0], xp) for k in range(len(samples))]
-    total = weights[0] * samples[0]
-    for weight, sample in zip(weights[1:], samples[1:], strict=True):
-        total = total + weight * sample
-    return total
+    @cached_property
+    def _line(self) -> DelayLine:
+        return DelayLine(self.delay, self.dt_s)

@@ -4,11 +4,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, ClassVar, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
 from saltus.wire.messages import Floats
@@ -17,9 +18,22 @@ Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "hei
 
 Signal = TypeVar("Signal")
 
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A parameter that is drawn anew while its effect is in use, as at each episode of a training; has no TOML form."""
+
+    read: Callable[[Array], Array]
+    """The present values, as an array of the kind, type and device of the one given; shape (robots, 1 or 12)."""
+    greatest: float
+    """No value is greater."""
+
+
 Values: TypeAlias = float | tuple[float, ...] | Floats
 """A parameter of the joints: one value for all, 12 values in the order of `JOINTS`, or, for a batch of
 robots that differ, an array of shape (robots, 1) or (robots, 12), which has no TOML form."""
+Drawable: TypeAlias = Values | Drawn
+"""The same where trainings draw it."""
 
 
 PerRobot: TypeAlias = float | Floats
@@ -88,37 +102,59 @@ class Effect(Generic[Signal]):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if "low" in f.metadata and not ("robot" in f.metadata and getattr(self, f.name) is None):
-                _check(f"{self.name}.{f.name}", getattr(self, f.name), f.metadata)
+            value = getattr(self, f.name)
+            if "low" in f.metadata and not isinstance(value, Drawn) and not ("robot" in f.metadata and value is None):
+                _check(f"{self.name}.{f.name}", value, f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
         """State before the first signal, for a batch of robots; None where the effect has no memory."""
         del batch, rng
         return None
 
-    def apply(self, signal: Signal, time_s: float, state: Any) -> tuple[Signal, Any]:
+    def first(self, signal: Signal) -> Any:
+        """State as if a robot's first signal had been there for long; None where the effect has no memory."""
+        del signal
+
+    def apply(self, signal: Signal, time_s: Array, state: Any) -> tuple[Signal, Any]:
         """Returns the changed signal and the next state; changes neither argument.
 
         Where a subclass does nothing else, parameters add to, or scale, the fields of the signal that they name.
         """
         del time_s
-        for f in fields(self):
-            value, name = getattr(self, f.name), f.metadata.get("changes")
-            if name is None:
-                continue
-            array, null, axis = getattr(signal, name), f.metadata["null"], f.metadata["axis"]
-            xp = namespace(array)
-            if f.metadata["scales"]:
-                share = value / null if isinstance(value, float | int) else np.asarray(value) / null
-                changed = array * like(share, array, xp)
+        for own, name, axis, null in self._changes:
+            array = getattr(signal, name)
+            value = self.value(own, array)
+            if null is not None:
+                changed = array * (value / null)
             elif axis is None:
-                changed = array + like(value, array, xp)
+                changed = array + value
             else:
                 entries = [array[..., i] for i in range(array.shape[-1])]
-                entries[axis] = entries[axis] + like(value, array, xp)
-                changed = xp.stack(entries, axis=-1)
+                entries[axis] = entries[axis] + value
+                changed = namespace(array).stack(entries, axis=-1)
             signal = dataclasses.replace(signal, **{name: changed})  # type: ignore[type-var]
         return signal, state
+
+    @cached_property
+    def _changes(self) -> list[tuple[str, str, int | None, float | None]]:
+        """Parameter, the field that it changes, the place therein, and for one that scales its null value."""
+        declared = [(f.name, f.metadata) for f in fields(self) if f.metadata.get("changes")]
+        return [(name, m["changes"], m["axis"], m["null"] if m["scales"] else None) for name, m in declared]
+
+    def value(self, parameter: str, array: Array) -> Any:
+        """A parameter in the form in which it combines with `array`: a float, or an array of its kind and device."""
+        value = getattr(self, parameter)
+        if isinstance(value, float | int):
+            return value
+        if isinstance(value, Drawn):
+            return value.read(array)
+        if parameter not in self._constants:
+            self._constants[parameter] = Constant(value)
+        return self._constants[parameter].like(array)
+
+    @cached_property
+    def _constants(self) -> dict[str, Constant]:
+        return {}
 
     def fitted(self, robot: Robot) -> Self:
         """The effect in the drives of a robot, with what `from_robot` declares taken from there unless it is given."""
@@ -135,12 +171,19 @@ class Effect(Generic[Signal]):
             raise ConfigError(f"{self.name}.{name} is not given: fit the effect to a robot first")
         return np.asarray(values, dtype=np.float64)
 
+    def moved(self, **by: float) -> Self:
+        """The effect with parameters changed by as much as is given, as far as their bounds allow."""
+        declared = {f.name: f.metadata for f in fields(self)}
+        moved = {name: getattr(self, name) + change for name, change in by.items()}
+        clipped = {n: float(np.clip(v, declared[n]["low"], declared[n]["high"])) for n, v in moved.items()}
+        return dataclasses.replace(self, **clipped)
+
     def is_null(self) -> bool:
         """Whether every parameter has the value at which nothing changes."""
         return all(_equal(getattr(self, f.name), f.metadata["null"]) for f in fields(self) if "null" in f.metadata)
 
 
-def like(values: Values, array: Any, xp: Any) -> Any:
+def like(values: PerRobot, array: Any, xp: Any) -> Any:
     """A parameter in the form in which it combines with `array`: a float, or an array of its kind, type and device."""
     if isinstance(values, float | int):
         return values

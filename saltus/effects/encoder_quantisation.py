@@ -1,11 +1,12 @@
 """An encoder knows a finite number of angles."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Values, like, parameter
+from saltus.arrays import Array, Constant, namespace
+from saltus.effects.effect import Effect, Values, parameter
 from saltus.effects.signals import JointState
 
 
@@ -16,15 +17,15 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
     # 0.2 to 1.5 mrad on drives of this class
     step: Values = parameter(unit="rad", null=0.0, low=0.0, high=0.2, per_joint=True)
 
-    def apply(self, signal: JointState, time_s: float, state: None) -> tuple[JointState, None]:
+    @cached_property
+    def _steps(self) -> tuple[Constant, Constant]:
+        """The steps, and those of them that are 0 as 1, to divide by."""
+        return Constant(self.step), Constant(np.where(np.equal(self.step, 0.0), 1.0, self.step))
+
+    def apply(self, signal: JointState, time_s: Array, state: None) -> tuple[JointState, None]:
         """Rounds the angle where the step is not 0."""
         del time_s, state
-        if np.all(np.asarray(self.step) == 0.0):
-            return signal, None
-        xp = namespace(signal.position)
-        exact = np.asarray(self.step) == 0.0
-        step = like(np.where(exact, 1.0, self.step), signal.position, xp)
-        rounded = xp.round(signal.position / step) * step
-        if np.any(exact):
-            rounded = xp.where(xp.asarray(exact, device=signal.position.device), signal.position, rounded)
-        return replace(signal, position=rounded), None
+        exact = signal.position
+        step, divisor = (constant.like(exact) for constant in self._steps)
+        xp = namespace(exact)
+        return replace(signal, position=xp.where(step > 0.0, xp.round(exact / divisor) * divisor, exact)), None

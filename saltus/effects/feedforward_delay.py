@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from saltus.effects.delay_line import History, LateCommand, delayed
+from saltus.arrays import Array, namespace
+from saltus.effects.delay_line import LateCommand
 from saltus.wire.messages import JointCommand
 
 
@@ -10,8 +11,12 @@ from saltus.wire.messages import JointCommand
 class FeedforwardDelay(LateCommand, name="feedforward_delay"):
     """Feed-forward torque is `delay` late; the PD law is not. 10 ms (original)."""
 
-    def apply(self, signal: JointCommand, time_s: float, state: History) -> tuple[JointCommand, History]:
+    def first(self, signal: JointCommand) -> Array:
+        """The last torques, newest first, shape (..., length, 1, 12): a drive has none before its first packet."""
+        return self._line.filled(namespace(signal.torque).zeros_like(signal.torque)[..., None, :])
+
+    def apply(self, signal: JointCommand, time_s: Array, state: Array) -> tuple[JointCommand, Array]:
         """Delays the torque alone."""
         del time_s
-        (torque,), line = delayed((signal.torque,), state, self.delay, self.dt_s)
-        return replace(signal, torque=torque), line
+        late, line = self._line.pushed(signal.torque[..., None, :], self.first(signal) if state is None else state)
+        return replace(signal, torque=late[..., 0, :]), line

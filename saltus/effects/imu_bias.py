@@ -1,12 +1,13 @@
 """The IMU is mounted askew and its gyroscope drifts."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from saltus.arrays import namespace
-from saltus.effects.effect import Effect, PerRobot, like, parameter
+from saltus.effects.effect import Effect, PerRobot, parameter
 from saltus.effects.imu import ImuReading
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 
@@ -28,14 +29,17 @@ class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
         """Adds the drift, and turns the reported orientation about the base's own axes."""
         signal, _ = super().apply(signal, time_s, state)
         turned = signal.quaternion_base_in_world
-        if np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)):
+        if self._is_askew:
             turned = _product(turned, self._mount(turned))
         return replace(signal, quaternion_base_in_world=turned), None
 
+    @cached_property
+    def _is_askew(self) -> bool:
+        return bool(np.any(np.not_equal(self.roll, 0.0)) or np.any(np.not_equal(self.pitch, 0.0)))
+
     def _mount(self, quaternion: Any) -> Any:
-        xp = namespace(quaternion)
-        zero = xp.zeros_like(quaternion[..., 0])
-        roll, pitch = (zero + like(v, quaternion, xp) for v in (self.roll, self.pitch))
+        zero = namespace(quaternion).zeros_like(quaternion[..., 0])
+        roll, pitch = (zero + self.value(name, quaternion) for name in ("roll", "pitch"))
         return quaternion_from_roll_pitch_yaw(roll, pitch, zero)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
-from saltus.effects.effect import Effect, PerRobot, Values, parameter
+from saltus.effects.effect import Drawable, Effect, PerRobot, Values, parameter
 from saltus.effects.signals import CameraView, Drive, JointState, Resistance
 
 
@@ -12,7 +12,7 @@ class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
     """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
 
     # +-10 % is the usual range of domain randomisation
-    gain: Values = parameter(unit="", null=1.0, low=0.0, high=2.0, per_joint=True, scales="torque")
+    gain: Drawable = parameter(unit="", null=1.0, low=0.0, high=2.0, per_joint=True, scales="torque")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class ViscousFriction(Effect[Resistance], name="viscous_friction", site="joint")
     """Oil and bearings: a torque of `coefficient` times the joint's velocity against the motion."""
 
     # 0.1 to 0.4 Nm s/rad on drives of this class
-    coefficient: Values = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, per_joint=True, adds_to="damping")
+    coefficient: Drawable = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, per_joint=True, adds_to="damping")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class CoulombFriction(Effect[Resistance], name="coulomb_friction", site="joint")
     """Dry friction: at most `torque` against the motion; at standstill, whatever holds the joint still."""
 
     # 0.05 to 0.8 Nm at the joints of robots of this class
-    torque: Values = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True, adds_to="friction")
+    torque: Drawable = parameter(unit="Nm", null=0.0, low=0.0, high=20.0, per_joint=True, adds_to="friction")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class Armature(Effect[Resistance], name="armature", site="joint"):
     """The rotor, seen through its gear, has `added` more inertia than claimed; it turns with the joint alone."""
 
     # the rotors of a robot of 12 kg make 0.0020 at hip and thigh and 0.0045 at the calf (manufacturers' models)
-    added: Values = parameter(unit="kg m2", null=0.0, low=-0.0015, high=0.5, per_joint=True, adds_to="armature")
+    added: Drawable = parameter(unit="kg m2", null=0.0, low=-0.0015, high=0.5, per_joint=True, adds_to="armature")
 
 
 @dataclass(frozen=True, kw_only=True)

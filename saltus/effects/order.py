@@ -5,7 +5,8 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from saltus.effects.effect import Effect, Signal
+from saltus.arrays import Array, namespace
+from saltus.effects.effect import Effect, Signal, map_arrays
 from saltus.errors import ConfigError
 
 Order: TypeAlias = tuple[type[Effect[Any]], ...]
@@ -43,23 +44,50 @@ class Chain:
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", ordered(self.effects, self.order, self.owner))
 
+    @property
+    def blank(self) -> tuple[None, ...]:
+        """State before the first signal where no effect draws anything: for actuators, IMUs and bodies."""
+        return (None,) * len(self.effects)
+
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[Any, ...]:
         """State before the first signal, for `batch` robots."""
         return tuple(effect.init(batch, rng) for effect in self.effects)
+
+
+def applied(effect: Effect[Any], signal: Signal, time_s: Array, memory: Any, fresh: Array | None) -> tuple[Signal, Any]:
+    """`effect.apply` with a blank memory for robots that are `fresh`, bool, shape (...); None where none is."""
+    if fresh is not None and memory is not None:
+        memory = chosen_of(fresh, effect.first(signal), memory)
+    return effect.apply(signal, time_s, memory)
+
+
+def chosen_of(robots: Array, new: Any, old: Any) -> Any:
+    """For `robots`, bool, shape (...), the arrays of one state, for the others those of another that is built alike."""
+
+    def choose(one: Array, other: Array) -> Array:
+        mask = robots.reshape(tuple(robots.shape) + (1,) * (one.ndim - robots.ndim))
+        return namespace(one).where(mask, one, other)
+
+    return map_arrays(choose, new, old)
 
 
 @dataclass(frozen=True)
 class SignalChain(Chain):
     """Effects on one signal."""
 
-    def step(self, signal: Signal, time_s: float, state: tuple[Any, ...]) -> tuple[Signal, tuple[Any, ...]]:
-        """The signal, newest or repeated, after all effects at `time_s` in the run's clock, and their next states."""
+    def step(
+        self, signal: Signal, time_s: Array, state: tuple[Any, ...], fresh: Array | None = None
+    ) -> tuple[Signal, tuple[Any, ...]]:
+        """The signal, newest or repeated, after all effects at `time_s` in the run's clock, and their next states.
+
+        Robots that are `fresh`, bool, shape (...), have had no signal before.
+        """
         states = []
         for effect, memory in zip(self.effects, state, strict=True):
-            signal, memory = effect.apply(signal, time_s, memory)
+            signal, memory = applied(effect, signal, time_s, memory, fresh)
             states.append(memory)
         return signal, tuple(states)
 
     def apply(self, signal: Signal) -> Signal:
         """The signal after all effects, of which none has a memory."""
-        return self.step(signal, 0.0, (None,) * len(self.effects))[0]
+        return self.step(signal, 0.0, self.blank)[0]

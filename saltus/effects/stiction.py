@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
-from saltus.arrays import namespace
-from saltus.effects.effect import Effect, Values, like, parameter
+from saltus.arrays import Array, namespace
+from saltus.effects.effect import Effect, Values, parameter
 from saltus.effects.signals import Resistance
 
 FADED = 30.0
@@ -21,10 +21,10 @@ class Stiction(Effect[Resistance], name="stiction", site="joint"):
         default=0.1, metadata={"unit": "rad/s", "low": 1e-3, "high": 10.0, "per_joint": True}
     )
 
-    def apply(self, signal: Resistance, time_s: float, state: None) -> tuple[Resistance, None]:
+    def apply(self, signal: Resistance, time_s: Array, state: None) -> tuple[Resistance, None]:
         """Adds to the friction."""
         del time_s, state
         xp = namespace(signal.friction)
-        width = like(self.stribeck_velocity, signal.friction, xp)
+        width, breakaway = (self.value(name, signal.friction) for name in ("stribeck_velocity", "breakaway"))
         share = xp.exp(-xp.clip((signal.velocity / width) ** 2, 0.0, FADED))
-        return replace(signal, friction=signal.friction + like(self.breakaway, signal.friction, xp) * share), None
+        return replace(signal, friction=signal.friction + breakaway * share), None

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Constant, namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.effects.effect import Effect, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
@@ -93,7 +93,7 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
             lost = lost + xp.where(beyond > 0.0, fall.like(torque) * beyond, 0.0)
         return torque - xp.sign(torque) * lost
 
-    def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Saturates the torque."""
         del time_s, state
         return replace(signal, torque=self.delivered(signal.torque)), None

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Constant, namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.effects.effect import Effect, Values, from_robot, parameter
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
@@ -45,7 +45,7 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
         span = no_load - np.where(limited, self.corner, 0.0)
         return Constant(np.where(limited, stall, UNLIMITED)), Constant(no_load), Constant(1.0 / span)
 
-    def apply(self, signal: Drive, time_s: float, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
         """Clips the torque."""
         del time_s, state
         torque, velocity = signal.torque, signal.velocity

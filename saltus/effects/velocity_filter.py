@@ -2,19 +2,18 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Constant
+from saltus.arrays import Array, Constant
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Values, parameter, period
 from saltus.effects.signals import JointState
 
 SHORTEST = 1e-3
 """Of a period: a shorter filter is none, and the weights stay finite."""
-Memory = tuple[Any, Any] | None
-"""The last velocity and the last filtered one; None before the first, which is taken to have been there for long."""
+Memory = tuple[Array, Array]
+"""The last velocity and the last filtered one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +30,15 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
         """Weights of the newest velocity, of the one before, and of the last filtered one."""
         return tuple(Constant(w) for w in low_pass_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def apply(self, signal: JointState, time_s: float, state: Memory) -> tuple[JointState, Memory]:
+    def first(self, signal: JointState) -> Memory:
+        """The first velocity has been there for long."""
+        return signal.velocity, signal.velocity
+
+    def apply(self, signal: JointState, time_s: Array, state: Memory | None) -> tuple[JointState, Memory]:
         """Filters the velocity."""
         del time_s
         newest = signal.velocity
-        if state is None:
-            return signal, (newest, newest)
-        before, filtered = state
+        before, filtered = state or (newest, newest)
         new, old, kept = (weight.like(newest) for weight in self._weights)
         velocity = new * newest + old * before + kept * filtered
         return replace(signal, velocity=velocity), (newest, velocity)

@@ -43,11 +43,10 @@ class BatchPlant(DrivenRobots):
         chain: ActuatorChain | None = None,
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
-        seed: int = 0,
         columns: int | None = None,
         threads: int = 0,
     ) -> None:
-        super().__init__(robot, (count,), chain, imu, seed)
+        super().__init__(robot, (count,), chain, imu)
         given = [terrains] * count if isinstance(terrains, Terrain) else list(terrains)
         self.terrains = TerrainStack(given)
         self.count = count

@@ -62,7 +62,6 @@ class Plant(DrivenRobots):
         chain: What the drives do to a command.
         body: What is otherwise than claimed about the robot's body and the ground.
         imu: What the IMU makes of the motion of the base.
-        seed: Of the randomness in the drives.
         held: Whether the base is held in the air: the legs move, gravity acts. Without contacts the joints are then
             integrated to a higher order, so that the time step shows in no log.
     """
@@ -78,10 +77,9 @@ class Plant(DrivenRobots):
         chain: ActuatorChain | None = None,
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
-        seed: int = 0,
         held: bool = False,
     ) -> None:
-        super().__init__(robot, (), chain, imu, seed)
+        super().__init__(robot, (), chain, imu)
         self.terrain = terrain
         self.model = scene.build_spec(
             robot, terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift
@@ -98,21 +96,19 @@ class Plant(DrivenRobots):
             self._layout.write_bodies(self._field, body.apply(claimed), robots=())
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
-        self._seed = seed
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
         self.reset()
 
     def reset(
         self, position_x: float = 0.0, yaw: float = 0.0, position_y: float = 0.0, clearance: float = CLEARANCE
     ) -> PlantState:
-        """Puts the robot at rest in its stand pose, its feet just above the ground; time and randomness start over."""
+        """Puts the robot at rest in its stand pose, its feet just above the ground; time starts over."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = standing_pose(
             self.robot, self.terrain, np.asarray(position_x), np.asarray(yaw), np.asarray(position_y), clearance
         )
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
-        self._rng = np.random.default_rng(self._seed)
         self._forget()
         mujoco.mj_forward(self.model, self.data)
         return self._look(np.zeros(12))

@@ -85,7 +85,6 @@ def run_log(
         chain=profile.actuator_chain,
         body=profile.body_chain,
         imu=profile.imu_chain,
-        seed=seed,
     )
     zero, gains = np.zeros(12), (np.full(12, KP), np.full(12, KD))
     rows: list[np.ndarray] = []
