@@ -1,14 +1,18 @@
-"""A trial: everything that a seed draws, and the judgement whether the robot made it."""
+"""A trial: everything that a seed draws, and the judgement whether the robot made it.
+
+What is drawn, here and in training, is drawn around what a robot's profile says, never in its place. Ranges are stated
+for the nominal robot. Where a profile says another delay, the range moves by the difference, and a profile without that
+delay keeps none; factors multiply; masses, shifts and jitter add up.
+"""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from saltus.config import Value
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.effect import Effect
-from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import Profile
@@ -17,10 +21,12 @@ from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 from saltus.wire.topics import CAMERA_LATENCY_S
 
+Effects: TypeAlias = tuple[Effect[Any], ...]
 Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
 
 UPRIGHT_LIMIT = np.deg2rad(60.0)  # definition of success: |roll| and |pitch| below it
 TIME_LIMIT_S = 20.0  # definition of success
+NOMINAL_FEEDFORWARD_DELAY_S = 0.010  # original
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +44,6 @@ class Trial(Value):
     payload_kg: float = 0.0
     motor_strength: float = 1.0
     """Delivered over expected torque."""
-    feedforward_delay_s: float = 0.010  # original
     camera_delay_s: float = CAMERA_LATENCY_S
     """Exposure to arrival."""
     camera_jitter_s: float = 0.0
@@ -66,26 +71,24 @@ class Trial(Value):
         )
 
     def applied_to(self, profile: Profile) -> Profile:
-        """The effects of this trial's robot: those of `profile`, with what the trial says in their place.
-
-        Motor strength multiplies a torque gain and is added where there is none. Delays replace those of the profile;
-        a profile without a delay keeps none. The height shift replaces that of the profile.
-        """
-        gains = [e.gain for e in profile.actuator if isinstance(e, TorqueGain)] or [1.0]
-        strength = np.asarray(gains[0]) * self.motor_strength
-        gain = TorqueGain(gain=float(strength) if strength.ndim == 0 else tuple(strength.tolist()))
-        drives = [_delay(e, self.feedforward_delay_s) for e in profile.actuator if not isinstance(e, TorqueGain)]
+        """The effects of this trial's robot: those of `profile`, moved by what the trial draws; see this module."""
+        delay_s = self.camera_delay_s - CAMERA_LATENCY_S
         camera = [
-            replace(e, latency=self.camera_delay_s, jitter=self.camera_jitter_s) if isinstance(e, CameraLatency) else e
+            e.moved(latency=delay_s, jitter=self.camera_jitter_s) if isinstance(e, CameraLatency) else e
             for e in profile.camera
         ]
-        heights = [e for e in profile.heightmap if not isinstance(e, HeightmapShift)]
-        shift = HeightmapShift(x=self.height_shift_x, z=self.height_shift_z)
-        return replace(profile, actuator=(*drives, gain), camera=tuple(camera), heightmap=(*heights, shift))
+        shifts = [e for e in profile.heightmap if isinstance(e, HeightmapShift)] or [HeightmapShift()]
+        shift = shifts[0].moved(x=self.height_shift_x, z=self.height_shift_z)
+        drives = strengthened(profile.actuator, self.motor_strength)
+        return replace(profile, actuator=drives, camera=tuple(camera), heightmap=(shift,))
 
 
-def _delay(effect: Effect[Any], delay_s: float) -> Effect[Any]:
-    return replace(effect, delay=delay_s) if isinstance(effect, FeedforwardDelay) else effect
+def strengthened(drives: Effects, strength: float | Floats) -> Effects:
+    """Effects of drives whose torque gain is multiplied; strengths of robots that differ have the shape (n, 1)."""
+    known = [effect.gain for effect in drives if isinstance(effect, TorqueGain)] or [1.0]
+    gain = np.asarray(known[0]) * strength
+    value = gain if gain.ndim == 2 else float(gain) if gain.ndim == 0 else tuple(gain.tolist())
+    return (*(effect for effect in drives if not isinstance(effect, TorqueGain)), TorqueGain(gain=value))
 
 
 @dataclass(frozen=True, kw_only=True)

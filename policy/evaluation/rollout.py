@@ -8,7 +8,7 @@ trial and its own terrain.
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.observation import observe
@@ -33,7 +31,7 @@ from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
-from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
+from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright, strengthened
 from saltus.wire.messages import ControllerMode, Floats
 
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
@@ -66,7 +64,7 @@ class Rollout:
         terrains: One for each trial.
         trials: What differs from robot to robot.
         planner: Plans for all of them.
-        profile: Hardware, by default as shipped; each trial's motor strength and delay are put into it.
+        profile: Hardware, by default as shipped; each trial's motor strength multiplies its torque gain.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
@@ -97,13 +95,14 @@ class Rollout:
         # How many plans ago the one was made that is obeyed at each physics step of a policy step.
         self._plans_ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
         self._plans: deque[Plan] = deque(maxlen=max(self._plans_ago) + 1)
+        strength = np.array([[trial.motor_strength] for trial in trials])
         self._plant = BatchPlant(
             robot,
             terrains,
             self.count,
             friction=np.array([trial.friction for trial in trials]),
             payload_kg=np.array([trial.payload_kg for trial in trials]),
-            chain=drives(profile, trials),
+            chain=ActuatorChain(strengthened(profile.actuator, strength)),
             body=profile.body_chain,
             imu=profile.imu_chain,
             threads=threads,
@@ -194,19 +193,6 @@ class Rollout:
 
     def _states(self) -> RobotStates:
         return states_of(self._plant.sensed, self._estimate, self._gait, self._index)
-
-
-def drives(profile: Profile, trials: Sequence[Trial]) -> ActuatorChain:
-    """The drives of many robots as one chain: the effects of `profile` with one value for each trial."""
-    strength = np.array([[trial.motor_strength] for trial in trials])
-    delay = np.array([[trial.feedforward_delay_s] for trial in trials])
-    gains = [effect.gain for effect in profile.actuator if isinstance(effect, TorqueGain)] or [1.0]
-    others = [
-        replace(effect, delay=delay) if isinstance(effect, FeedforwardDelay) else effect
-        for effect in profile.actuator
-        if not isinstance(effect, TorqueGain)
-    ]
-    return ActuatorChain((*others, TorqueGain(gain=np.asarray(gains[0]) * strength)))
 
 
 def shifted_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSource:

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,8 +7,10 @@ from samples import PROFILE
 
 from saltus.config import TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.feedforward_delay import FeedforwardDelay
+from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
-from saltus.effects.profile import IDEAL
+from saltus.effects.profile import IDEAL, Profile
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.trial import Outcome, Trial, TrialMonitor, judge
@@ -61,10 +64,33 @@ def test_a_trial_changes_the_robots_effects_and_the_nominal_one_does_not() -> No
         (gain,) = [e.gain for e in changed.actuator if isinstance(e, TorqueGain)]
         assert gain == pytest.approx(before[0] * trial.motor_strength)
         latency = [e.latency for e in changed.camera if isinstance(e, CameraLatency)]
-        assert latency == ([trial.camera_delay_s] if profile.camera else [])
+        assert latency == ([pytest.approx(trial.camera_delay_s)] if profile.camera else [])
         nominal = Trial().applied_to(profile)
         assert nominal.actuator_chain == profile.actuator_chain
         assert nominal.camera == profile.camera
+
+
+def test_a_trial_draws_around_what_was_found() -> None:
+    found = Profile(
+        actuator=(FeedforwardDelay(delay=0.04), TorqueGain(gain=(0.7, 0.8, 0.9) * 4)),
+        camera=(CameraLatency(latency=0.13, jitter=0.01),),
+        heightmap=(HeightmapShift(x=0.1, z_range=0.02),),
+    )
+    changed: list[Any] = [Trial.draw(seed).applied_to(found) for seed in range(300)]
+    values = {
+        (0.04, 0.04): [profile.actuator[0].delay for profile in changed],
+        (0.9 * 0.8, 1.1 * 0.8): [profile.actuator[1].gain[1] for profile in changed],
+        (0.110, 0.140): [profile.camera[0].latency for profile in changed],
+        (0.015, 0.015): [profile.camera[0].jitter for profile in changed],
+        (0.02, 0.18): [profile.heightmap[0].x for profile in changed],
+        (0.02, 0.02): [profile.heightmap[0].z_range for profile in changed],
+    }
+    for (low, high), drawn in values.items():
+        room = 0.05 * (high - low) + 1e-12
+        assert low - 1e-12 <= min(drawn) <= low + room
+        assert high - room <= max(drawn) <= high + 1e-12
+    latest = [Trial.draw(seed).applied_to(Profile(camera=(CameraLatency(latency=0.5),))) for seed in range(50)]
+    assert max(e.latency for p in latest for e in p.camera if isinstance(e, CameraLatency)) == 0.5
 
 
 @pytest.mark.parametrize("kind", FAMILIES)
