@@ -6,12 +6,12 @@ and nothing waits for the processor.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
-from saltus.arrays import Constant, namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
@@ -19,13 +19,18 @@ from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import plan_from_action
 from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
-from saltus.effects.profile import load_profile
+from saltus.effects.effect import map_arrays
+from saltus.effects.imu import ImuReading
+from saltus.effects.offsets_and_factors import ContactCompliance
+from saltus.effects.order import chosen_of
+from saltus.effects.profile import Profile, load_profile
+from saltus.errors import ConfigError
 from saltus.policy.bounds import ACTIONS, action_from_values
 from saltus.policy.env.compiled import Stage
 from saltus.policy.env.curriculum import kinds_of_robots
-from saltus.policy.env.drives import Drives, JointDraws
+from saltus.policy.env.drives import training_drives
 from saltus.policy.env.episode import Episodes
-from saltus.policy.env.memory import blank_memory, store
+from saltus.policy.env.memory import blank_memory, keep, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.states import engine_states
@@ -76,12 +81,10 @@ class JumpEnv:
         self._stand_pose = Constant(self.robot.stand_pose)
         self._law = LegController(self.robot, solver=solver or BatchedSolver(self.robot))
         self._estimator = Estimator(self.robot)
-        profile, wide = load_profile(config.profile, self.robot), config.randomisation.wide
-        late_s = wide.command_delay_s if wide.share > 0.0 else 0.0
-        self._drives = Drives(self.robot, config.randomisation.feedforward_delay_s[1], profile, late_s)
+        profile = load_profile(config.profile, self.robot)
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
-        self.memory = blank_memory(kinds, self._drives.length, plans, self.device, self._drives.commands)
+        self.memory = blank_memory(kinds, plans, self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
@@ -90,10 +93,34 @@ class JumpEnv:
         """Robots that stand, whatever their plan; they begin to step when they do so no more. May be written in place,
         shape (n,)."""
         self.views = Views(self.robot, self.memory, config, self.states, self._qpos, self._qvel)
-        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views)
+        self._equip(profile)
+        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile.body_chain)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
         """Plan, control, sense and finish: what a step does around the physics."""
         self._begin(prepare=True)
+
+    def _equip(self, profile: Profile) -> None:
+        """Gives the robots drives and IMUs, and these blank memories.
+
+        Raises:
+            ConfigError: an effect that a training cannot hold.
+        """
+        softens = any(isinstance(effect, ContactCompliance) for effect in profile.body)
+        if softens and self.config.randomisation.wide.share > 0.0:
+            raise ConfigError(
+                "contact_compliance: a training that draws the softness of soles cannot hold it; leave it out of the "
+                "profile, or set env.randomisation.wide.share to 0"
+            )
+        self._drives = training_drives(self.robot, profile, self.config.randomisation, self.memory)
+        self._imu = profile.imu_chain
+        zero: Array = torch.zeros(self.count, 12, device=self.device)
+        still = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
+        _, state = self._drives.step(still, zero, zero, self._time_s(), self._drives.blank)
+        self.memory.actuators = map_arrays(torch.zeros_like, state)
+        if self._imu.effects:
+            reading = _reading(engine_states(self._engine, self.memory))
+            now = self._imu.step(reading, self._time_s(), self._imu.blank)
+            self.memory.imu = map_arrays(torch.zeros_like, now)
 
     def step(self, output: Tensor) -> Transition:
         """Ten milliseconds with the network's output, shape (n, 10), of which [-1, 1] is within bounds."""
@@ -132,8 +159,7 @@ class JumpEnv:
         """Starts an episode of every robot, at a random age so that not all end at once."""
         self.episodes.draws.uniform_(generator=self._generator)
         everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
-        self.episodes.reset(everyone)
-        self.views.set_goals(everyone)
+        self._reset(everyone)
         self.views.observe(self.episodes.draws)
         if prepare and self.device.type == "cuda":
             for stage in self.stages:
@@ -162,42 +188,28 @@ class JumpEnv:
 
     @torch.no_grad()
     def _control(self) -> None:
-        memory, states = self.memory, self.states()
+        memory, true = self.memory, engine_states(self._engine, self.memory)
+        states = self._sensed(true)
         plan = plan_from_action(action_from_values(self._obeyed()), memory.heading)
         command, state, seen = self._law.step(plan, states, self._law_state(), ControllerMode.RUN)
         command = self._or_stand(command)
-        if self._drives.commands:
-            fresh = memory.time_s == memory.first_time_s
-            command, commands = self._drives.late(command, memory.command_line, memory.command_delay_s, fresh)
-            store(memory, command_line=commands)
-        torque, line = self._drives.step(
-            command,
-            states.joint_position,
-            states.joint_velocity,
-            memory.torque_line,
-            memory.delay_s,
-            memory.motor_strength,
-            self._joints(),
-        )
-        self._ctrl.copy_(torque)
+        joints = true.joint_position, true.joint_velocity
+        torque, actuators = self._drives.step(command, *joints, self._time_s(), memory.actuators, self._fresh())
+        self._ctrl.copy_(torque.applied)
+        if (resistance := torque.resistance) is not None:
+            self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
+        keep(memory.actuators, actuators)
         stands = self.standing[:, None]
         store(
             memory,
             phase=torch.where(self.standing, 0.0, state.gait.phase),
             liftoff=state.liftoff,
-            torque_line=line,
             contact=seen.gait.contact | stands,
             progress=torch.where(stands, 0.0, seen.gait.progress),
             trusted=seen.gait.trusted | stands,
             tracking_cost=seen.tracking_cost,
             tick=memory.tick + 1.0,
         )
-
-    def _joints(self) -> JointDraws | None:
-        memory = self.memory
-        if not self.config.randomisation.wide.share > 0.0:
-            return None
-        return JointDraws(friction=memory.joint_friction, damping=memory.joint_damping, armature=memory.armature)
 
     def _obeyed(self) -> Tensor:
         """The newest plan that has arrived by now, shape (n, 10)."""
@@ -230,9 +242,11 @@ class JumpEnv:
 
     @torch.no_grad()
     def _sense(self) -> None:
-        memory = self.memory
-        states = self.states()
-        rotation = rotation_matrix(states.quaternion_base_in_world)
+        memory, true = self.memory, engine_states(self._engine, self.memory)
+        if memory.imu:
+            keep(memory.imu, self._imu.step(_reading(true), self._time_s(), memory.imu[1]))
+        states = self._sensed(true)
+        rotation = rotation_matrix(true.quaternion_base_in_world)
         old = EstimatorState(mean=memory.estimate, variance=memory.variance)
         new = self._estimator.step(states, memory.trusted, old)
         touching = torch.as_tensor(self._engine.touching())
@@ -275,15 +289,49 @@ class JumpEnv:
     @torch.no_grad()
     def _finish(self) -> None:
         self.episodes.judge()
-        self.episodes.reset(self.episodes.done)
-        self.views.set_goals(self.episodes.done)
+        self._reset(self.episodes.done)
         self.episodes.disturb()
         self.views.observe(self.episodes.draws)
 
+    def _reset(self, robots: Tensor) -> None:
+        """Starts the next episode of `robots`, bool, shape (n,)."""
+        self.episodes.reset(robots)
+        if imu := self.memory.imu:
+            now = self._imu.step(_reading(engine_states(self._engine, self.memory)), self._time_s(), imu[1], robots)
+            keep(imu, chosen_of(robots, now, imu))
+        self.views.set_goals(robots)
+
     def states(self) -> RobotStates:
         """What the robots know now."""
-        return engine_states(self._engine, self.memory)
+        return self._sensed(engine_states(self._engine, self.memory))
+
+    def _sensed(self, true: RobotStates) -> RobotStates:
+        """What IMUs and encoders make of the true motion."""
+        if self.memory.imu:
+            reading = self.memory.imu[0]
+            true = replace(true, **{f.name: getattr(reading, f.name) for f in fields(reading)})
+        if not self._drives.senses_otherwise:
+            return true
+        motion = true.joint_position, true.joint_velocity
+        joints = self._drives.measured(*motion, self._time_s(), self.memory.actuators, self._fresh())
+        return replace(true, joint_position=joints.position, joint_velocity=joints.velocity)
+
+    def _time_s(self) -> Tensor:
+        """In the run of each robot, shape (n,)."""
+        return self.memory.time_s + PHYSICS_DT * self.memory.tick
+
+    def _fresh(self) -> Tensor:
+        """Robots whose episode begins with the coming physics step, bool, shape (n,)."""
+        return (self.memory.time_s == self.memory.first_time_s) & (self.memory.tick == 0.0)
 
     def courses(self) -> Courses:
         """The terrain of every robot."""
         return self.views.courses()
+
+
+def _reading(true: RobotStates) -> ImuReading:
+    return ImuReading(
+        quaternion_base_in_world=true.quaternion_base_in_world,
+        angular_velocity_base=true.angular_velocity_base,
+        acceleration_base=true.acceleration_base,
+    )

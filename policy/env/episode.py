@@ -6,6 +6,7 @@ from torch import Tensor
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
+from saltus.effects.chain import BodyChain
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
@@ -32,8 +33,10 @@ _EVENT_DRAWS = 6  # level, difficulty, torque (2), push (2)
 class Episodes:
     """Judges and resets; results are tensors that are rewritten in place."""
 
-    def __init__(self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views) -> None:
-        self._memory, self._config, self._engine, self._views = memory, config, engine, views
+    def __init__(
+        self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views, body: BodyChain
+    ) -> None:
+        self._memory, self._config, self._engine, self._views, self._body = memory, config, engine, views, body
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._warmstart = torch.as_tensor(engine.warmstart)
         self._wrench = torch.as_tensor(engine.trunk_wrench)
@@ -55,7 +58,6 @@ class Episodes:
         self._blank = estimator.init((count,), memory.phase)
         robot = engine.robot
         self._legs, self._foot_radius = LegKinematics(robot), robot.foot_radius
-        self._armature = torch.tensor(robot.armature, dtype=torch.float32, device=device)
         self._stand = torch.tensor(robot.stand_pose, dtype=torch.float32, device=device)
         self._is_kind = torch.stack([memory.kind == k for k in kinds]).float()
         low, high = robot.trunk_center - 0.5 * robot.trunk_size, robot.trunk_center + 0.5 * robot.trunk_size
@@ -128,7 +130,7 @@ class Episodes:
             store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, wide_draws))
         self._engine.set_bodies(self._bodies())
         if self._wide.share > 0.0:
-            self._set_wide()
+            self._engine.set_soles(memory.softness)
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
         shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
@@ -138,7 +140,7 @@ class Episodes:
             phase=zero,
             estimate=self._blank.mean,
             variance=self._blank.variance,
-            torque_line=torch.zeros_like(memory.torque_line),
+            tick=zero,
             contact=torch.ones_like(memory.contact),
             trusted=torch.ones_like(memory.trusted),
             progress=torch.zeros_like(memory.progress),
@@ -150,23 +152,16 @@ class Episodes:
             touched=torch.zeros_like(memory.touched),
         )
 
-    def _set_wide(self) -> None:
-        """Hands the engine what is drawn of contacts and rotors; friction of joints is a torque of the drives."""
-        memory = self._memory
-        self._engine.set_soles(memory.softness)
-        inertia = (memory.armature - 1.0)[:, None] * self._armature
-        none = torch.zeros_like(inertia)
-        self._engine.set_joints(none, none, inertia)
-
     def _bodies(self) -> BodyModel:
         memory = self._memory
-        return BodyModel(
+        claimed = BodyModel(
             payload_kg=memory.payload_kg,
             com_shift=memory.com_shift,
             inertia_scale=1.0,
             friction=memory.friction,
             contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S,
         )
+        return self._body.apply(claimed)
 
     def disturb(self) -> None:
         """Redraws the torque on the trunk, and pushes; both at random times with the configured mean period."""

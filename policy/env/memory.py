@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from saltus.effects.effect import map_arrays
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.env.drives import COMMAND
 from saltus.policy.env.rewards import TERMS
 from saltus.terrain.batch import COLUMNS
 
@@ -21,7 +22,8 @@ class Memory:
     liftoff: Tensor  # (4, 3)
     estimate: Tensor  # (4,)
     variance: Tensor  # (4,)
-    torque_line: Tensor  # (length, 12)
+    actuators: Any  # states of the effects of the drives, see `saltus.effects.chain.ActuatorChain`
+    imu: Any  # what the IMU reports and the states of its effects; None where it has none
     contact: Tensor  # (4,), bool
     progress: Tensor  # (4,)
     trusted: Tensor  # (4,), bool
@@ -61,7 +63,6 @@ class Memory:
     floor: Tensor
     course: Tensor  # of a family of one's own: its place in the table, see `saltus.terrain.table`
     # drawn only where `saltus.policy.env.randomisation.WideConfig` is on
-    command_line: Tensor  # (length, 60)
     joint_friction: Tensor
     joint_damping: Tensor
     armature: Tensor
@@ -86,21 +87,21 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
-def blank_memory(kinds: Iterable[int], torques: int, plans: int, device: torch.device, commands: int = 0) -> Memory:
+def blank_memory(kinds: Iterable[int], plans: int, device: torch.device) -> Memory:
     """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
 
-    So many commands of feed-forward torque, plans and whole commands are remembered.
+    So many plans are remembered.
     """
     kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
     count = len(kind)
-    tensors = {}
+    tensors: dict[str, Any] = {"actuators": (), "imu": None}
     for f in fields(Memory):
+        if f.name in tensors:
+            continue
         if f.name in _FLAGS:
             tensors[f.name] = torch.zeros(count, *_FLAGS[f.name], dtype=torch.bool, device=device)
         else:
             tensors[f.name] = torch.zeros(count, *_ROWS.get(f.name, ()), device=device)
-    tensors["torque_line"] = torch.zeros(count, torques, 12, device=device)
-    tensors["command_line"] = torch.zeros(count, commands, COMMAND, device=device)
     tensors["plans"] = torch.zeros(count, plans, len(ACTIONS), device=device)
     tensors["kind"] = kind
     return Memory(**tensors)
@@ -113,3 +114,8 @@ def store(memory: Memory, mask: Tensor | None = None, **values: Tensor) -> None:
         if mask is not None:
             value = torch.where(mask.reshape(-1, *[1] * (old.ndim - 1)), value, old)
         old.copy_(value)
+
+
+def keep(old: Any, new: Any) -> None:
+    """Writes the state of effects over one that is built alike, in place."""
+    map_arrays(lambda value, place: place.copy_(value), new, old)

@@ -70,7 +70,8 @@ class RandomisationConfig:
     payload_kg: tuple[float, float] = (0.0, 1.5)  # definition of a trial
     motor_strength: tuple[float, float] = (0.9, 1.1)  # definition of a trial
     com_shift_m: tuple[float, float, float] = (0.046, 0.03, 0.03)  # +-; original, where it is switched off
-    feedforward_delay_s: tuple[float, float] = (0.008, 0.012)  # 10 ms measured by the original; +- one tick
+    feedforward_delay_s: tuple[float, float] = (0.008, 0.012)
+    """Of a robot whose profile has the original's 10 ms, +- one tick; another delay moves it, see `saltus.trial`."""
     plan_delay_s: tuple[float, float] = (0.0, 0.012)
     """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`), twice that on busy
     ones."""

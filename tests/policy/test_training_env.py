@@ -131,7 +131,8 @@ def test_a_state_that_is_not_finite_ends_the_episode_and_leaves_no_trace():
     assert transition.done[0]
     for _ in range(3):
         transition = env.step(bound(env))
-    for array in (transition.actor, transition.critic, transition.reward, env.memory.variance, env.memory.torque_line):
+    drives = [state for state in env.memory.actuators if state is not None]
+    for array in (transition.actor, transition.critic, transition.reward, env.memory.variance, *drives):
         assert torch.isfinite(array).all()
 
 

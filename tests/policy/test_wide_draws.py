@@ -1,19 +1,15 @@
 """What some robots meet beyond the definition of a trial."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from samples import PROFILE, ROBOT
+from samples import ROBOT
 
-from saltus.constants import PHYSICS_DT
-from saltus.effects.chain import ActuatorChain
-from saltus.effects.command_delay import CommandDelay
 from saltus.errors import ConfigError
 from saltus.policy.env.curriculum import CurriculumConfig
-from saltus.policy.env.drives import COMMAND, Drives, JointDraws
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
@@ -25,7 +21,6 @@ from saltus.sim.engine import Engine
 from saltus.sim.layout import BASE_DOF, SOFT_SOLIMP, SOFT_SOLREF_S
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.batch import BOXES, KINDS
-from saltus.wire.messages import JointCommand
 
 N = 44
 EVERYWHERE = CurriculumConfig(**dict.fromkeys(KINDS, 1.0))
@@ -107,8 +102,13 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     contact = field("geom_solref")[:, foot, :1], field("geom_solimp")[:, foot, :3]
     found = np.concatenate([torch.as_tensor(a).numpy() for a in contact], 1)
     np.testing.assert_allclose(found, usual + soft * (np.array([SOFT_SOLREF_S, *SOFT_SOLIMP]) - usual), atol=1e-6)
-    armature = torch.as_tensor(field("dof_armature"))[:, BASE_DOF:]
-    np.testing.assert_allclose(armature, env.memory.armature.numpy()[:, None] * ROBOT.armature, rtol=1e-5)
+    env._control()
+    for name, expected in (
+        ("dof_armature", env.memory.armature.numpy()[:, None] * ROBOT.armature),
+        ("dof_frictionloss", np.tile(env.memory.joint_friction.numpy()[:, None], 12)),
+        ("dof_damping", np.tile(env.memory.joint_damping.numpy()[:, None], 12)),
+    ):
+        np.testing.assert_allclose(torch.as_tensor(field(name))[:, BASE_DOF:], expected, rtol=1e-5)
     friction = torch.as_tensor(field("geom_friction"))[:, foot, 0]
     np.testing.assert_allclose(friction, env.memory.friction.numpy(), rtol=1e-6)
     for _ in range(5):
@@ -124,7 +124,7 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
     usual.memory.time_s.zero_()
     for each in (env, usual):
         for f in fields(each.memory):
-            if f.name not in ("command_line", "armature", "push_mps"):
+            if f.name not in ("actuators", "imu", "armature", "push_mps"):
                 getattr(each.memory, f.name).copy_(getattr(usual.memory, f.name))
         each._engine.qpos[:], each._engine.qvel[:] = usual._engine.qpos, 0.0
         each._engine.warmstart[:] = 0.0
@@ -137,34 +137,6 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
                 each._engine.step()
                 each._sense()
     np.testing.assert_array_equal(env._engine.qpos, usual._engine.qpos)
-
-
-@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.006, 0.015])
-def test_late_commands_are_those_of_the_effect(delay_s: float) -> None:
-    rng = np.random.default_rng(0)
-    chain = ActuatorChain((CommandDelay(delay=delay_s),))
-    state = chain.init((3,), rng)
-    drives = Drives(ROBOT, 0.012, replace(PROFILE, actuator=()), 0.015)
-    line, torques = np.zeros((3, drives.commands, COMMAND)), np.zeros((3, drives.length, 12))
-    for tick in range(20):
-        position, velocity, kp, kd, torque, q, dq = rng.normal(size=(7, 3, 12))
-        command = JointCommand(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
-        expected, state = chain.step(command, q, dq, 0.0, state)
-        late, line = drives.late(command, line, np.full(3, delay_s), np.full(3, tick == 0))
-        found, torques = drives.step(late, q, dq, torques, np.zeros(3), np.ones(3))
-        np.testing.assert_allclose(found, expected.applied, atol=1e-9)
-
-
-def test_friction_and_damping_of_joints_resist_and_turn_no_rotor_round() -> None:
-    drives = Drives(ROBOT, 0.012, replace(PROFILE, actuator=()))
-    zero, one = np.zeros((2, 12)), np.ones((2, 12))
-    command = JointCommand(position=zero, velocity=zero, kp=zero, kd=zero, torque=zero)
-    joints = JointDraws(friction=np.array([0.3, 0.0]), damping=np.array([0.2, 0.0]), armature=np.array([2.0, 1.0]))
-    line = np.zeros((2, drives.length, 12))
-    fast, _ = drives.step(command, zero, 5.0 * one, line, np.zeros(2), np.ones(2), joints)
-    np.testing.assert_allclose(fast, [[-0.3 - 0.2 * 5.0] * 12, [0.0] * 12])
-    slow, _ = drives.step(command, zero, -1e-3 * one, line, np.zeros(2), np.ones(2), joints)
-    np.testing.assert_allclose(slow[0] * PHYSICS_DT, 2.0 * 1e-3 * ROBOT.armature)
 
 
 def test_refuses_what_means_nothing() -> None:
