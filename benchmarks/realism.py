@@ -33,7 +33,8 @@ import numpy as np
 import torch
 
 from benchmarks._command import Command
-from saltus.config import DEFAULT_ROBOT, Camera
+from saltus.config import DEFAULT_ROBOT
+from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
 from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
@@ -57,7 +58,7 @@ LEARNED = 0.75  # share of robots that the learned policy drives, as in the GPU 
 SHOWN = 40  # held-out episodes
 STEREO, CLEAN = "stereo", "clean"
 _SAME = 1e-6  # metres, radians: what another order of the same sums may differ by
-_CAMERAS: dict[str, Camera] = {STEREO: "d435i", CLEAN: "ideal"}
+_CAMERAS = {STEREO: "d435i", CLEAN: "ideal"}
 _PERCENT = ("coverage90", "edges_found")
 _LENGTHS = ("mae_m", "mae_visible_m", "mae_remembered_m", "mae_unseen_m", "edge_error_m")
 
@@ -166,7 +167,7 @@ def trained(out: Path, name: str, updates: int) -> Path:
 def exported(model: HeightmapModel, path: Path) -> Path:
     """The network as a file."""
     # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-    export(model, path, Origin(robot=ROBOT, warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
+    export(model, path, Origin(camera=SHIPPED["d435i"], warmup_frames=MIN_WARMUP, dataset="", seed=SEED))
     return path
 
 
@@ -192,7 +193,7 @@ def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict
     return {**table, "shown": shown(model, held_out)}
 
 
-def in_the_loop(model: Path, runs: int, camera: Camera) -> dict[str, Any]:
+def in_the_loop(model: Path, runs: int, camera: str) -> dict[str, Any]:
     """Errors in the held-out runs, with the network in the loop."""
     config = HeldOutRuns(runs=runs, seed=EVAL_SEED, camera=camera, baselines=())
     found = scores([run for batch in config.batches for run in config.measure(model, batch)])

@@ -15,13 +15,13 @@ import numpy as np
 
 from benchmarks._command import Command
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
-from saltus.depth import D435I, Intrinsics
+from saltus.depth import D435I, Intrinsics, sampled_model_camera
 from saltus.effects.signals import DepthImage
 from saltus.render.camera import RobotCamera
 from saltus.render.fit import fit, load_frames
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import stereo_image
-from saltus.render.stereo.model_view import pooled, sampled_model_camera
+from saltus.render.stereo.model_view import pooled
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.loading import load_robot

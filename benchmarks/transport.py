@@ -35,8 +35,8 @@ from benchmarks._measuring import percentiles, processor_s, random_frames, resid
 from saltus.action import REST, plan_message
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.depth import D435I
+from saltus.depth_camera import SHIPPED
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG
@@ -133,8 +133,7 @@ class Scenes:
     """Images of a robot that stands, and its states."""
 
     def __init__(self) -> None:
-        camera = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
-        self._frames = random_frames(camera, SCENES, np.random.default_rng(0))
+        self._frames = random_frames(SHIPPED["d435i"].image, SCENES, np.random.default_rng(0))
         self._state = LevelRobot().states(load_robot(DEFAULT_ROBOT), self._frames[:1])[0]
 
     def at(self, number: int, time_ns: int) -> tuple[DepthFrame, RobotState]:
@@ -227,7 +226,7 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         ZenohBus(endpoint, prefixes[0], peer=True) as bus,
     ):
         config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
-        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain))
+        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
         status = bus.latest("status", "heightmap")
         arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, **ENVIRONMENT}

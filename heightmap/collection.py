@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saltus.config import DEFAULT_ROBOT
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.ray_workers import in_order_on_ray
@@ -60,5 +61,8 @@ def closed_loop_batches(
 
 def round_table(loop: ClosedLoop, batches: int, index: int, model: Path | None) -> dict[str, Any]:
     """What the manifest says of a round; by it a dataset knows the episodes that it has."""
-    heights = "true" if model is None else HeightmapNetwork(load_robot(DEFAULT_ROBOT), model).model_id
-    return {"source": "dagger", "round": index, "batches": batches, **loop.table, "heights": heights}
+    camera = load_camera(loop.camera)
+    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    heights = "true" if model is None else HeightmapNetwork(robot, model).model_id
+    table = {"source": "dagger", "round": index, "batches": batches, **loop.table, "heights": heights}
+    return {**table, "camera": camera.record}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saltus.config import Camera
+from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.shards import Collection, Episode, collect_batches
@@ -39,7 +39,7 @@ class DeviceSpeed:
 
 def collect(
     settings: DeviceCollection,
-    outputs: Mapping[Camera, Path],
+    outputs: Mapping[str, Path],
     ticked: Callable[[], object],
     done: Callable[[DeviceSpeed, float], object],
     code: str | None = None,
@@ -73,7 +73,7 @@ def collect(
         speed = DeviceSpeed(ticks=ticks, moving_s=moving_s, seconds=time.perf_counter() - began)
         done(speed, rollouts.crowded_share())
 
-    datasets = [(folder, {**table, "camera": camera}) for camera, folder in outputs.items()]
+    datasets = [(folder, {**table, "camera": load_camera(camera).record}) for camera, folder in outputs.items()]
     return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
 
 

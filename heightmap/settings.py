@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from saltus.config import Camera, check_between
+from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 
@@ -139,9 +139,10 @@ class ClosedLoop(Loop):
     poor heights: falls are part of what must be seen."""
     learned: float = 0.5
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
-    camera: Camera = "d435i"
-    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth.
-    The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth the time."""
+    camera: str = "d435i"
+    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth. Or
+    a TOML file. The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth
+    the time."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -208,9 +209,9 @@ class DeviceLoop(Loop):
     part of what must be seen."""
     learned: float = 1.0
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
-    cameras: tuple[Camera, ...] = ("d435i",)
+    cameras: tuple[str, ...] = ("d435i",)
     """Whose images are kept, of the same motion; the predictor in the loop sees those of the first. d435i: with the
-    errors of a stereo camera. ideal: true depth."""
+    errors of a stereo camera. ideal: true depth. Or TOML files."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

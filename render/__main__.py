@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 
-from saltus.depth import MODEL_CAMERA
 from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
@@ -21,21 +20,22 @@ NOTHING_DUE = -1
 
 def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
-    config = context.config
+    config, camera = context.config, context.camera
     terrain = context.terrain
-    profile = Trial.draw(config.seed).applied_to(load_profile(config.profile, context.robot))
+    nominal = camera.delivered(load_profile(config.profile, context.robot))
+    profile = Trial.draw(config.seed).applied_to(nominal)
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
     exposure: Exposure
-    if config.camera == "d435i":
+    if camera.ideal:
+        view = RobotCamera.on(context.robot, camera.image).moved(profile.view_chain)
+        exposure = PerfectExposure(make_renderer(config.renderer, terrain, view), camera.image)
+    else:
         from saltus.render.stereo_exposure import (
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
-        exposure = StereoExposure(terrain, context.robot, rng, view=profile.view_chain)
-    else:
-        camera = RobotCamera.on(context.robot).moved(profile.view_chain)
-        exposure = PerfectExposure(make_renderer(config.renderer, terrain, camera), MODEL_CAMERA)
-    return CameraProcess(exposure, profile.camera_chain, rng)
+        exposure = StereoExposure(terrain, context.robot, camera, rng, view=profile.view_chain)
+    return CameraProcess(camera, exposure, profile.camera_chain, rng)
 
 
 def body(context: ProcessContext) -> None:

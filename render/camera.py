@@ -132,6 +132,5 @@ def _check_mount(mount: Mount, robot: Robot) -> None:
     if (np.abs(position - robot.trunk_center) <= 0.5 * robot.trunk_size).all(-1).any():
         raise SaltusError(
             f"camera mount at {position.tolist()} m is inside the robot's trunk, which reaches to "
-            f"{(0.5 * robot.trunk_size).tolist()} m from its centre; its own camera is at "
-            f"{robot.camera_position.tolist()} m"
+            f"{(0.5 * robot.trunk_size).tolist()} m from its centre"
         )

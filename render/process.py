@@ -3,24 +3,25 @@
 import numpy as np
 
 from saltus.depth import depth_frame, depth_in_millimetres
+from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain
 from saltus.effects.signals import DepthImage
 from saltus.render.exposure import Exposure
 from saltus.wire.messages import DepthFrame, GroundTruth
 
-EXPOSURE_STEPS = 2  # policy steps at 100 Hz: 50 Hz
 RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of its own
 
 
 class CameraProcess:
-    """Exposes at every second policy step and hands out each frame when it is due, by the effects of the link."""
+    """Exposes at the rate of its camera and hands out each frame when it is due, by the effects of the link."""
 
-    def __init__(self, exposure: Exposure, effects: CameraChain, rng: np.random.Generator) -> None:
+    def __init__(self, camera: DepthCamera, exposure: Exposure, effects: CameraChain, rng: np.random.Generator) -> None:
+        self._camera = camera
         self._exposure = exposure
         self._effects = effects
         self._state = effects.init((), rng)
         self._exposed: DepthImage | None = None
-        self._exposed_step = -EXPOSURE_STEPS
+        self._taken = 0  # images that should have been by then, if none had been left out
         self._frame_ids: dict[int, int] = {}
         self.due: DepthFrame | None = None
         """The newest frame that is due."""
@@ -33,7 +34,7 @@ class CameraProcess:
 
         `now_ns` is in the run's clock.
         """
-        if truth is not None and truth.step >= self._exposed_step + EXPOSURE_STEPS:
+        if truth is not None and self._camera.taken_by(truth.step) > self._taken:
             self._expose(truth)
         if self._exposed is None:
             return None
@@ -52,11 +53,12 @@ class CameraProcess:
         return float(np.clip(arrival - 1e-9 * now_ns, 0.0, limit_s))
 
     def _expose(self, truth: GroundTruth) -> None:
-        depth = self._exposure.expose(truth)
+        depth = self._camera.in_range(self._exposure.expose(truth))
+        taken = int(self._camera.taken_by(truth.step))
         if self._exposed is not None:
-            self.overruns += (truth.step - self._exposed_step) // EXPOSURE_STEPS - 1
+            self.overruns += taken - self._taken - 1
         self._exposed = DepthImage(depth=depth, time_s=np.asarray(1e-9 * truth.time_ns))
-        self._exposed_step = truth.step
+        self._taken = taken
         self._frame_ids[truth.time_ns] = self.exposures
         self.exposures += 1
 

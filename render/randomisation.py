@@ -17,15 +17,14 @@ texture (Intel on the D4xx)."""
 SKIPPED = 13  # draws a camera, before its strength: with them a seed gives the cameras that earlier versions drew
 
 
-def drawn_cameras(count: int, rng: np.random.Generator) -> StereoConfig:
-    """The errors of `count` D435is of different quality."""
+def drawn_cameras(count: int, rng: np.random.Generator, usual: StereoConfig) -> StereoConfig:
+    """The errors of `count` cameras of different quality."""
     rng.uniform(size=(SKIPPED, count))
-    return of_strength(rng.uniform(*STRENGTH, count))
+    return of_strength(rng.uniform(*STRENGTH, count), usual)
 
 
-def of_strength(strength: Floats) -> StereoConfig:
-    """The errors of D435is, each as large as its strength says, shape (count,)."""
-    usual = StereoConfig()
+def of_strength(strength: Floats, usual: StereoConfig) -> StereoConfig:
+    """The errors of cameras, each as many times those of a usual one as its strength says, shape (count,)."""
 
     def share(fraction: object) -> Floats:
         return np.minimum(np.asarray(fraction) * strength, 1.0)

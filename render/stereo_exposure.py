@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import ViewChain
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
@@ -13,11 +13,10 @@ from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats, GroundTruth
 
 CLAIMED_VIEW = ViewChain()
-NATIVE_PIXELS = 5  # of the D435i at 424x240, in each direction, for one pixel of the model
 
 
 class StereoExposure:
-    """The centre crop of a D435i at 424x240, 80 pixels wide, by default with its errors of stereo matching.
+    """The images of a camera with the errors of stereo matching.
 
     `view` are effects that move the camera, which reports its intrinsics without them.
     """
@@ -26,14 +25,14 @@ class StereoExposure:
         self,
         terrain: Terrain,
         robot: Robot,
+        camera: DepthCamera,
         rng: np.random.Generator,
-        config: StereoConfig | None = None,
         view: ViewChain = CLAIMED_VIEW,
     ) -> None:
-        self.intrinsics = sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS)
-        optics = Optics.of(self.intrinsics)
+        self.intrinsics = camera.image
+        optics = Optics.behind(camera.image, camera)
         self._views = StereoEmbree(terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view))
-        self._camera = StereoCamera(config or StereoConfig(), optics)
+        self._camera = StereoCamera(StereoConfig.of(camera), optics)
         self._state = self._camera.init((), rng)
 
     def expose(self, truth: GroundTruth) -> Floats:

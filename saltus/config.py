@@ -17,7 +17,6 @@ import tomli_w
 from saltus.errors import ConfigError, nearest_hint
 
 Pace = Literal["lockstep", "realtime"]
-Camera = Literal["ideal", "d435i"]
 Renderer = Literal["auto", "embree", "pyrender", "warp"]
 PlannerName = Literal["scripted", "learned"]
 
@@ -68,8 +67,8 @@ class RunConfig:
     seed: int = 0
     pace: Pace = "lockstep"
     renderer: Renderer = "auto"
-    camera: Camera = "ideal"
-    """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240 (Embree)."""
+    camera: str = "ideal"
+    """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240. Or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a TOML profile."""
     planner: PlannerName = "learned"
@@ -88,7 +87,7 @@ class RunConfig:
         """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.
 
         Raises:
-            ConfigError: it has no end, a prefix or speed that no run can have, or a renderer that would be ignored.
+            ConfigError: it has no end, or a prefix or speed that no run can have.
         """
         if not re.fullmatch(r"[\w.-]+(/[\w.-]+)*", self.prefix):
             raise ConfigError(f"prefix = '{self.prefix}': it must be names with / between them, e.g. robot/0")
@@ -98,10 +97,6 @@ class RunConfig:
             raise ConfigError(f'speed = {self.speed:g}: a lockstep run has no clock to slow; use pace = "realtime"')
         if not 0.0 < self.time_limit_s <= LONGEST_RUN_S:
             raise ConfigError(f"time_limit_s = {self.time_limit_s:g}: it must be more than 0, up to {LONGEST_RUN_S:g}")
-        if self.camera == "d435i" and self.renderer not in ("auto", "embree"):
-            raise ConfigError(
-                f"renderer = '{self.renderer}': stereo images (camera = 'd435i') are made by embree; add --camera ideal"
-            )
 
 
 class Value:
@@ -187,7 +182,12 @@ def load(kind: type[Config], path: Path) -> Config:
 
 def load_changes(config: Config, path: Path) -> Config:
     """`config` with what a TOML file names of it in place of its own values; errors name the file."""
-    return read_file(path, lambda text: from_table(type(config), _merged(_plain(config), read_toml(text))))
+    return read_file(path, lambda text: changed(config, read_toml(text)))
+
+
+def changed(config: Config, table: dict[str, Any], where: str = "") -> Config:
+    """The same with the entries of a table; same errors as `from_toml`."""
+    return from_table(type(config), _merged(_plain(config), table), where)
 
 
 def read_file(path: Path, make: Callable[[str], Config]) -> Config:

@@ -47,6 +47,19 @@ BASELINE_M = 0.050
 """Distance of the imagers of a D435i (D435i datasheet)."""
 
 
+def sampled_model_camera(rows: int, columns: int) -> Intrinsics:
+    """The model's camera with `rows` times `columns` samples for each of its pixels."""
+    model = MODEL_CAMERA
+    return Intrinsics(
+        width=model.width * columns,
+        height=model.height * rows,
+        fx=model.fx * columns,
+        fy=model.fy * rows,
+        cx=model.cx * columns,
+        cy=model.cy * rows,
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelImage:
     """What the model sees, for any leading batch dimensions."""

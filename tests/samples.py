@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from saltus.config import RunConfig
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import load_profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.runtime.run_folder import ROBOT_FILE, TERRAIN_FILE
+from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, TERRAIN_FILE
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import messages, schemas
 from saltus.wire.messages import GroundTruth, Message
@@ -28,7 +29,8 @@ def put_robot(folder: Path) -> Path:
 
 
 def put_run(folder: Path, config: RunConfig) -> Path:
-    """Makes a folder that of a run: with this robot, and the terrain of the configuration; returns it."""
+    """Makes a folder that of a run: with this robot, and terrain and camera of the configuration; returns it."""
+    (folder / CAMERA_FILE).write_text(load_camera(config.camera).to_toml())
     (folder / TERRAIN_FILE).write_text(make_terrain(config.terrain).to_toml())
     return put_robot(folder)
 

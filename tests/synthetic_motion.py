@@ -8,6 +8,7 @@ from samples import KINEMATICS, ROBOT
 
 from saltus import rotations
 from saltus.config import TerrainConfig
+from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
 from saltus.heightmap.data.shards import Episode
@@ -33,7 +34,7 @@ def gliding_episodes(
     """The same with true images, as a dataset keeps them."""
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
-        yield episode_of(trajectory, replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)))
+        yield episode_of(trajectory, replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"])
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:

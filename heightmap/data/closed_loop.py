@@ -12,6 +12,7 @@ from saltus.action import Action
 from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import MODEL_CAMERA
+from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.mounts import random_mount
@@ -50,20 +51,25 @@ def closed_loop_episodes(
     Without a predictor robots go by true heights, shifted as each trial says. Each of their steps is told, see
     `saltus.workers.tell`.
     """
-    rng, robot = np.random.default_rng(key), load_robot(DEFAULT_ROBOT)
-    hardware = load_profile(profile, robot)
-    trajectories = list(_trajectories(loop, model, rng, robot, hardware))
-    claimed = MODEL_CAMERA if loop.camera == "ideal" else SAMPLED
-    camera = RobotCamera.on(robot, claimed)
-    views = [replace(camera, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
-    if loop.camera == "ideal":
-        return [episode_of(*seen) for seen in zip(trajectories, views, strict=True)]
-    images = stereo_images(trajectories, views, rng)
-    return [labelled(*seen) for seen in zip(trajectories, images, strict=True)]
+    rng, camera = np.random.default_rng(key), load_camera(loop.camera)
+    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    hardware = camera.delivered(load_profile(profile, robot))
+    trajectories = list(_trajectories(loop, model, rng, robot, camera, hardware))
+    claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
+    views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
+    if camera.ideal:
+        return [episode_of(*seen, camera) for seen in zip(trajectories, views, strict=True)]
+    images = stereo_images(trajectories, views, camera, rng)
+    return [labelled(*seen, camera) for seen in zip(trajectories, images, strict=True)]
 
 
 def _trajectories(
-    loop: ClosedLoop, model: Path | None, rng: np.random.Generator, robot: Robot, profile: Profile
+    loop: ClosedLoop,
+    model: Path | None,
+    rng: np.random.Generator,
+    robot: Robot,
+    camera: DepthCamera,
+    profile: Profile,
 ) -> Iterator[Trajectory]:
     kinds = loop.terrains
     some = [
@@ -78,7 +84,7 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
-        heights=_heights(robot, model, profile, rng.uniform(0.0, MAX_LOSS)),
+        heights=_heights(robot, model, camera, profile, rng.uniform(0.0, MAX_LOSS)),
         time_limit_s=np.inf,
     )
     steps = []
@@ -116,17 +122,19 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(robot: Robot, model: Path | None, profile: Profile, loss: float) -> HeightsFactory | None:
+def _heights(
+    robot: Robot, model: Path | None, camera: DepthCamera, profile: Profile, loss: float
+) -> HeightsFactory | None:
     if model is None:
         return None
     lossy = replace(profile, camera=(*profile.camera, FrameDrop(fraction=loss)))
-    return partial(_predicted, HeightmapNetwork(robot, model), lossy)
+    return partial(_predicted, HeightmapNetwork(robot, model), camera, lossy)
 
 
 def _predicted(
-    network: HeightmapNetwork, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
+    network: HeightmapNetwork, camera: DepthCamera, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
 ) -> PredictedHeights:
-    return PredictedHeights(network, IdealCameras(network.robot, terrains, profile), trials, profile)
+    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains, profile), trials, profile)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:

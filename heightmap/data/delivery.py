@@ -1,12 +1,13 @@
 """Which image a robot uses at each tick, with latency, jitter and loss."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.depth_camera import DepthCamera
 from saltus.heightmap.settings import DeliveryName
 from saltus.wire.topics import CAMERA_LATENCY_S
 
@@ -26,6 +27,13 @@ class DeliveryModel:
     """Greatest share of images that are lost; the share is drawn once an episode."""
     burst: float = 0.0
     """Share of episodes in which the camera also pauses, once, for up to 0.1 s."""
+
+    def around(self, camera: DepthCamera) -> "DeliveryModel":
+        """The same about the latency of a camera, where it has one of its own."""
+        if camera.latency_s is None or self.latency_s == (0.0, 0.0):
+            return self
+        low, high = (max(0.0, latency_s + camera.latency_s - CAMERA_LATENCY_S) for latency_s in self.latency_s)
+        return replace(self, latency_s=(low, high))
 
 
 # Original: 30 to 60 ms between exposure and use. The service forgets after a gap of more than 5 images.

@@ -1,18 +1,20 @@
 """The cameras of thousands of robots on one device: from poses to images without leaving it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from saltus.config import Camera
-from saltus.depth import MILLIMETRE, NOTHING
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING, sampled_model_camera
+from saltus.depth_camera import DepthCamera
+from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.mounts import random_mount
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.randomisation import drawn_cameras
-from saltus.render.stereo.model_view import COLUMNS, ROWS, sampled_model_camera
+from saltus.render.stereo.camera import StereoConfig
+from saltus.render.stereo.model_view import COLUMNS, ROWS
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_torch import TorchStereo
 from saltus.render.warp import WarpCaster, as_tensor
@@ -20,23 +22,36 @@ from saltus.robots.robot import Robot
 from saltus.terrain.batch import Courses
 
 _SAMPLED = sampled_model_camera(ROWS, COLUMNS)
-_OPTICS = Optics.of(_SAMPLED)
 
 
 class DeviceCameras:
     """Takes images of every robot, each with a camera of its own.
 
-    Images of several kinds (ideal: true depth; d435i: with the errors of stereo matching) are taken from the same
-    place.
+    Cameras are given by name; what is asked for together is taken at the same times, from the same place.
+
+    Raises:
+        ConfigError: their places or rates differ.
     """
 
     def __init__(
-        self, robot: Robot, courses: Courses, kinds: Sequence[Camera], device: str, rng: np.random.Generator
+        self,
+        robot: Robot,
+        courses: Courses,
+        cameras: Mapping[str, DepthCamera],
+        device: str,
+        rng: np.random.Generator,
     ) -> None:
-        self._robot, self._count = robot, len(courses.finish_x)
-        self._device = device
-        views = {"ideal": RobotCamera.on(robot), "d435i": RobotCamera.on(robot, _SAMPLED)}
-        self._casters = {kind: WarpCaster(courses.boxes(), views[kind], device=device) for kind in kinds}
+        first, *others = cameras.values()
+        self._robot, self._count = first.mounted_on(robot), len(courses.finish_x)
+        if any(other.rate_hz != first.rate_hz or other.mounted_on(robot) != self._robot for other in others):
+            raise ConfigError(f"cameras = {', '.join(cameras)}: rates or places differ; collect for each by itself")
+        self._device, self._cameras = device, cameras
+        self._optics = {name: Optics.behind(_SAMPLED, camera) for name, camera in cameras.items()}
+        views = {name: MODEL_CAMERA if camera.ideal else _SAMPLED for name, camera in cameras.items()}
+        self._casters = {
+            name: WarpCaster(courses.boxes(), RobotCamera.on(self._robot, view), device=device)
+            for name, view in views.items()
+        }
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:
@@ -44,32 +59,38 @@ class DeviceCameras:
         mounts = random_mount(self._robot, rng, self._count)
         for caster in self._casters.values():
             caster.set_mount(mounts)
-        self._stereo = TorchStereo(drawn_cameras(self._count, rng), _OPTICS, self._device)
-        self._state = self._stereo.init(self._count, rng)
+        self._stereo = {
+            name: TorchStereo(
+                drawn_cameras(self._count, rng, StereoConfig.of(camera)), self._optics[name], self._device
+            )
+            for name, camera in self._cameras.items()
+            if not camera.ideal
+        }
+        self._state = {name: stereo.init(self._count, rng) for name, stereo in self._stereo.items()}
 
     @property
     def mounts(self) -> Mount:
         """Where the cameras sit."""
         return next(iter(self._casters.values())).camera.mount
 
-    def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[Camera, Tensor]:
-        """Takes an image of each kind.
+    def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[str, Tensor]:
+        """Takes an image with each camera.
 
         `qpos` is as in `saltus.sim.engine.Engine`, shape (n, 19). Images are in mm, 0 where invalid,
         `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
         """
         boxes = courses.boxes()
         robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
-        images: dict[Camera, Tensor] = {}
-        for kind, caster in self._casters.items():
+        images: dict[str, Tensor] = {}
+        for name, caster in self._casters.items():
             caster.set_boxes(boxes)
-            if kind == "ideal":
+            if (stereo := self._stereo.get(name)) is None:
                 depth = as_tensor(caster.cast(*robots))
             else:
                 time_s = torch.full((self._count,), tick * TICK_S, dtype=torch.float64, device=self._device)
-                true, hidden = map(as_tensor, caster.cast_pair(*robots, baseline_m=_OPTICS.baseline_m))
-                depth, self._state = self._stereo.step_pooled(true, hidden, time_s, self._state, ROWS, COLUMNS)
-            images[kind] = _in_millimetres(depth)
+                true, hidden = map(as_tensor, caster.cast_pair(*robots, baseline_m=self._optics[name].baseline_m))
+                depth, self._state[name] = stereo.step_pooled(true, hidden, time_s, self._state[name], ROWS, COLUMNS)
+            images[name] = _in_millimetres(self._cameras[name].for_model(depth))
         return images
 
 

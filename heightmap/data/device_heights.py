@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, DeliveryModel
+from saltus.heightmap.data.delivery import TICK_S, DeliveryModel
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, model_image
 from saltus.heightmap.service.service import MAX_HEIGHT_M
 
@@ -24,7 +24,7 @@ class LateImages:
         low, high = delivery.latency_s
         self._latency_s = low + (high - low) * self._uniform()
         self._loss = delivery.loss * self._uniform()
-        places = int((high + delivery.jitter_s) / (TICK_S * FRAME_TICKS)) + 2  # more than are ever under way
+        places = int((high + delivery.jitter_s) / TICK_S) + 2  # more than are ever under way
         self._due = torch.full((places, count), _NEVER, device=device)
         self._taken = torch.full((places, count), -_NEVER, device=device)
         self._under_way = torch.zeros(places, count, *IMAGE_SHAPE[1:], dtype=torch.int32, device=device)
@@ -42,7 +42,7 @@ class LateImages:
 
     def send(self, millimetres: Tensor, tick: int) -> None:
         """Images that are taken now, shape (n, 48, 16)."""
-        place = tick // FRAME_TICKS % len(self._due)
+        place = tick % len(self._due)
         travel_s = self._latency_s + self._delivery.jitter_s * self._uniform()
         arrival = tick + torch.ceil(travel_s / TICK_S - 1e-6).long()
         self._due[place] = torch.where(self._uniform() < self._loss, _NEVER, arrival)

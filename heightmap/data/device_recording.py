@@ -1,6 +1,6 @@
 """Proprioception, images and true heights of many robots: kept on a device, then cut into episodes on the host."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from saltus.arrays import Singles
-from saltus.config import Camera
 from saltus.depth import MODEL_CAMERA
+from saltus.depth_camera import DepthCamera
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -30,12 +29,14 @@ class RecordedBatch:
     """Shape (n, ticks, some)."""
     height: Singles
     """[m], shape (n, ticks, 30)."""
-    depth: Mapping[Camera, NDArray[np.uint16]]
-    """Images of each camera [mm], taken every `FRAME_TICKS` from the first tick on, shape (n, frames, 48, 16)."""
+    frame_tick: NDArray[np.int32]
+    """At which images are taken, shape (frames,)."""
+    depth: Mapping[str, NDArray[np.uint16]]
+    """Images of each camera [mm], shape (n, frames, 48, 16)."""
 
-    def episodes(self, camera: Camera) -> Iterator[Episode]:
+    def episodes(self, camera: str) -> Iterator[Episode]:
         """All runs from a start to the next that are long enough, with the images of one of the cameras."""
-        taken = np.arange(0, self.starts.shape[1], FRAME_TICKS, dtype=np.int32)
+        taken = self.frame_tick
         for robot, starts in enumerate(self.starts):
             for run in runs(starts):
                 frames = slice(*np.searchsorted(taken, (run.start, run.stop)))
@@ -49,13 +50,15 @@ class RecordedBatch:
 
 
 class DeviceRecording:
-    """Room on the device for one batch, used again for the next."""
+    """Room on the device for one batch, used again for the next; all cameras have one rate."""
 
-    def __init__(self, robots: int, ticks: int, cameras: Sequence[Camera], device: torch.device) -> None:
+    def __init__(self, robots: int, ticks: int, cameras: Mapping[str, DepthCamera], device: torch.device) -> None:
         def room(*row: int, dtype: torch.dtype = torch.float32) -> Tensor:
             return torch.empty(robots, *row, dtype=dtype, device=device)
 
-        frames = -(-ticks // FRAME_TICKS), MODEL_CAMERA.height, MODEL_CAMERA.width
+        self._camera = next(iter(cameras.values()))
+        self._frame_tick = self._camera.exposures(ticks)
+        frames = len(self._frame_tick), MODEL_CAMERA.height, MODEL_CAMERA.width
         self._proprioception = room(ticks, len(PROPRIOCEPTION))
         self._height = room(ticks, len(HEIGHTMAP_X))
         self._starts = room(ticks, dtype=torch.bool)
@@ -63,14 +66,14 @@ class DeviceRecording:
         self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
 
     def add(
-        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[Camera, Tensor]
+        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[str, Tensor]
     ) -> None:
         """One tick of all robots; images [mm] where it is their time."""
         self._proprioception[:, tick] = proprioception
         self._height[:, tick] = height
         self._starts[:, tick] = starts
         for camera, image in images.items():
-            self._depth[camera][:, tick // FRAME_TICKS] = image.to(torch.int16)
+            self._depth[camera][:, self._camera.taken_by(tick) - 1] = image.to(torch.int16)
 
     def to_host(self, terrain: Sequence[str]) -> RecordedBatch:
         """A copy of what is there, for robots on the given kinds of terrain."""
@@ -79,6 +82,7 @@ class DeviceRecording:
             starts=_copied(self._starts),
             proprioception=_copied(self._proprioception),
             height=_copied(self._height),
+            frame_tick=self._frame_tick,
             depth={camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()},
         )
 

@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from saltus.config import DEFAULT_ROBOT, from_toml
+from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
 from saltus.grid import LINE
-from saltus.heightmap.data.delivery import FRAME_TICKS, TRAINING
+from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
 from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
@@ -65,8 +66,10 @@ class DeviceRollouts:
         self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
-        self._cameras = DeviceCameras(robot, self._env.courses(), loop.cameras, device, self._rng)
-        self._recording = DeviceRecording(loop.robots, loop.ticks, loop.cameras, self._device)
+        cameras = {name: load_camera(name) for name in loop.cameras}
+        self._camera = cameras[loop.cameras[0]]
+        self._cameras = DeviceCameras(robot, self._env.courses(), cameras, device, self._rng)
+        self._recording = DeviceRecording(loop.robots, loop.ticks, cameras, self._device)
 
     @torch.no_grad()
     def batch(self, told: Callable[[], object] = lambda: None) -> RecordedBatch:
@@ -81,7 +84,7 @@ class DeviceRollouts:
         transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
         for tick in range(self.loop.ticks):
             sensed, qpos = self.proprioception(), self._qpos.float()
-            images = self._cameras.expose(env.courses(), qpos, tick) if tick % FRAME_TICKS == 0 else {}
+            images = self._cameras.expose(env.courses(), qpos, tick) if self._camera.exposes(tick) else {}
             self._recording.add(tick, sensed, self.true_heights(), fresh, images)
             shown = transition.actor
             if heights is not None:
@@ -130,7 +133,7 @@ class DeviceRollouts:
     def _heights(self) -> DeviceHeights | None:
         if self._model is None:
             return None
-        return DeviceHeights(self._model, LateImages(self.loop.robots, TRAINING, self._generator))
+        return DeviceHeights(self._model, LateImages(self.loop.robots, TRAINING.around(self._camera), self._generator))
 
     def _uniform(self) -> Tensor:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)

@@ -18,6 +18,7 @@ from saltus.heightmap.data.shards import (
     PER_TICK,
     DatasetError,
     ShardRecord,
+    camera_of,
     dataset_hash,
     file_sha256,
     read_manifest,
@@ -93,6 +94,7 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
         if damages := _damages(found[sha256], record):
             raise DatasetError(damages[0])
     _compare([found[sha256] for sha256 in records])
+    camera_of(out, records.values())
     out.mkdir(parents=True, exist_ok=True)
     merged = [replace(record, file=f"round_{i:03d}.h5") for i, record in enumerate(records.values())]
     try:

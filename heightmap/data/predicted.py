@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, Camera
+from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
@@ -20,7 +21,7 @@ from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.service import MAX_HEIGHT_M
 from saltus.models import model_path
-from saltus.render.process import EXPOSURE_STEPS, RANDOM_STREAM
+from saltus.render.process import RANDOM_STREAM
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
@@ -37,18 +38,26 @@ class PredictedHeightsFactory:
     """Effects of the hardware; those of the camera matter here."""
     model: Path | None = None
     """ONNX file; by default the shipped model."""
-    camera: Camera = "ideal"
-    """ideal: true depth. d435i: with the errors of a stereo camera, by the fast chain."""
+    camera: str = "ideal"
+    """Name or TOML file; errors of stereo matching are made by the fast chain."""
 
     def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "PredictedHeights":
-        """A source of heights for one batch; `ModelError` where the model cannot be used."""
-        robot = load_robot(DEFAULT_ROBOT)
+        """A source of heights for one batch.
+
+        Raises:
+            ConfigError: there is no such camera.
+            ModelError: the model cannot be used.
+        """
+        camera = load_camera(self.camera)
+        robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
         network = HeightmapNetwork(robot, model_path("heightmap", self.model))
-        profile = load_profile(self.profile, robot)
-        cameras: RobotCameras = IdealCameras(robot, terrains, profile)
-        if self.camera == "d435i":
+        profile = camera.delivered(load_profile(self.profile, robot))
+        cameras: RobotCameras
+        if camera.ideal:
+            cameras = IdealCameras(camera, robot, terrains, profile)
+        else:
             rng = np.random.default_rng(np.random.SeedSequence([trials[0].seed, RANDOM_STREAM]))
-            cameras = StereoCameras(robot, terrains, profile, StereoConfig(), rng)
+            cameras = StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rng)
         return PredictedHeights(network, cameras, trials, profile)
 
 
@@ -80,7 +89,7 @@ class PredictedHeights:
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One tick of all services; shape (n, 30)."""
         self._forget(fresh)
-        depth = self._cameras.expose(truth, states.time_s) if states.step % EXPOSURE_STEPS == 0 else None
+        depth = self._cameras.expose(truth, states.time_s) if self._cameras.camera.exposes(states.step) else None
         self.depth = depth
         new = np.zeros(len(fresh), dtype=np.bool_)
         for i, arrivals in enumerate(self._arrivals):

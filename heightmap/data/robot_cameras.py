@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA
+from saltus.depth_camera import DepthCamera
 from saltus.effects.profile import Profile
-from saltus.heightmap.data.stereo_images import OPTICS, SAMPLED
+from saltus.heightmap.data.stereo_images import SAMPLED
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
@@ -21,19 +23,22 @@ from saltus.terrain.stack import TerrainStack
 class RobotCameras(Protocol):
     """Takes an image of every robot."""
 
+    camera: DepthCamera
+    """Which one they have."""
+
     def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
         """Depth [m] that each robot's camera takes now, 0 where invalid, shape (n, 48, 16)."""
         ...
 
 
 class IdealCameras:
-    """True depth of robots on their terrains; the profile says where cameras sit and how wide they look."""
+    """True depth of robots on their terrains; the profile moves cameras from where `robot` has them."""
 
-    def __init__(self, robot: Robot, terrains: TerrainStack, profile: Profile) -> None:
-        camera = RobotCamera.on(robot).moved(profile.view_chain)
+    def __init__(self, camera: DepthCamera, robot: Robot, terrains: TerrainStack, profile: Profile) -> None:
+        self.camera, view = camera, RobotCamera.on(robot).moved(profile.view_chain)
         self._count = len(terrains.terrains)
         self._views = [
-            (EmbreeRenderer(terrains.terrains[group[0]], camera, threads=1), group)
+            (EmbreeRenderer(terrains.terrains[group[0]], view, threads=1), group)
             for group in _robots_by_terrain(terrains)
         ]
 
@@ -46,27 +51,34 @@ class IdealCameras:
                 truth.position_base_in_world[robots], truth.quaternion_base_in_world[robots],
                 truth.joint_position[robots],
             )  # fmt: skip
-        return depth
+        seen: NDArray[np.float32] = self.camera.for_model(depth)
+        return seen
 
 
 class StereoCameras:
-    """D435is by the fast chain: three rays, one under the other, for the 25 pixels that one of the model averages.
+    """Stereo cameras by the fast chain: three rays, one under the other, for the pixels that one of the model averages.
 
-    The profile says where cameras sit and how wide they look; parameters of `config` may have one value a robot.
+    The profile moves cameras from where `robot` has them; `config`, the errors, may have one value a robot.
     """
 
     def __init__(
-        self, robot: Robot, terrains: TerrainStack, profile: Profile, config: StereoConfig, rng: np.random.Generator
+        self,
+        camera: DepthCamera,
+        robot: Robot,
+        terrains: TerrainStack,
+        profile: Profile,
+        config: StereoConfig,
+        rng: np.random.Generator,
     ) -> None:
-        camera = RobotCamera.on(robot, SAMPLED).moved(profile.view_chain)
-        count = len(terrains.terrains)
+        self.camera, view = camera, RobotCamera.on(robot, SAMPLED).moved(profile.view_chain)
+        count, optics = len(terrains.terrains), Optics.behind(SAMPLED, camera)
         self._views = [
-            (StereoEmbree(terrains.terrains[group[0]], OPTICS, camera), group) for group in _robots_by_terrain(terrains)
+            (StereoEmbree(terrains.terrains[group[0]], optics, view), group) for group in _robots_by_terrain(terrains)
         ]
         self._depth = np.empty((count, SAMPLED.height, SAMPLED.width), np.float32)
         self._hidden = np.empty(self._depth.shape, np.bool_)
-        self._camera = StereoCamera(config, OPTICS)
-        self._state = self._camera.init((count,), rng)
+        self._stereo = StereoCamera(config, optics)
+        self._state = self._stereo.init((count,), rng)
 
     def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
         """See `RobotCameras`."""
@@ -76,8 +88,8 @@ class StereoCameras:
                 truth.joint_position[robots],
             )  # fmt: skip
         times = np.full(len(self._depth), time_s)
-        image, self._state = self._camera.step(self._depth, self._hidden, times, self._state)
-        depth: NDArray[np.float32] = pooled(image.depth, ROWS, COLUMNS)
+        image, self._state = self._stereo.step(self._depth, self._hidden, times, self._state)
+        depth: NDArray[np.float32] = self.camera.for_model(pooled(image.depth, ROWS, COLUMNS))
         return depth
 
 

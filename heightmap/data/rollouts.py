@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from saltus import rotations
 from saltus.arrays import Floats
 from saltus.depth import depth_in_millimetres
+from saltus.depth_camera import DepthCamera
 from saltus.grid import LINE, HeightGrid
-from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.shards import Episode
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -37,19 +37,19 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: H
     return terrain.height_at(*grid.points_in_world(position, yaw)) - position[..., 2:]
 
 
-def episode_of(trajectory: Trajectory, camera: RobotCamera) -> Episode:
-    """Takes the pictures of one robot with its camera as it really is, and writes down the true heights."""
-    rows = slice(None, None, FRAME_TICKS)
-    renderer = EmbreeRenderer(trajectory.terrain, camera, threads=1)
+def episode_of(trajectory: Trajectory, view: RobotCamera, camera: DepthCamera) -> Episode:
+    """Takes the pictures of one robot without errors, from where its camera really is, with the true heights."""
+    rows = camera.exposures(len(trajectory.joint_position))
+    renderer = EmbreeRenderer(trajectory.terrain, view, threads=1)
     depth = renderer.render_batch(
         trajectory.position_base_in_world[rows],
         trajectory.quaternion_base_in_world[rows],
         trajectory.joint_position[rows],
     )
-    return labelled(trajectory, depth_in_millimetres(depth))
+    return labelled(trajectory, depth_in_millimetres(camera.for_model(depth)), camera)
 
 
-def labelled(trajectory: Trajectory, depth: NDArray[np.uint16]) -> Episode:
+def labelled(trajectory: Trajectory, depth: NDArray[np.uint16], camera: DepthCamera) -> Episode:
     """An episode of the motion and the images [mm] of a robot, shape (frames, 48, 16), with the true heights."""
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
     return Episode(
@@ -57,5 +57,5 @@ def labelled(trajectory: Trajectory, depth: NDArray[np.uint16]) -> Episode:
         proprioception=trajectory.proprioception.astype(np.float32),
         height=true_heights(trajectory.terrain, position, quaternion).astype(np.float32),
         depth=depth,
-        frame_tick=np.arange(0, len(position), FRAME_TICKS, dtype=np.int32),
+        frame_tick=camera.exposures(len(position)),
     )

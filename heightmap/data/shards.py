@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Singles
 from saltus.config import from_table
 from saltus.depth import MODEL_CAMERA
+from saltus.depth_camera import DepthCamera, recorded
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S
@@ -66,6 +67,11 @@ class ShardRecord:
     seed: int
     commit: str
     config: dict[str, Any]
+
+    @property
+    def camera(self) -> DepthCamera:
+        """That took its images; older shards do not name theirs."""
+        return recorded(self.config.get("camera", "ideal"))
 
 
 class ShardWriter:
@@ -274,6 +280,19 @@ def read_records(directory: Path) -> list[ShardRecord]:
     if not records:
         raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")
     return records
+
+
+def camera_of(directory: Path, records: Iterable[ShardRecord]) -> DepthCamera:
+    """The camera that took the images of a dataset; where there are several, the first of them.
+
+    Raises:
+        DatasetError: they sat at different places.
+    """
+    cameras = [record.camera for record in records]
+    if len({(camera.camera_position, camera.camera_pitch) for camera in cameras}) > 1:
+        names = ", ".join(dict.fromkeys(camera.name for camera in cameras))
+        raise DatasetError(f"{directory}: the cameras of its shards sit at different places: {names}")
+    return cameras[0]
 
 
 def dataset_hash(records: Iterable[ShardRecord]) -> str:

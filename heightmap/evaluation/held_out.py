@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import DEFAULT_ROBOT, Camera, PlannerName, TerrainConfig, check_between
+from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
+from saltus.depth_camera import load_camera
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
@@ -35,6 +36,7 @@ from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
 from saltus.render.randomisation import drawn_cameras
+from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
@@ -68,8 +70,8 @@ class HeldOutRuns:
 
     runs: int = 200
     seed: int = 0
-    camera: Camera = "d435i"
-    """ideal: true depth. d435i: a stereo camera whose errors have another strength in each run."""
+    camera: str = "d435i"
+    """Name or TOML file; the errors of a stereo camera have another strength in each run."""
     terrains: tuple[str, ...] = KINDS
     """Families of the courses in turn, mastered and hard; those of one's own are all called hard."""
     policy: Path | None = None
@@ -106,7 +108,7 @@ class HeldOutRuns:
         terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
-        kind, ticks = load_robot(DEFAULT_ROBOT), list[_Tick]()
+        kind, ticks = load_camera(self.camera).mounted_on(load_robot(DEFAULT_ROBOT)), list[_Tick]()
         rollout = Rollout(
             kind,
             terrains,
@@ -135,11 +137,15 @@ class HeldOutRuns:
         terrains: TerrainStack,
         trials: Sequence[Trial],
     ) -> "_RecordedSource":
-        shipped = load_profile(SHIPPED, network.robot)
+        camera = load_camera(self.camera)
+        shipped = camera.delivered(load_profile(SHIPPED, network.robot))
         profile = dataclasses.replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
-        cameras: RobotCameras = IdealCameras(network.robot, terrains, profile)
-        if self.camera == "d435i":
-            cameras = StereoCameras(network.robot, terrains, profile, drawn_cameras(len(trials), rng), rng)
+        cameras: RobotCameras
+        if camera.ideal:
+            cameras = IdealCameras(camera, network.robot, terrains, profile)
+        else:
+            errors = drawn_cameras(len(trials), rng, StereoConfig.of(camera))
+            cameras = StereoCameras(camera, network.robot, terrains, profile, errors, rng)
         return _RecordedSource(PredictedHeights(network, cameras, trials, profile), ticks)
 
 

@@ -22,11 +22,14 @@ FORMAT = "saltus-heightmap-1"
 INPUTS = ("image", "age", "new", "proprioception", "hidden")
 OUTPUTS = ("height", "std", "hidden_out")
 KEPT_CALLS = 32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
+MOUNT_POSITION_ERROR_M, MOUNT_PITCH_ERROR = 0.01, np.deg2rad(1.5)
+"""How far a camera may sit from the place it was made for, along each axis and in pitch [rad]: a printed mount and its
+screws. Training data are drawn with it (`saltus.heightmap.data.mounts`)."""
 _TOLERANCE = 1e-6  # of a number that went through text
 
 
 def camera_metadata(robot: Robot) -> dict[str, Any]:
-    """The camera that a model is trained for, on a robot; a model made for another one is refused."""
+    """The model's camera, on a robot; a model that was made for another place of it is refused."""
     return {
         **asdict(depth.MODEL_CAMERA),
         "range_m": depth.RANGE_M,
@@ -132,11 +135,12 @@ def _shapes(hidden_size: Any) -> dict[str, list[Any]]:
 
 def _check_metadata(file: ModelFile, robot: Robot) -> None:
     """Refuses a model whose meaning differs from what this program would feed and read."""
+    camera = file.field("camera")
     expected: dict[str, Any] = {
         "format": FORMAT,
         "robot": robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
-        "camera": camera_metadata(robot),
+        "camera": camera_metadata(robot) | _mount(camera),
         "proprioception": list(PROPRIOCEPTION),
     }
     for name, wanted in expected.items():
@@ -144,12 +148,36 @@ def _check_metadata(file: ModelFile, robot: Robot) -> None:
         for where, left, right in _leaves(name, found, wanted):
             if not _same(left, right):
                 raise ModelError(f"model {file.path} does not fit: '{where}' is {left!r}, this program needs {right!r}")
+    _check_mount(file.path, camera, robot)
     for name, low, high in (("warmup_frames", 1, 500), ("nominal_delay_s", 0.0, 0.5)):
         found = file.field(name)
         if isinstance(found, bool) or not isinstance(found, int | float) or not low <= found <= high:
             raise ModelError(f"model {file.path} does not fit: '{name}' is {found!r}, expected {low} to {high}")
     if not isinstance(file.field("warmup_frames"), int):
         raise ModelError(f"model {file.path} does not fit: 'warmup_frames' must be a whole number")
+
+
+def _mount(camera: Any) -> dict[str, Any]:
+    """Where a model's camera sat, as far as it says so: it is compared by itself."""
+    known = camera if isinstance(camera, dict) else {}
+    return {name: known[name] for name in ("position_m", "pitch_rad") if name in known}
+
+
+def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
+    """Refuses a model whose camera sat elsewhere than the robot's does, by more than training covers."""
+    try:
+        off = robot.camera_position - np.array(camera["position_m"], np.float64)
+        turned = robot.camera_pitch - float(camera["pitch_rad"])
+    except (TypeError, ValueError):
+        raise ModelError(f"model {path} does not fit: 'camera' does not say where it sits") from None
+    if not (np.abs(off).max() <= MOUNT_POSITION_ERROR_M and abs(turned) <= MOUNT_PITCH_ERROR):
+        ahead, left, up = 100.0 * off
+        raise ModelError(
+            f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm ahead, {left:+.1f} cm to "
+            f"the left and {up:+.1f} cm up of it, {np.rad2deg(turned):+.1f} deg further down, and training covers "
+            f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; give one that was "
+            "trained for this camera (--heightmap-model, see docs/camera.md)"
+        )
 
 
 def _leaves(where: str, found: Any, wanted: Any) -> list[tuple[str, Any, Any]]:

@@ -21,7 +21,8 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from saltus.config import DEFAULT_ROBOT, from_table
+from saltus.config import from_table
+from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.inventory import merge, validate
@@ -41,7 +42,6 @@ from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
-from saltus.robots.loading import load_robot
 
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 BEGUN = "dagger.json"
@@ -101,7 +101,7 @@ def dagger(
     if base is not None and not read_manifest(data):
         merge([base], data)
     begun_with = 0 if base is None else len({record.sha256 for record in read_manifest(base)})
-    before = None if start is None else _started(directory / "start", start)
+    before = None if start is None else _started(directory / "start", start, load_camera(config.loop.camera))
     for index in range(config.rounds):
         if index >= len(read_manifest(data)) - begun_with:
             _collect(
@@ -150,7 +150,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         raise DatasetError(f"{path} is damaged: {error}") from error
 
 
-def _started(folder: Path, start: Path) -> Path:
+def _started(folder: Path, start: Path, camera: DepthCamera) -> Path:
     """A folder like that of a round, made of the checkpoint to begin with."""
     if not folder.exists():
         with _whole(folder) as partial_folder:
@@ -158,7 +158,7 @@ def _started(folder: Path, start: Path) -> Path:
             model, training = load_checkpoint(start)
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
             origin = Origin(
-                robot=load_robot(DEFAULT_ROBOT),
+                camera=camera,
                 warmup_frames=MIN_WARMUP,
                 dataset=training["dataset"],
                 seed=training["config"]["seed"],

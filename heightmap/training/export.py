@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from saltus.config import DEFAULT_ROBOT
+from saltus.depth_camera import DepthCamera
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -16,7 +18,7 @@ from saltus.heightmap.service.network import FORMAT, INPUTS, OUTPUTS, HeightmapN
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.onnx_export import write_onnx
 from saltus.provenance import commit
-from saltus.robots.robot import Robot
+from saltus.robots.loading import load_robot
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 
@@ -24,8 +26,8 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 class Origin:
     """What a model was made from."""
 
-    robot: Robot
-    """For which."""
+    camera: DepthCamera
+    """Whose images it was trained on."""
     warmup_frames: int
     """Measured, see `saltus.heightmap.training.validate.warmup_frames`."""
     dataset: str
@@ -60,14 +62,16 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
 
 def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
     """What the file says about itself; `saltus.heightmap.service.network` refuses what does not fit."""
+    robot = origin.camera.mounted_on(load_robot(DEFAULT_ROBOT))
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}
     return {
         "format": FORMAT,
-        "robot": origin.robot.name,
+        "robot": robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
-        "camera": camera_metadata(origin.robot),
+        "camera": camera_metadata(robot),
+        "depth_camera": origin.camera.record,
         "proprioception": list(PROPRIOCEPTION),
-        "nominal_delay_s": CAMERA_LATENCY_S,
+        "nominal_delay_s": CAMERA_LATENCY_S if origin.camera.latency_s is None else origin.camera.latency_s,
         "warmup_frames": origin.warmup_frames,
         "normalisation": normalisation,
         "dataset": origin.dataset,

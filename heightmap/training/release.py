@@ -10,7 +10,15 @@ from typing import Any
 from saltus.config import DEFAULT_ROBOT
 from saltus.errors import ModelError
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, motion, read_dataset, read_records
+from saltus.heightmap.data.shards import (
+    DatasetError,
+    ShardRecord,
+    camera_of,
+    dataset_hash,
+    motion,
+    read_dataset,
+    read_records,
+)
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.export import Origin, export, parity
 from saltus.heightmap.training.interface import interface
@@ -76,8 +84,9 @@ def release(
     measured_on = "the tenth of it that training held out" if unseen is None else _unseen(unseen, training, records)
     held_out = split(read_dataset(data))[1] if unseen is None else read_dataset(unseen)
     begun()
-    robot = load_robot(DEFAULT_ROBOT)
-    origin = Origin(robot=robot, warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
+    camera = camera_of(data, records)
+    robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+    origin = Origin(camera=camera, warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
     model_path.parent.mkdir(parents=True, exist_ok=True)
     # Until all is measured the model that may be there stays.
     with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:

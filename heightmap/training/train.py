@@ -13,10 +13,11 @@ from torch import Tensor
 
 from saltus.errors import ConfigError, ModelError
 from saltus.folders import ask_for_room, differences
-from saltus.heightmap.data.delivery import DELIVERIES
+from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
+    camera_of,
     dataset_hash,
     file_sha256,
     read_dataset,
@@ -92,7 +93,8 @@ def train(
         model.load_state_dict(begun["model"])
         optimiser.load_state_dict(begun["optimiser"])
         first = int(begun["update"])
-    updates = _updates(model, optimiser, store, config, first)
+    delivery = DELIVERIES[config.delivery].around(camera_of(data, records))
+    updates = _updates(model, optimiser, store, config, delivery, first)
     began = saved = told = time.monotonic()
     update = kept = first
     try:
@@ -106,7 +108,7 @@ def train(
                 )  # fmt: skip
                 progress(state)
             if last:
-                calibrate(model, held_out, DELIVERIES[config.delivery], _noise(config), config.seed)
+                calibrate(model, held_out, delivery, _noise(config), config.seed)
             if now - saved > config.save_every_s or last:
                 _save(checkpoint, origin, update, model, optimiser)
                 saved, kept = now, update
@@ -122,20 +124,24 @@ def _stores(data: Path, records: list[ShardRecord], device: torch.device) -> tup
     """Episodes to fit, and those held out."""
     # Every round of the dataset is drawn equally often, however many episodes it has.
     weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
-    true_depth = split([_has_true_depth(record) for record in records for _ in range(record.episodes)])
+    true_depth = split([record.camera.ideal for record in records for _ in range(record.episodes)])
     parts = zip(split(read_dataset(data)), weights, true_depth, strict=True)
     fitted, held_out = (EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts)
     return fitted, held_out
 
 
 def _updates(
-    model: HeightmapModel, optimiser: torch.optim.Optimizer, store: EpisodeStore, config: TrainConfig, first: int
+    model: HeightmapModel,
+    optimiser: torch.optim.Optimizer,
+    store: EpisodeStore,
+    config: TrainConfig,
+    delivery: DeliveryModel,
+    first: int,
 ) -> Iterator[tuple[Tensor, Tensor]]:
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
     # A resumed training draws other windows than before the interruption.
     rng = np.random.default_rng([config.seed, first])
-    delivery, noise = DELIVERIES[config.delivery], _noise(config)
-    windows = store.windows(config.batch, config.window, delivery, noise, rng, forgets=config.forgets)
+    windows = store.windows(config.batch, config.window, delivery, _noise(config), rng, forgets=config.forgets)
     hidden = torch.zeros(config.batch, model.config.hidden, device=store.device)
     for update, window in zip(range(first, config.updates), windows, strict=False):
         for group in optimiser.param_groups:
@@ -205,12 +211,6 @@ def _loss(estimate: Estimate, window: Window) -> Tensor:
 
 def _noise(config: TrainConfig) -> ImageNoise:
     return TRAINING_NOISE if config.noise else NO_NOISE
-
-
-def _has_true_depth(record: ShardRecord) -> bool:
-    """Whether the images of a shard were taken by a camera without errors; older shards do not name their camera."""
-    camera: str = record.config.get("camera", "ideal")
-    return camera == "ideal"
 
 
 def _masked_mean(value: Tensor, mask: Tensor) -> Tensor:

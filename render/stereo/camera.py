@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from saltus.config import changed
+from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
 from saltus.render.postfilter import HoleFilling, SpatialFilter, TemporalFilter
@@ -44,6 +46,15 @@ class StereoConfig:
         default_factory=lambda: SpatialFilter(magnitude=5.0, alpha=0.75, delta=1.0, holes_fill=4.0)
     )
     temporal_filter: TemporalFilter = field(default_factory=lambda: TemporalFilter(alpha=0.75, delta=1.0))
+
+    @classmethod
+    def of(cls, camera: DepthCamera) -> "StereoConfig":
+        """The errors of a camera; none of an ideal one.
+
+        Raises:
+            ConfigError: it names an effect or a parameter that there is not, or a value out of bounds.
+        """
+        return IDEAL_STEREO if camera.ideal else changed(cls(), camera.stereo, "stereo.")
 
     @property
     def effects(self) -> tuple[Effect[Any], ...]:

@@ -3,23 +3,10 @@
 from typing import Any
 
 from saltus.arrays import namespace
-from saltus.depth import MODEL_CAMERA, VALID_SHARE, Intrinsics
+from saltus.depth import VALID_SHARE
 
 ROWS, COLUMNS = 3, 1
 """Rays for a pixel of the model in training: depth edges are horizontal in most of what a robot sees ahead."""
-
-
-def sampled_model_camera(rows: int, columns: int) -> Intrinsics:
-    """The model's camera with `rows` times `columns` samples for each of its pixels."""
-    model = MODEL_CAMERA
-    return Intrinsics(
-        width=model.width * columns,
-        height=model.height * rows,
-        fx=model.fx * columns,
-        fy=model.fy * rows,
-        cx=model.cx * columns,
-        cy=model.cy * rows,
-    )
 
 
 def pooled(depth: Any, rows: int, columns: int) -> Any:

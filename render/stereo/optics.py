@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from saltus.depth import BASELINE_M as BASELINE_M
 from saltus.depth import D435I, Intrinsics
+from saltus.depth_camera import DepthCamera
 from saltus.errors import ConfigError
 
 
@@ -50,6 +51,11 @@ class Optics:
             pitch_x=pitch,
             pitch_y=sensor.fx / camera.fy,
         )
+
+    @classmethod
+    def behind(cls, image: Intrinsics, camera: DepthCamera) -> "Optics":
+        """The optics behind an image that a camera takes, or that stands for one of its own."""
+        return cls.of(image, camera.matching, camera.baseline_m)
 
     @property
     def disparity_at_1m(self) -> float:

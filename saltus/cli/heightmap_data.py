@@ -13,6 +13,7 @@ from tyro.conf import subcommand
 
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
 from saltus.cli.output import print_json
+from saltus.cli.run_options import mounted_camera
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import load_profile
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
@@ -55,6 +56,7 @@ class OnProcessors(SettingsCommand):
             from saltus.heightmap.collection import collect
 
         load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
+        mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
         check_processes(self.processes)
         total = self.settings.batches * self.settings.loop.ticks
         with _CollectionBar(self, total) as progress:
@@ -93,9 +95,10 @@ class OnDevice(SettingsCommand):
         with training_packages():
             from saltus.heightmap.device_collection import collect
 
-        loop, speeds = self.settings.loop, list["DeviceSpeed"]()
+        loop, speeds, robot = self.settings.loop, list["DeviceSpeed"](), load_robot(DEFAULT_ROBOT)
+        names = [mounted_camera(camera, robot)[0].name for camera in loop.cameras]
         outputs = {
-            camera: self.out.with_name(f"{self.out.name}-{camera}") if number else self.out
+            camera: self.out.with_name(f"{self.out.name}-{names[number]}") if number else self.out
             for number, camera in enumerate(loop.cameras)
         }
         with _CollectionBar(self, self.settings.batches * loop.ticks) as progress:
@@ -182,6 +185,7 @@ class Dagger(SettingsCommand):
             from saltus.heightmap.training.dagger import Observer, dagger
 
         check_processes(self.processes)
+        mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
         with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(

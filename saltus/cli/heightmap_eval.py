@@ -10,7 +10,8 @@ from tqdm import tqdm
 
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json, table_lines
-from saltus.config import Camera
+from saltus.cli.run_options import mounted_camera
+from saltus.config import DEFAULT_ROBOT
 from saltus.flags import Flag, shown
 from saltus.models import model_id, model_path
 
@@ -48,8 +49,8 @@ class Eval:
     """Of courses, trials and cameras; whatever it is, no training draws the same."""
     terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
     """Families of the courses; yours too."""
-    camera: Camera = "d435i"
-    """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run."""
+    camera: str = "d435i"
+    """ideal: true depth. d435i: a stereo camera, whose errors have another strength in each run. Or a TOML file."""
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
     """Predictors without training that are shown the same images: geometric, geometric-feet; none by --baselines
     alone."""
@@ -64,6 +65,8 @@ class Eval:
         """Runs them all and prints a table, in millimetres."""
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
+        from saltus.heightmap.service.network import HeightmapNetwork
+        from saltus.robots.loading import load_robot
         from saltus.workers import in_order
 
         config = HeldOutRuns(
@@ -72,6 +75,7 @@ class Eval:
         )  # fmt: skip
         models = {"heightmap": model_path("heightmap", self.heightmap_model)}
         models["policy"] = model_path("policy", self.policy_model)
+        HeightmapNetwork(mounted_camera(self.camera, load_robot(DEFAULT_ROBOT))[1], models["heightmap"])
         work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []
         total = len(config.batches) * config.work

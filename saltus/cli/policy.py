@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tqdm import tqdm
 
 from saltus.cli.output import print_json, run_directory, table_lines
-from saltus.cli.run_options import Course, CourseOptions
+from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.config import DEFAULT_ROBOT, Camera, PlannerName
+from saltus.config import DEFAULT_ROBOT, PlannerName
 from saltus.errors import ConfigError, SaltusError
 from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
@@ -50,8 +50,8 @@ class Eval:
     predicted: what the heightmap service makes of late depth images."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service, with --heightmap predicted."""
-    camera: Camera = "d435i"
-    """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth."""
+    camera: str = "d435i"
+    """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
     plan_delay_s: float = 0.0
@@ -82,9 +82,10 @@ class Eval:
             plan_delay_s=self.plan_delay_s,
         )
         check_processes(self.processes)
+        heights = self._heights()
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
-            result = collect(evaluate(evaluation, self._heights(), planner, self.processes, bar.update))
+            result = collect(evaluate(evaluation, heights, planner, self.processes, bar.update))
         _print_table(result)
         table = _as_table(self, result)
         if directory is not None:
@@ -101,7 +102,11 @@ class Eval:
         """The source of heights; the one that predicts lies above the planner, so it is handed down from here."""
         if self.heightmap == "predicted":
             from saltus.heightmap.data.predicted import PredictedHeightsFactory
+            from saltus.heightmap.service.network import HeightmapNetwork
+            from saltus.robots.loading import load_robot
 
+            _, robot = mounted_camera(self.camera, load_robot(self.robot))
+            HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
             return PredictedHeightsFactory(profile=self.profile, model=self.heightmap_model, camera=self.camera)
         if self.heightmap_model is not None:
             raise ConfigError(

@@ -19,7 +19,7 @@ class Record:
     """
 
     run_dir: Path
-    """Folder with the run's run.toml, robot.toml and terrain.toml."""
+    """Folder of the run, with run.toml."""
     endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-record")] = None
@@ -34,7 +34,7 @@ class Record:
         run = read_run(self.run_dir)
         with ZenohBus(self.endpoint or endpoint_of(self.run_dir), run.config.prefix) as bus:
             path = run_directory("record", self.out) / "recording.mcap"
-            with Recorder(path, run.config, run.robot, run.terrain) as recorder:
+            with Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder:
                 stream = bus.stream()
                 print(f"recording to {path}; Ctrl-C ends it")
                 while bus.connected():

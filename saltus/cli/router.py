@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import run_directory
+from saltus.cli.run_options import mounted_camera
 from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
 from saltus.flags import shown
 
@@ -28,6 +29,8 @@ class Router:
 
     robot: str = DEFAULT_ROBOT
     """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
+    camera: str = RunConfig().camera
+    """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
     prefix: str = RunConfig().prefix
     """Of the keys."""
     endpoint: str = "tcp/127.0.0.1:7447"
@@ -42,13 +45,14 @@ class Router:
         from saltus.terrain.curriculum import make_terrain
         from saltus.wire.router import open_router, write_client
 
-        robot, terrain = load_robot(self.robot), TerrainConfig(terrain="flat")
-        config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, pace="realtime")
+        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
+        terrain = TerrainConfig(terrain="flat")
+        config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
         config.check()
         endpoint, router = open_router(self.endpoint)
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
-            write_run(directory, config, robot, make_terrain(terrain))
+            write_run(directory, config, robot, make_terrain(terrain), camera)
             write_client(directory / CLIENT_FILE, endpoint)
             print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)
             while True:

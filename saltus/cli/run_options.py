@@ -2,12 +2,17 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from saltus.config import DEFAULT_ROBOT, Camera, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.config import DEFAULT_ROBOT, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
+from saltus.errors import ConfigError
 from saltus.flags import shown
+
+if TYPE_CHECKING:
+    from saltus.depth_camera import DepthCamera
+    from saltus.robots.robot import Robot
 
 BY_DIFFICULTY = "; or by the difficulty"
 
@@ -42,10 +47,10 @@ class RunOptions:
     """lockstep: bit-repeatable, as fast as it goes. realtime: by the clock, times speed."""
     speed: float = 1.0
     """With realtime: seconds of the run for each second of this computer; less than 1 where it cannot keep up."""
-    camera: Camera = "d435i"
-    """d435i: with the errors of a stereo camera. ideal: true depth."""
+    camera: str = "d435i"
+    """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
     renderer: Renderer = "auto"
-    """Back end of --camera ideal."""
+    """Back end of a camera without errors."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
@@ -71,14 +76,19 @@ class RunOptions:
         from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
-        robot = load_robot(self.robot)
+        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
+        if not camera.ideal and self.renderer not in ("auto", "embree"):
+            raise ConfigError(
+                f"renderer = '{self.renderer}': the images of camera '{camera.name}', with errors of stereo matching, "
+                "are made by embree; add --camera ideal"
+            )
         make_terrain(self.course)
         load_profile(self.profile, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
         if policy is not None or is_other:
             make_planner(self.planner, robot, policy)
-        if heightmap is not None or is_other:
+        if heightmap is not None or is_other or camera.camera_position or camera.camera_pitch is not None:
             HeightmapNetwork(robot, model_path("heightmap", heightmap))
         config = RunConfig(
             robot=self.robot, terrain=self.course, seed=self.seed, pace=self.pace, camera=self.camera,
@@ -87,3 +97,20 @@ class RunOptions:
         )  # fmt: skip
         config.check()
         return config
+
+
+def mounted_camera(name_or_path: str, robot: "Robot") -> tuple["DepthCamera", "Robot"]:
+    """A camera, all of it checked, and the robot that has its camera there.
+
+    Raises:
+        SaltusError: there is no such camera, it has errors that there are not, or sits inside of the trunk.
+    """
+    from saltus.depth_camera import load_camera
+    from saltus.render.camera import RobotCamera
+    from saltus.render.stereo.camera import StereoConfig
+
+    camera = load_camera(name_or_path)
+    StereoConfig.of(camera)
+    mounted = camera.mounted_on(robot)
+    RobotCamera.on(mounted, camera.image)
+    return camera, mounted

@@ -19,6 +19,7 @@ from mcap.writer import CompressionType, Writer
 from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
+from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError, RecordingError
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
@@ -50,7 +51,7 @@ class Recorder:
         RecordingError: the file cannot be created, or, from `write` and `close`, no longer be written.
     """
 
-    def __init__(self, path: Path, run_config: RunConfig, robot: Robot, terrain: Terrain) -> None:
+    def __init__(self, path: Path, run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> None:
         self.path = path
         self.rejected: Counter[str] = Counter()
         """Samples that were not recorded because they are malformed, by "topic/reason"."""
@@ -66,7 +67,7 @@ class Recorder:
             self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=LIBRARY)
-        self._writer.add_metadata(METADATA, describe(run_config, robot, terrain))
+        self._writer.add_metadata(METADATA, describe(run_config, robot, terrain, camera))
 
     def write(self, raw: RawSample) -> None:
         """Records one sample of a recorded topic; counts what is malformed."""
@@ -153,13 +154,14 @@ def _writing(path: Path) -> Iterator[None]:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def describe(run_config: RunConfig, robot: Robot, terrain: Terrain) -> dict[str, str]:
+def describe(run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> dict[str, str]:
     """The metadata of a recording: what is needed to make the run again."""
     return {
         "schema": SCHEMA,
         "config": config.to_toml(run_config),
         "robot": robot.to_toml(),
         "terrain": terrain.to_toml(),
+        "camera": camera.to_toml(),
         "seed": str(run_config.seed),
         "models": json.dumps(models_of(run_config)),
         "commit": commit(),

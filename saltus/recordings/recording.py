@@ -21,6 +21,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from saltus import config
 from saltus.config import DEFAULT_ROBOT, RunConfig
+from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
 from saltus.recordings.recorder import LIBRARY, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
@@ -79,6 +80,17 @@ class Recording:
         if "terrain" in self.metadata:
             return Terrain.from_toml(self.metadata["terrain"])
         return make_terrain((self.config or RunConfig()).terrain)
+
+    @cached_property
+    def camera(self) -> DepthCamera:
+        """The camera of the run; where the head of the file is lost, the default one.
+
+        Raises:
+            ConfigError: it was written by another version.
+        """
+        if "camera" in self.metadata:
+            return DepthCamera.from_toml(self.metadata["camera"])
+        return load_camera((self.config or RunConfig()).camera)
 
     @cached_property
     def models(self) -> dict[str, str]:

@@ -14,7 +14,7 @@ from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, is_recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
-from saltus.robots.robot import JOINTS, Robot
+from saltus.robots.robot import JOINTS
 from saltus.trial import Trial
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S
@@ -93,12 +93,13 @@ def _meta(
             meta |= {"payload_kg": trial.payload_kg, "ground": {"friction": trial.friction}}
     if frames:
         is_ideal = recording.config is not None and recording.config.profile == "ideal"
-        meta["camera"] = _camera(recording.robot, frames[0], 0.0 if is_ideal else CAMERA_LATENCY_S)
+        meta["camera"] = _camera(recording, frames[0], 0.0 if is_ideal else CAMERA_LATENCY_S)
     return meta
 
 
-def _camera(robot: Robot, frame: DepthFrame, latency_s: float) -> dict[str, Any]:
+def _camera(recording: Recording, frame: DepthFrame, latency_s: float) -> dict[str, Any]:
     height, width = frame.depth.shape
+    robot, camera = recording.robot, recording.camera
     intrinsics = {name: float(getattr(frame, name)) for name in ("fx", "fy", "cx", "cy")}
     return {
         **intrinsics,
@@ -106,8 +107,8 @@ def _camera(robot: Robot, frame: DepthFrame, latency_s: float) -> dict[str, Any]
         "height": height,
         "position": robot.camera_position.tolist(),
         "pitch": robot.camera_pitch,
-        "rate": 50.0,
-        "latency": latency_s,
+        "rate": camera.rate_hz,
+        "latency": latency_s if camera.latency_s is None else camera.latency_s,
     }
 
 

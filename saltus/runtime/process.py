@@ -24,11 +24,12 @@ from pathlib import Path
 from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
+from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
 from saltus.runtime.priority import prefer_loop, prefer_process
-from saltus.runtime.run_folder import ROBOT_FILE, RUN_FILE, TERRAIN_FILE
+from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
@@ -76,6 +77,11 @@ class ProcessContext:
     def terrain(self) -> Terrain:
         """The terrain of the run."""
         return config.load(Terrain, self.run_dir / TERRAIN_FILE)
+
+    @cached_property
+    def camera(self) -> DepthCamera:
+        """The camera of the run."""
+        return config.load(DepthCamera, self.run_dir / CAMERA_FILE)
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
@@ -129,9 +135,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     `name` is a row of the process table; `arguments` stand for those of the command line.
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
-    parser.add_argument(
-        "--run-dir", type=Path, required=True, help="directory with run.toml, robot.toml and terrain.toml"
-    )
+    parser.add_argument("--run-dir", type=Path, required=True, help="folder of the run, with run.toml")
     parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"

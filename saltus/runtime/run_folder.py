@@ -5,15 +5,17 @@ from pathlib import Path
 
 from saltus import config
 from saltus.config import RunConfig
+from saltus.depth_camera import DepthCamera
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.router import read_client
 
 RUN_FILE = "run.toml"
 ROBOT_FILE = "robot.toml"
-"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it."""
+"""The whole robot, as `Robot.to_toml` writes it: no process needs to derive it. It has the camera where that sits."""
 TERRAIN_FILE = "terrain.toml"
 """The terrain, box by box."""
+CAMERA_FILE = "camera.toml"
 CLIENT_FILE = "client.json5"
 """The configuration of Zenoh with which any program joins the run."""
 
@@ -25,13 +27,15 @@ class RunFolder:
     config: RunConfig
     robot: Robot
     terrain: Terrain
+    camera: DepthCamera
 
 
-def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terrain) -> None:
+def write_run(run_dir: Path, run_config: RunConfig, robot: Robot, terrain: Terrain, camera: DepthCamera) -> None:
     """Writes the files of a run that is about to begin."""
     (run_dir / RUN_FILE).write_text(config.to_toml(run_config))
     (run_dir / ROBOT_FILE).write_text(robot.to_toml())
     (run_dir / TERRAIN_FILE).write_text(terrain.to_toml())
+    (run_dir / CAMERA_FILE).write_text(camera.to_toml())
 
 
 def read_run(run_dir: Path) -> RunFolder:
@@ -44,6 +48,7 @@ def read_run(run_dir: Path) -> RunFolder:
         config=config.load(RunConfig, run_dir / RUN_FILE),
         robot=config.load(Robot, run_dir / ROBOT_FILE),
         terrain=config.load(Terrain, run_dir / TERRAIN_FILE),
+        camera=config.load(DepthCamera, run_dir / CAMERA_FILE),
     )
 
 

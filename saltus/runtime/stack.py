@@ -17,6 +17,7 @@ from types import TracebackType
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig
+from saltus.depth_camera import load_camera
 from saltus.errors import MessageError, RecordingError, StackError, nearest_hint
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.robots.loading import load_robot
@@ -62,13 +63,14 @@ class Stack:
     start of the run on the monotonic clock is filled in. All limits below are in the clock of this run.
 
     Raises:
-        ConfigError, ModelError: there is no such robot or terrain.
+        ConfigError, ModelError: there is no such robot, terrain or camera.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
     """
 
     def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
-        self.robot = load_robot(run_config.robot)
+        self.camera = load_camera(run_config.camera)
+        self.robot = self.camera.mounted_on(load_robot(run_config.robot))
         self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
         self.endpoint = ""
@@ -127,7 +129,7 @@ class Stack:
         logs.mkdir(parents=True, exist_ok=True)
         for old in logs.glob("*.log"):
             old.unlink()
-        write_run(self.run_dir, self.config, self.robot, self.terrain)
+        write_run(self.run_dir, self.config, self.robot, self.terrain, self.camera)
         try:
             self._open()
             self._start_all()
@@ -171,7 +173,7 @@ class Stack:
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
-        self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain)
+        self._recorder = Recorder(self.recording, self.config, self.robot, self.terrain, self.camera)
         self._resources.push(self._close_recorder)
         self._resources.callback(self._stop, restart=True)
         self._resources.callback(self._stop, restart=False)  # first of all: the robot comes to a stand

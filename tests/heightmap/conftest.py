@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 import torch
 from heightmap_inputs import WARMUP
-from samples import ROBOT
 from synthetic_motion import gliding_episodes
 
+from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -28,7 +28,7 @@ def model() -> HeightmapModel:
 @pytest.fixture(scope="session")
 def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
-    export(model, path, Origin(robot=ROBOT, warmup_frames=WARMUP, dataset="none", seed=0))
+    export(model, path, Origin(camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0))
     return path
 
 

@@ -10,6 +10,7 @@ from samples import ROBOT
 from saltus import rotations
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres
+from saltus.depth_camera import load_camera
 from saltus.grid import HEIGHTMAP_X
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
@@ -80,7 +81,8 @@ def record(
     path: Path, run: Glide, heightmaps: Sequence[Heightmap], *, truth: bool = True, config: RunConfig | None = None
 ) -> Recording:
     """Writes and reads a recording."""
-    with Recorder(path, config or RunConfig(terrain=run.terrain), ROBOT, make_terrain(run.terrain)) as file:
+    config = config or RunConfig(terrain=run.terrain)
+    with Recorder(path, config, ROBOT, make_terrain(run.terrain), load_camera(config.camera)) as file:
         for state, true, heightmap in zip(run.states, run.truths, heightmaps, strict=True):
             if truth:
                 file.write(_raw("plant/truth", true, state.step + 1, state.time_ns))

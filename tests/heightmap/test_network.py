@@ -15,6 +15,7 @@ from saltus.errors import ModelError
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import INPUTS, HeightmapNetwork
 from saltus.heightmap.training.export import random_inputs
+from saltus.robots.robot import Robot
 
 
 def mutated(model_path: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:
@@ -53,9 +54,7 @@ MUTATIONS = {
     "camera.fx": at("camera/fx", 42.3),
     "camera.cy": at("camera/cy", 23.9),
     "camera.range_m": at("camera/range_m", 4.0),
-    "camera.pitch_rad": at("camera/pitch_rad", 0.5),
-    "camera.position_m[2]": at("camera/position_m/2", 0.08),
-    "camera": at("camera", {}),
+    "camera": at("camera/pitch_rad", "steep"),
     "proprioception[0]": at("proprioception/0", "yaw"),
     "proprioception": at("proprioception", ["roll"]),
     "warmup_frames": at("warmup_frames", 0),
@@ -84,11 +83,20 @@ def test_metadata_that_do_not_fit_are_refused_by_name(model_path: Path, tmp_path
 def test_a_model_is_refused_for_another_robot_or_another_camera(model_path: Path) -> None:
     for robot, field in (
         (replace(ROBOT, name="longlegs"), "'robot' is 'go1', this program needs 'longlegs'"),
-        (replace(ROBOT, camera_pitch=0.6), "camera.pitch_rad"),
+        (_moved(pitch=0.027), "1.5 deg further down, and training covers 1 cm and 1.5 deg"),
+        (_moved(-0.011), "-1.1 cm ahead"),
+        (_moved(0.0, 0.0, 0.05), "5.0 cm up"),
     ):
-        with pytest.raises(ModelError, match=field):
+        with pytest.raises(ModelError, match=field) as caught:
             HeightmapNetwork(robot, model_path)
+        assert "\n" not in str(caught.value)
+    HeightmapNetwork(_moved(0.009, -0.009, 0.009, pitch=-0.026), model_path)  # no more than training covers
     HeightmapNetwork(replace(ROBOT, foot_radius=0.021), model_path)  # the same robot, measured again
+
+
+def _moved(*by: float, pitch: float = 0.0) -> Robot:
+    position = ROBOT.camera_position + np.pad(by, (0, 3 - len(by)))
+    return replace(ROBOT, camera_position=position, camera_pitch=ROBOT.camera_pitch + pitch)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
+from saltus.depth_camera import SHIPPED
 from saltus.effects.profile import load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -56,6 +57,7 @@ def rollout(model: Path) -> Rollout:
 def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
     cameras = [
         CameraProcess(
+            SHIPPED["ideal"],
             PerfectExposure(EmbreeRenderer(terrain, RobotCamera.on(ROBOT))),
             trial.applied_to(load_profile("go1", ROBOT)).camera_chain,
             np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),

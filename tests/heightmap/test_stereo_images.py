@@ -9,9 +9,9 @@ from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, RANGE_M
+from saltus.depth_camera import SHIPPED
 from saltus.effects.profile import Profile
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.delivery import FRAME_TICKS
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
 from saltus.heightmap.data.rollouts import Trajectory, episode_of
@@ -21,10 +21,12 @@ from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
 from saltus.policy.planner import make_planner
 from saltus.render.camera import RobotCamera
 from saltus.render.randomisation import drawn_cameras
-from saltus.render.stereo.camera import IDEAL_STEREO
+from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
 from saltus.trial import Trial
+
+D435I = SHIPPED["d435i"]
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +39,11 @@ def motion() -> list[Trajectory]:
 def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
     rng = np.random.default_rng(1)
     views = [replace(RobotCamera.on(ROBOT, SAMPLED), mount=random_mount(ROBOT, rng)) for _ in motion]
-    images, again = (stereo_images(motion, views, np.random.default_rng(2)) for _ in range(2))
+    images, again = (stereo_images(motion, views, D435I, np.random.default_rng(2)) for _ in range(2))
     off_mm = []
     for trajectory, view, image, same in zip(motion, views, images, again, strict=True):
-        true = episode_of(trajectory, replace(view, intrinsics=MODEL_CAMERA)).depth
-        assert image.shape == true.shape == (-(-len(trajectory.joint_position) // FRAME_TICKS), 48, 16)
+        true = episode_of(trajectory, replace(view, intrinsics=MODEL_CAMERA), D435I).depth
+        assert image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)  # 50 Hz
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1
         near = (true < 1000) & (image > 0)
@@ -50,7 +52,7 @@ def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajecto
 
 
 def test_cameras_differ_in_how_bad_they_are() -> None:
-    sigma = np.asarray(drawn_cameras(200, np.random.default_rng(0)).disparity_noise.sigma)
+    sigma = np.asarray(drawn_cameras(200, np.random.default_rng(0), StereoConfig()).disparity_noise.sigma)
     assert sigma.shape == (200,)
     assert 0.03 < sigma.min() < 0.04 < 0.15 < sigma.max() < 0.16  # 0.4 to 2 times 0.08 px
 
@@ -71,8 +73,8 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     terrains = [courses[0], courses[1], courses[0]]
     rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted", ROBOT))
     stack = TerrainStack(terrains)
-    ideal = IdealCameras(ROBOT, stack, Profile())
-    stereo = StereoCameras(ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0))
+    ideal = IdealCameras(SHIPPED["ideal"], ROBOT, stack, Profile())
+    stereo = StereoCameras(D435I, ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0))
     for _ in range(3):
         step = rollout.step()
         true, seen = (cameras.expose(step.truth, step.states.time_s) for cameras in (ideal, stereo))

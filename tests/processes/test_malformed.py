@@ -16,6 +16,7 @@ from samples import message_of
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig
+from saltus.depth_camera import SHIPPED
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.runtime.run_folder import write_run
@@ -113,7 +114,7 @@ class Victim:
             speed=speed,
         )
         self.clock = RunClock.of(config)
-        write_run(directory, config, load_robot(config.robot), make_terrain(config.terrain))
+        write_run(directory, config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
         self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}

@@ -4,6 +4,7 @@ from samples import ROBOT, level_truth
 
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, depth_in_millimetres
+from saltus.depth_camera import SHIPPED
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.frame_drop import FrameDrop
@@ -24,6 +25,7 @@ def truth(step: int) -> GroundTruth:
 
 def camera(*effects: CameraLatency | FrameDrop, seed: int = 0) -> CameraProcess:
     return CameraProcess(
+        SHIPPED["ideal"],
         PerfectExposure(make_renderer("embree", TERRAIN, RobotCamera.on(ROBOT))),
         CameraChain(effects),
         np.random.default_rng(seed),

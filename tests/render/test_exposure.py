@@ -5,6 +5,7 @@ from samples import ROBOT, level_truth
 
 from saltus.config import TerrainConfig
 from saltus.depth import Intrinsics, depth_frame, depth_in_millimetres, model_image
+from saltus.depth_camera import SHIPPED
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import PerfectExposure
@@ -27,7 +28,7 @@ def seen(depth: Floats, camera: Intrinsics) -> tuple[Floats, Floats]:
 
 def test_the_model_sees_the_same_through_both_but_for_the_errors_of_the_camera() -> None:
     perfect = PerfectExposure(make_renderer("embree", TERRAIN, RobotCamera.on(ROBOT)))
-    stereo = StereoExposure(TERRAIN, ROBOT, np.random.default_rng(0))
+    stereo = StereoExposure(TERRAIN, ROBOT, SHIPPED["d435i"], np.random.default_rng(0))
     for step in range(0, 40, 2):
         true_depth, _ = seen(perfect.expose(truth(step)), perfect.intrinsics)
         depth, valid = seen(stereo.expose(truth(step)), stereo.intrinsics)
@@ -39,7 +40,7 @@ def test_the_model_sees_the_same_through_both_but_for_the_errors_of_the_camera()
 
 
 def test_a_seed_gives_the_same_errors_again_and_another_does_not() -> None:
-    a, b, c = (StereoExposure(TERRAIN, ROBOT, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    a, b, c = (StereoExposure(TERRAIN, ROBOT, SHIPPED["d435i"], np.random.default_rng(seed)) for seed in (1, 1, 2))
     for step in range(0, 6, 2):
         first, second, other = a.expose(truth(step)), b.expose(truth(step)), c.expose(truth(step))
         np.testing.assert_array_equal(first, second)

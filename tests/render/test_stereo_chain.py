@@ -10,14 +10,23 @@ from samples import ROBOT
 from stereo_scenes import flat_wall, wall_and_panel
 
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_frame, depth_in_millimetres, model_image, model_images
+from saltus.depth import (
+    D435I,
+    MODEL_CAMERA,
+    Intrinsics,
+    depth_frame,
+    depth_in_millimetres,
+    model_image,
+    model_images,
+    sampled_model_camera,
+)
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.disparity_noise import DisparityNoise
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled, sampled_model_camera
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree, right_camera
 from saltus.render.stereo_torch import TorchStereo

@@ -11,6 +11,7 @@ from samples import ROBOT
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from saltus.config import TerrainConfig
+from saltus.depth import sampled_model_camera
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
@@ -18,7 +19,6 @@ from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.edge_holes import EdgeHoles
 from saltus.render.stereo.flying_pixels import FlyingPixels
-from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ArrayWindows
 from saltus.render.stereo_embree import StereoEmbree

@@ -9,14 +9,17 @@ COUNT = 400
 
 
 def test_draws_fill_their_distribution_and_a_seed_repeats_them() -> None:
-    sigma, again = (np.asarray(drawn_cameras(COUNT, np.random.default_rng(3)).disparity_noise.sigma) for _ in range(2))
+    sigma, again = (
+        np.asarray(drawn_cameras(COUNT, np.random.default_rng(3), StereoConfig()).disparity_noise.sigma)
+        for _ in range(2)
+    )
     np.testing.assert_array_equal(sigma, again)
     strength = sigma / 0.08
     assert STRENGTH[0] <= strength.min() < 0.5 < 1.9 < strength.max() <= STRENGTH[1]
 
 
 def test_a_stronger_camera_errs_more_and_one_of_strength_1_is_the_usual_one() -> None:
-    usual, drawn = StereoConfig(), of_strength(np.array([1.0, 2.0, 10.0]))
+    usual, drawn = StereoConfig(), of_strength(np.array([1.0, 2.0, 10.0]), StereoConfig())
     for effect, name in (("disparity_noise", "sigma"), ("edge_holes", "fraction"), ("flying_pixels", "fraction")):
         values = getattr(getattr(drawn, effect), name)
         assert values[0] == getattr(getattr(usual, effect), name) < values[1] < values[2]

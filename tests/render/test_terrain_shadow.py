@@ -7,9 +7,9 @@ import pytest
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
+from saltus.depth import sampled_model_camera
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.stereo.doubt import doubtful
-from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import ALONG_RAY, FARTHEST_M, StereoEmbree
 from saltus.rotations import quaternion_from_roll_pitch_yaw

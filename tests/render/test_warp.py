@@ -9,11 +9,10 @@ import warp
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
-from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.depth import MODEL_CAMERA, Intrinsics, sampled_model_camera
 from saltus.errors import SaltusError
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
-from saltus.render.stereo.model_view import sampled_model_camera
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.warp import WarpCaster, WarpRenderer

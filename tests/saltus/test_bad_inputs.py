@@ -9,17 +9,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import put_robot
+from samples import put_run
 
 from saltus.cli.main import main
-from saltus.config import RunConfig, TerrainConfig, to_toml
+from saltus.config import RunConfig, to_toml
 from saltus.resources import resource
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
-from saltus.runtime.process import TERRAIN_FILE
-from saltus.terrain.curriculum import make_terrain
 
 POLICY = resource("models/checkpoints/policy.pt")
 HUGE = "99999999999999999999999"
+CAMERAS = {
+    "ratehz": "ratehz = 30.0",
+    "slow": "rate_hz = 5",
+    "half": "[image]\nwidth = 640\nheight = 480",
+    "wide": "[image]\nwidth = 640\nheight = 480\nfov_deg = [200, 50]",
+    "huge": "[image]\nwidth = 640000\nheight = 480\nfov_deg = [80, 50]",
+    "inside": "camera_position = [0.0, 0.0, 0.0]",
+    "noise": "[stereo.disparity_nois]\nsigma = 0.1",
+    "sigma": "[stereo.disparity_noise]\nsigma = 'much'",
+    "high": "camera_position = [0.272, 0.0075, 0.15]",
+}
+"""Files of cameras."""
 BAD = {
     # the command line itself
     "": "demo",
@@ -79,13 +89,30 @@ BAD = {
     "demo --profile /proc/self/mem": "/proc/self/mem",
     "demo --camera d435": "did you mean 'd435i'?",
     "demo --renderer pyrender": "add --camera ideal",
+    "demo --camera missing.toml": "missing.toml",
+    "demo --camera junk.toml": "junk.toml",
+    "demo --camera folder.toml": "folder.toml",
+    "demo --camera camera_ratehz.toml": "did you mean 'rate_hz'?",
+    "demo --camera camera_slow.toml": "from 20.0 to 100.0",
+    "demo --camera camera_half.toml": "either fov_deg or fx and fy",
+    "demo --camera camera_wide.toml": "between 0 and 180",
+    "demo --camera camera_huge.toml": "from 1 to 4096",
+    "demo --camera camera_inside.toml": "inside the robot's trunk",
+    "demo --camera camera_noise.toml": "did you mean 'disparity_noise'?",
+    "demo --camera camera_sigma.toml": "camera_sigma.toml: 'stereo.disparity_noise.sigma'",
+    "demo --camera camera_high.toml": "+5.8 cm up",
+    "up --camera camera_high.toml": "--heightmap-model",
+    "policy eval --heightmap predicted --camera camera_high.toml": "--heightmap-model",
+    "heightmap eval --camera camera_high.toml": "--heightmap-model",
+    "heightmap collect cpu --loop.camera camera_noise.toml": "did you mean 'disparity_noise'?",
+    "router --camera camera_slow.toml": "from 20.0 to 100.0",
     "demo --out file": "--out",
     "demo --out file/below": "file/below",
     "demo --out /proc/nowhere": "/proc/nowhere",
     "demo --robot go3": "did you mean 'go1'?",
     "demo --robot junk.xml": "junk.xml",
     "demo --robot other": "plans for the robot 'go1', not for 'other'",
-    "demo --robot moved --planner scripted": "camera.position_m[0]",
+    "demo --robot moved --planner scripted": "+2.8 cm ahead",
     "demo --policy-model junk.onnx": "junk.onnx",
     "demo --planner scripted --policy-model junk.onnx": "--planner learned",
     "up --heightmap-model missing.onnx": "missing.onnx",
@@ -325,8 +352,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, content in contents.items():
         (root / name).mkdir()
         (root / name / "run.toml").write_bytes(content)
-    put_robot(root / "run")
-    (root / "run" / TERRAIN_FILE).write_text(make_terrain(TerrainConfig()).to_toml())
+    put_run(root / "run", RunConfig())
+    for name, content in CAMERAS.items():
+        (root / f"camera_{name}.toml").write_text(content)
     (root / "folder").mkdir()
     for robot, ours, theirs in (("other", 'name = "go1"', 'name = "other"'), ("moved", "[0.272,", "[0.3,")):
         shutil.copytree(shipped_folder("go1"), root / robot)

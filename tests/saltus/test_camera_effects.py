@@ -133,8 +133,8 @@ def test_a_higher_camera_sees_what_a_higher_base_sees() -> None:
     assert moved.intrinsics == MODEL_CAMERA
 
 
-@pytest.mark.parametrize("camera", ["perfect", "d435i"])
-def test_the_camera_process_takes_all_of_a_profile(camera: Literal["perfect", "d435i"], tmp_path: Path) -> None:
+@pytest.mark.parametrize("camera", ["ideal", "d435i"])
+def test_the_camera_process_takes_all_of_a_profile(camera: Literal["ideal", "d435i"], tmp_path: Path) -> None:
     """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
     effects = (CameraPitch(offset=0.1), DepthScale(scale=1.1), RangeClip(max=1.2), CameraLatency(latency=0.03))
     path = tmp_path / "profile.toml"

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from samples import ROBOT
 
 from saltus.config import Pace, RunConfig, TerrainConfig
+from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
 from saltus.recordings import recorder
 from saltus.recordings.recorder import Recorder
@@ -118,7 +119,7 @@ def run_samples(steps: int = STEPS, epoch_ns: int = 0) -> Iterator[RawSample]:
 
 def write(path: Path, samples: list[RawSample], pace: Pace = "lockstep", epoch_ns: int = 0) -> Recording:
     config = RunConfig(pace=pace, seed=7, epoch_ns=epoch_ns, terrain=TerrainConfig(terrain="gap"))
-    with Recorder(path, config, ROBOT, make_terrain(config.terrain)) as file:
+    with Recorder(path, config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
         for sample in samples:
             file.write(sample)
     return read_recording(path)
@@ -254,7 +255,7 @@ def test_a_recording_holds_its_robot(whole: Recording) -> None:
 def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "FLUSH_S", 0.0)
     path = tmp_path / "recording.mcap"
-    file = Recorder(path, RunConfig(), ROBOT, TERRAIN)
+    file = Recorder(path, RunConfig(), ROBOT, TERRAIN, SHIPPED["ideal"])
     for sample in run_samples(5):
         file.write(sample)
     time.sleep(0.001)
@@ -269,7 +270,7 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
 def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
     good = raw("policy/plan", next(m for k, m in run_messages(0) if k == "policy/plan"), 1)
     path = tmp_path / "recording.mcap"
-    with Recorder(path, RunConfig(), ROBOT, TERRAIN) as file:
+    with Recorder(path, RunConfig(), ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
         for bad in (
             replace(good, payload=b""),
             replace(good, attachment=b""),

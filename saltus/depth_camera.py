@@ -1,0 +1,195 @@
+"""A depth camera as one value: where it sits, what its images are, when they come, and which errors they have.
+
+`ideal` and `d435i` are two of them; one's own is a TOML file (examples/camera.toml) that names what differs from d435i.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import Constant, namespace
+from saltus.config import Value, changed, check_between, read_file, read_toml
+from saltus.depth import BASELINE_M, D435I, MODEL_CAMERA, Intrinsics, depth_frame, model_image, sampled_model_camera
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile
+from saltus.errors import ConfigError, nearest_hint
+from saltus.robots.robot import Robot
+
+STEP_HZ = 100.0
+"""Of the plant, which says where a camera is."""
+SLOWEST_HZ = 20.0
+"""Images that are farther apart count as lost (`saltus.wire.topics`)."""
+LONGEST_LATENCY_S = 0.1
+"""Images that come later are too old to be used (`saltus.wire.topics`)."""
+NATIVE_PIXELS = 5
+"""Of a D435i at 424x240, in each direction, for one pixel of the model."""
+_ROUNDING = 1e-9
+_LARGEST = 4096  # of an image's sides [px]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthCamera(Value):
+    """A depth camera on a robot.
+
+    Raises:
+        ConfigError: a number that no camera has; the message names it.
+    """
+
+    name: str
+    camera_position: tuple[float, float, float] | None = None
+    """Optical centre in the base frame [m]; where the robot has its own, if None."""
+    camera_pitch: float | None = None
+    """Nose down positive [rad]; that of the robot's own, if None."""
+    rate_hz: float = 50.0
+    """Images a second: each is taken at the first of the plant's steps that is not before its time."""
+    latency_s: float | None = None
+    """From exposure to arrival, in place of the profile's `camera_latency` [s]; that of the profile, if None."""
+    range_m: tuple[float, float] | None = None
+    """What is nearer or farther is invalid [m]; nothing is, if None."""
+    ideal: bool = False
+    """True depth: no errors of stereo matching."""
+    baseline_m: float = BASELINE_M
+    """Distance of the imagers [m]."""
+    image: Intrinsics
+    """What it sends."""
+    sensor: Intrinsics | None = None
+    """In which pixels the imagers match, where the image is a part of them."""
+    stereo: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Parameters of the errors that are not those of a D435i (`saltus.render.stereo.camera.StereoConfig`)."""
+
+    def __post_init__(self) -> None:
+        check_between(
+            self, camera_position=(-10.0, 10.0), camera_pitch=(-math.pi, math.pi), rate_hz=(SLOWEST_HZ, STEP_HZ),
+            latency_s=(0.0, LONGEST_LATENCY_S), range_m=(0.0, 100.0), baseline_m=(1e-3, 1.0),
+        )  # fmt: skip
+        for view in (self.image, self.matching):
+            check_between(view, width=(1, _LARGEST), height=(1, _LARGEST), fx=(1.0, 1e5), fy=(1.0, 1e5))
+            check_between(view, cx=(-1e5, 1e5), cy=(-1e5, 1e5))
+        if self.range_m is not None and not self.range_m[0] < self.range_m[1]:
+            raise ConfigError(f"range_m = {list(self.range_m)}: the second must be more than the first")
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Reads what `to_toml` writes, or a part of it: what is not named is as in d435i.
+
+        An image is named as a whole: width, height, and fx and fy or fov_deg (two angles [deg]); cx and cy are its
+        centre where they are not given.
+        """
+        return cast("Self", recorded(read_toml(text)))
+
+    @property
+    def matching(self) -> Intrinsics:
+        """In which pixels the imagers match."""
+        return self.sensor or self.image
+
+    @property
+    def record(self) -> Any:
+        """Its name where it is shipped, else all of it as plain values; `recorded` reads it."""
+        return self.name if SHIPPED.get(self.name) == self else read_toml(self.to_toml())
+
+    def mounted_on(self, robot: Robot) -> Robot:
+        """The robot with its camera where this one sits."""
+        own = {"camera_position": self.camera_position, "camera_pitch": self.camera_pitch}
+        named: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
+        return replace(robot, **named) if named else robot
+
+    def delivered(self, profile: Profile) -> Profile:
+        """The profile with this camera's latency, if it has one of its own."""
+        if self.latency_s is None:
+            return profile
+        known = [effect for effect in profile.camera if isinstance(effect, CameraLatency)] or [CameraLatency()]
+        others = [effect for effect in profile.camera if not isinstance(effect, CameraLatency)]
+        return replace(profile, camera=(*others, replace(known[0], latency=self.latency_s)))
+
+    def taken_by(self, step: Any) -> Any:
+        """How many images it has taken by a step of 10 ms, itself included; the first is taken at step 0."""
+        return np.floor(np.asarray(step) * (self.rate_hz / STEP_HZ) + _ROUNDING).astype(np.int64) + 1
+
+    def exposes(self, step: int) -> bool:
+        """Whether it takes an image at a step of 10 ms."""
+        return bool(self.taken_by(step) > self.taken_by(step - 1))
+
+    def exposures(self, steps: int) -> NDArray[np.int32]:
+        """Those of the first steps at which it takes an image, ascending."""
+        taken = self.taken_by(np.arange(-1, steps))
+        return np.flatnonzero(np.diff(taken)).astype(np.int32)
+
+    def in_range(self, depth: Any) -> Any:
+        """Depth [m] of any shape and library, 0 (invalid) where this camera measures none."""
+        if self.range_m is None:
+            return depth
+        near, far = self.range_m
+        return namespace(depth).where((depth >= near) & (depth <= far), depth, 0.0)
+
+    def for_model(self, depth: Any) -> Any:
+        """Images of the model's camera [m], shape (..., 48, 16), 0 where this camera does not look or measure."""
+        depth = self.in_range(depth)
+        if self._covered is None:
+            return depth
+        return namespace(depth).where(self._covered.like(depth) > 0.0, depth, 0.0)
+
+    @cached_property
+    def _covered(self) -> Constant | None:
+        """1 where an image of this camera gives a pixel of the model's, else 0, shape (48, 16); None: everywhere."""
+        full = np.ones((self.image.height, self.image.width), np.uint16)
+        seen = model_image(depth_frame(self.image, full)).valid
+        return None if seen.all() else Constant(seen)
+
+
+def load_camera(name_or_path: str) -> DepthCamera:
+    """A camera by name, or from a TOML file, whose name it has if it does not say another.
+
+    Raises:
+        ConfigError: neither a name nor a file; not TOML; an unknown key (the nearest is named); a number that cannot
+            be.
+    """
+    if name_or_path in SHIPPED:
+        return SHIPPED[name_or_path]
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.is_file():
+        raise ConfigError(f"no camera '{name_or_path}': {nearest_hint(name_or_path, SHIPPED)}; or give a TOML file")
+    camera = read_file(path, DepthCamera.from_toml)
+    return camera if camera.name != "d435i" else replace(camera, name=path.stem)
+
+
+def recorded(record: str | dict[str, Any]) -> DepthCamera:
+    """The camera of `DepthCamera.record`; what a table does not name is as in d435i."""
+    if isinstance(record, str):
+        return SHIPPED[record]
+    base = SHIPPED["d435i"]
+    if not isinstance(record.get("image"), dict):
+        return changed(base, record)
+    return changed(replace(base, sensor=None), {**record, "image": _whole(record["image"])})
+
+
+def _whole(image: dict[str, Any]) -> dict[str, Any]:
+    """An image with its focal lengths and centre."""
+    given, angles = dict(image), image.get("fov_deg")
+    if not {"width", "height"} <= given.keys() or (angles is None) == (not {"fx", "fy"} <= given.keys()):
+        raise ConfigError("[image] must name width, height, and either fov_deg or fx and fy")
+    sides = {"x": given["width"], "y": given["height"]}
+    if not all(isinstance(side, int) and not isinstance(side, bool) for side in sides.values()):
+        raise ConfigError(f"[image] width = {sides['x']!r}, height = {sides['y']!r}: they must be whole numbers")
+    if angles is not None:
+        given.pop("fov_deg")
+        numbers = isinstance(angles, list) and len(angles) == 2 and all(isinstance(a, int | float) for a in angles)
+        if not numbers or not all(0.0 < angle < 180.0 for angle in angles):
+            raise ConfigError(f"[image] fov_deg = {angles!r}: it must be two angles between 0 and 180")
+        for (axis, side), angle in zip(sides.items(), angles, strict=True):
+            given[f"f{axis}"] = 0.5 * side / math.tan(0.5 * math.radians(angle))
+    return {"cx": 0.5 * sides["x"], "cy": 0.5 * sides["y"], **given}
+
+
+SHIPPED = {
+    camera.name: camera
+    for camera in (
+        DepthCamera(name="ideal", image=MODEL_CAMERA, ideal=True),
+        DepthCamera(name="d435i", image=sampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), sensor=D435I),
+    )
+}
+"""True depth as the model sees it; and the centre crop of a D435i at 424x240, 80 pixels wide, with its errors."""
