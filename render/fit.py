@@ -1,14 +1,13 @@
 """Parameters of the stereo camera from a recording of a scene at rest, each with its error or the reason for none."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
-from saltus.config import to_toml
+from saltus.config import read_toml, to_toml
+from saltus.depth import Intrinsics
+from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
 from saltus.recordings.realsense import read_realsense
 from saltus.recordings.recording import read_recording
@@ -66,6 +65,7 @@ class FitResult:
     """A fitted camera, and what was measured."""
 
     parameters: StereoParameters
+    image: Intrinsics
     scene: StaticScene
     noise: NoiseCurves | None
     """None where there are too few frames."""
@@ -104,18 +104,16 @@ class FitResult:
             depth_unit=DepthUnit(unit=self.scene.unit_m),
         )
 
+    @property
+    def camera(self) -> DepthCamera:
+        """The fitted camera, where the robot has its own, with the rate and latency of a D435i."""
+        errors = read_toml(to_toml(self.config))
+        return DepthCamera(name="fitted", image=self.image, baseline_m=self.baseline_m, stereo=errors)
+
     def to_toml(self) -> str:
-        """The camera as the tables of `StereoConfig` under [stereo], its optics, and under [fit] what each rests on."""
-        report: dict[str, Any] = {}
-        for f in fields(self.parameters):
-            estimate: Estimate = getattr(self.parameters, f.name)
-            entry: dict[str, Any] = {"testable": estimate.testable}
-            entry.update({k: v for k, v in (("value", estimate.value), ("error", estimate.error)) if v is not None})
-            if estimate.note:
-                entry["note"] = estimate.note
-            report[f.name] = entry
-        optics = {"focal_px": self.scene.fx, "baseline_m": self.baseline_m}
-        return tomli_w.dumps({"optics": optics, "stereo": tomllib.loads(to_toml(self.config)), "fit": report})
+        """The camera as `saltus.depth_camera.load_camera` reads it; comments say what each parameter rests on."""
+        found = vars(self.parameters).items()
+        return "".join(f"# {name:16} {estimate}\n" for name, estimate in found) + f"\n{self.camera.to_toml()}"
 
 
 def load_frames(path: Path) -> list[DepthFrame]:
@@ -146,8 +144,11 @@ def fit(frames: Sequence[DepthFrame]) -> FitResult:
     """
     scene = static_scene(frames)
     curves, edges = noise_curves(scene), edge_curves(scene)
+    height, width = frames[0].depth.shape
+    intrinsics = {name: float(getattr(frames[0], name)) for name in ("fx", "fy", "cx", "cy")}
     return FitResult(
         parameters=_parameters(scene, curves, edges),
+        image=Intrinsics(width=width, height=height, **intrinsics),
         scene=scene,
         noise=curves if isinstance(curves, NoiseCurves) else None,
         edges=edges,

@@ -14,6 +14,10 @@ class Estimate:
     note: str = ""
     """Why it is untestable, or what the value rests on."""
 
+    def __str__(self) -> str:
+        value = "untestable" if self.value is None else f"{self.value:.4g} +- {self.error:.2g}"
+        return f"{value:22} {self.note}".rstrip()
+
     @property
     def testable(self) -> bool:
         """Whether there is a value."""

@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import subcommand
 
 from saltus.cli.bench import Bench
+from saltus.cli.camera import Camera
 from saltus.cli.controller import Controller
 from saltus.cli.demo import Demo
 from saltus.cli.doctor import Doctor
@@ -32,6 +33,7 @@ Command = (
     | Doctor
     | Record
     | Replay
+    | Camera
     | Render
     | Heightmap
     | Policy

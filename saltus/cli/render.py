@@ -45,7 +45,8 @@ class Fit:
     recording: Annotated[Path, tyro.conf.Positional]
     """A RealSense recording (.bag) or a recorded run (.mcap), without post-filters."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
-    """Folder for stereo.toml, the parameters with what each rests on, and stereo.html, measurements and model."""
+    """Folder for camera.toml, which --camera takes and which says what each parameter rests on, and for stereo.html,
+    measurements and model."""
     json: Flag = False
     """Print the parameters as one JSON object on the last line."""
 
@@ -56,13 +57,12 @@ class Fit:
 
         result = fit(load_frames(self.recording))
         folder = run_directory("render-fit", self.out)
-        (folder / "stereo.toml").write_text(result.to_toml())
+        (folder / "camera.toml").write_text(result.to_toml())
         write_fit_plot(result, folder / "stereo.html")
         estimates = vars(result.parameters)
         for name, found in estimates.items():
-            value = f"{found.value:.4g} +- {found.error:.2g}" if found.testable else "untestable"
-            print(f"{name:16} {value:22} {found.note}".rstrip())
-        print(f"{folder}: stereo.toml, stereo.html")
+            print(f"{name:16} {found}")
+        print(f"{folder}: camera.toml, stereo.html")
         if self.json:
             print_json({name: vars(found) for name, found in estimates.items()})
         return 0

@@ -1,6 +1,5 @@
 """The fit finds the parameters of hidden cameras, and says what a recording cannot show."""
 
-import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,8 @@ import pytest
 from stereo_scenes import flat_wall, wall_and_panel
 
 from benchmarks.render_fit import frames_of
-from saltus.config import from_table
 from saltus.depth import D435I
+from saltus.depth_camera import load_camera
 from saltus.errors import RecordingError
 from saltus.render.fit import FitResult, fit, load_frames
 from saltus.render.fit_plot import write_fit_plot
@@ -148,12 +147,16 @@ def written(result: FitResult, folder: Path) -> str:
 
 def test_toml_is_a_camera_and_the_plot_says_what_is_untestable(tmp_path: Path) -> None:
     result = fit(two_frames())
-    table = tomllib.loads(result.to_toml())
-    config = from_table(StereoConfig, table["stereo"])
+    (tmp_path / "camera.toml").write_text(result.to_toml())
+    camera = load_camera(str(tmp_path / "camera.toml"))
+    assert camera == result.camera
+    config = StereoConfig.of(camera)
     assert config == result.config
     assert config.disparity_noise == UNFILTERED.disparity_noise  # nothing seen, nothing changed
-    assert table["fit"]["sigma_px"] == {"testable": False, "note": result.parameters.sigma_px.note}
-    assert table["optics"]["baseline_m"] == pytest.approx(0.05, rel=0.1)
+    assert f"# sigma_px         untestable             {result.parameters.sigma_px.note}\n" in result.to_toml()
+    assert camera.baseline_m == pytest.approx(0.05, rel=0.1)
+    assert camera.image == D435I
+    assert Optics.behind(camera.image, camera) == result.optics
     page = written(result, tmp_path)
     assert page.count("untestable") == sum(
         not getattr(result.parameters, f.name).testable for f in fields(result.parameters)

@@ -1,0 +1,176 @@
+"""One picture of a camera: what it sees from the robot, what the network gets of it, and both from the side."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.depth import MODEL_CAMERA, RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.depth_camera import DepthCamera
+from saltus.errors import SaltusError
+from saltus.grid import LINE
+from saltus.render.camera import RobotCamera, camera_pose
+from saltus.render.preview import EXPOSURES, FRAME_S, Depth, Scale, poses, views
+from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.optics import Optics
+from saltus.render.stereo_embree import StereoEmbree
+from saltus.robots.robot import Robot
+from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
+
+HEIGHT, WIDTH = 480, 900  # of the panels, and of the one from the side [px]
+SPAN_M = (-0.6, 2.6)  # of the ground that is shown, from the base
+MARGIN = 30
+TRUNK, GROUND, INK, RAY = (170, 150, 120), (205, 205, 205), (40, 40, 40), (200, 120, 30)  # BGR
+SEEN, HIDDEN = (60, 150, 0), (60, 60, 210)
+CLEAR = 0.98  # of the line of sight to a point: short of the surface that it lies on
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sight:
+    """What a camera sees from a robot that stands."""
+
+    position: Floats
+    """Of its optical centre, base frame [m], shape (3,)."""
+    pitch: float
+    """Nose down positive [rad]."""
+    covered: float
+    """Share of the network's view that its image covers."""
+    invalid: float
+    """Share of the network's image that is invalid."""
+    visible: NDArray[np.bool_]
+    """Which points of the heightmap are in the network's view and behind nothing, shape (30,)."""
+
+
+def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> Sight:
+    """Draws a PNG of a camera on a robot that stands before a terrain's first edge.
+
+    Args:
+        robot: with its camera where this one sits.
+        terrain: to look at.
+        camera: to draw.
+        path: of the picture; its folder must exist.
+
+    Raises:
+        SaltusError: the file cannot be written.
+    """
+    pose = tuple(array[0] for array in poses(terrain, views(robot)[:1]))
+    depth = _seen(robot, terrain, camera, pose)
+    image = model_image(depth_frame(camera.image, depth_in_millimetres(depth)))
+    network = np.where(image.valid, RANGE_M * image.depth, np.float32(0.0))
+    full = np.ones(depth.shape, np.uint16)
+    view = RobotCamera.on(robot)
+    sight = Sight(
+        position=robot.camera_position,
+        pitch=robot.camera_pitch,
+        covered=float(model_image(depth_frame(camera.image, full)).valid.mean()),
+        invalid=float(1.0 - image.valid.mean()),
+        visible=_visible(terrain, view, camera, pose),
+    )
+    scale = Scale.of([depth, network])
+    panels = [
+        _titled(_framed(scale, depth, camera), f"{camera.name}: {camera.image.width} x {camera.image.height}"),
+        _titled(_enlarged(scale.coloured(network)), "network"),
+        _titled(_from_aside(robot, terrain, view, sight, pose), "heightmap points: green is in view, red is not"),
+    ]
+    if not cv2.imwrite(str(path), np.hstack(panels)):
+        raise SaltusError(f"cannot write {path}")
+    return sight
+
+
+def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: tuple[Floats, ...]) -> Depth:
+    """An image of a camera that has stood still for a while [m]."""
+    optics = Optics.behind(camera.image, camera)
+    depth, hidden = StereoEmbree(terrain, optics, RobotCamera.on(robot, camera.image)).render_pair(*pose)
+    stereo = StereoCamera(StereoConfig.of(camera), optics)
+    state = stereo.init((), np.random.default_rng(0))
+    for k in range(EXPOSURES):
+        image, state = stereo.step(depth, hidden, np.asarray(FRAME_S * k), state)
+    return np.asarray(camera.in_range(image.depth), np.float32)
+
+
+def _visible(terrain: Terrain, view: RobotCamera, camera: DepthCamera, pose: tuple[Floats, ...]) -> NDArray[np.bool_]:
+    """See `Sight.visible`; legs are not in the way here."""
+    points = _heightmap(terrain, pose)
+    origin, rotation = camera_pose(view.mount, pose[0], pose[1])
+    x, y, z = np.moveaxis((points - origin) @ rotation, -1, 0)
+    inside = (z > 0.0) & (camera.in_range(z) > 0.0)
+    for pinhole in (MODEL_CAMERA, camera.image):
+        u, v = pinhole.fx * x / z + pinhole.cx, pinhole.fy * y / z + pinhole.cy
+        inside &= (u >= 0.0) & (u <= pinhole.width) & (v >= 0.0) & (v <= pinhole.height)
+    line = origin + np.linspace(0.0, CLEAR, 400)[:, None, None] * (points - origin)
+    clear: NDArray[np.bool_] = (line[..., 2] >= terrain.height_at(line[..., 0], line[..., 1])).all(0)
+    return inside & clear & (z < RANGE_M)
+
+
+def _heightmap(terrain: Terrain, pose: tuple[Floats, ...]) -> Floats:
+    """The points of the heightmap of a robot that looks along x, world frame [m], shape (30, 3)."""
+    x, y = LINE.points_in_world(pose[0][None], np.zeros(1))
+    return np.stack([x[0], y[0], terrain.height_at(x[0], y[0])], axis=-1)
+
+
+def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> NDArray[np.uint8]:
+    """The image of a camera, with a frame about what the network gets of it."""
+    picture, image = _enlarged(scale.coloured(depth)), camera.image
+    to_picture = np.array([picture.shape[1] / image.width, picture.shape[0] / image.height])
+    corners = [
+        (np.array([image.cx, image.cy]) + np.array([image.fx, image.fy]) * side * _half_tangents()) * to_picture
+        for side in (-1.0, 1.0)
+    ]
+    first, last = (tuple(np.rint(corner).astype(int).tolist()) for corner in corners)
+    cv2.rectangle(picture, first, last, (255, 255, 255), 2)
+    return picture
+
+
+def _half_tangents() -> Floats:
+    """Of half of the network's field of view, across and up."""
+    return np.array([MODEL_CAMERA.cx / MODEL_CAMERA.fx, MODEL_CAMERA.cy / MODEL_CAMERA.fy])
+
+
+def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    width = round(HEIGHT * picture.shape[1] / picture.shape[0])
+    return np.asarray(cv2.resize(picture, (width, HEIGHT), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    """A panel with a margin and its title above."""
+    panel = cv2.copyMakeBorder(picture, MARGIN, 10, 10, 10, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+    cv2.putText(panel, title, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    return np.asarray(panel, np.uint8)
+
+
+def _from_aside(
+    robot: Robot, terrain: Terrain, view: RobotCamera, sight: Sight, pose: tuple[Floats, ...]
+) -> NDArray[np.uint8]:
+    """Trunk, ground, the network's view and the heightmap's points, from the right-hand side."""
+    picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    position, scale = pose[0], WIDTH / (SPAN_M[1] - SPAN_M[0])
+    bottom = float(terrain.height_at(np.array([position[0]]), np.zeros(1))[0]) - 0.5
+
+    def px(points: Floats) -> NDArray[np.int32]:
+        """Of places x, z in the world [m], shape (n, 2)."""
+        across = (points[:, 0] - position[0] - SPAN_M[0]) * scale
+        return np.rint(np.stack([across, HEIGHT - (points[:, 1] - bottom) * scale], -1)).astype(np.int32)
+
+    x = position[0] + np.linspace(*SPAN_M, 2 * WIDTH)
+    ground = np.stack([x, terrain.height_at(x, np.zeros_like(x))], -1)
+    below = np.array([[x[-1], bottom], [x[0], bottom]])
+    cv2.fillPoly(picture, [px(np.vstack([ground, below]))], GROUND)
+    half, centre = 0.5 * robot.trunk_size[[0, 2]], position[[0, 2]] + robot.trunk_center[[0, 2]]
+    cv2.fillPoly(picture, [px(centre + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))], TRUNK)
+    origin, rotation = camera_pose(view.mount, position, pose[1])
+    for side in (-1.0, 1.0):
+        ray = rotation @ np.array([0.0, side * _half_tangents()[1], 1.0])
+        line = origin + np.linspace(0.0, RANGE_M, 600)[:, None] * ray
+        under = line[:, 2] < terrain.height_at(line[:, 0], line[:, 1])
+        line = line[: int(under.argmax())] if under.any() else line
+        cv2.polylines(picture, [px(line[:, [0, 2]])], isClosed=False, color=RAY, thickness=2, lineType=cv2.LINE_AA)
+    for place, seen in zip(px(_heightmap(terrain, pose)[:, [0, 2]]).tolist(), sight.visible, strict=True):
+        cv2.circle(picture, place, 5, SEEN if seen else HIDDEN, -1, cv2.LINE_AA)
+    cv2.circle(picture, px(origin[None, [0, 2]])[0].tolist(), 6, INK, -1, cv2.LINE_AA)
+    words = f"camera at {', '.join(f'{p:.3f}' for p in sight.position)} m, {math.degrees(sight.pitch):.1f} deg down"
+    cv2.putText(picture, words, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    return picture

@@ -1,0 +1,69 @@
+"""`saltus camera`: what a depth camera is and sees."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from saltus.cli.output import print_figures, print_json, run_directory
+from saltus.cli.run_options import Course, CourseOptions, mounted_camera
+from saltus.config import DEFAULT_ROBOT
+from saltus.flags import Flag, shown
+from saltus.grid import HEIGHTMAP_X
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """Draws what a camera sees from a robot that stands, and from beside it; prints where it sits and what it is.
+
+    For example:
+      saltus camera show
+      saltus camera show examples/camera.toml --terrain stairs --rise-m 0.1
+    """
+
+    action: tyro.conf.Positional[Literal["show"]]
+    """What to do."""
+    camera: tyro.conf.Positional[str] = "d435i"
+    """Name, ideal or d435i, or a TOML file."""
+    robot: str = DEFAULT_ROBOT
+    """Name, or path of an MJCF or of a folder with a robot.toml."""
+    course: CourseOptions = field(default_factory=Course)
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera")] = None
+    """Folder for camera.png, and for camera.toml, which says all of it."""
+    json: Flag = False
+    """Print the values as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Draws and prints; 0."""
+        from saltus.render.camera_plot import draw_camera
+        from saltus.robots.loading import load_robot
+        from saltus.terrain.curriculum import make_terrain
+
+        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
+        terrain = make_terrain(self.course)
+        folder = run_directory("camera", self.out)
+        (folder / "camera.toml").write_text(camera.to_toml())
+        sight = draw_camera(robot, terrain, camera, folder / "camera.png")
+        image = camera.image
+        sides = ((image.width, image.fx), (image.height, image.fy))
+        table: dict[str, Any] = {
+            "name": camera.name,
+            "position_m": sight.position.tolist(),
+            "pitch_deg": math.degrees(sight.pitch),
+            "pixels": [image.width, image.height],
+            "field_of_view_deg": [2.0 * math.degrees(math.atan(0.5 * side / focal)) for side, focal in sides],
+            "rate_hz": camera.rate_hz,
+            "latency_s": camera.latency_s,
+            "range_m": camera.range_m,
+            "ideal": camera.ideal,
+            "network_view_covered": sight.covered,
+            "network_image_invalid": sight.invalid,
+            "points_in_view_m": HEIGHTMAP_X[sight.visible].tolist(),
+            "picture": str(folder / "camera.png"),
+        }
+        print_figures(table)
+        if self.json:
+            print_json(table)
+        return 0
