@@ -1,6 +1,6 @@
 """Proprioception, images and true heights of many robots: kept on a device, then cut into episodes on the host."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np

@@ -135,7 +135,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[object]], kind: str = "")
 
 def _provenance(summary: RunSummary, config: RunConfig) -> str:
     models = "".join(f"{kind} model = {name}\n" for kind, name in summary.models.items())
-    return f"commit = {commit()}\ndigest = {summary.digest}\n{models}{to_toml(config)}"
+    return f"commit = {commit()}\ndigest = {summary.digest}\n{models}camera = {summary.camera}\n\n{to_toml(config)}"
 
 
 def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:

@@ -43,6 +43,8 @@ class RunSummary:
     """Empty where the recording lacks a message: in real time a busy machine may drop one."""
     models: dict[str, str]
     """Names of the networks: the first half of their files' sha256."""
+    camera: str
+    """Its name and fingerprint."""
     rates_hz: dict[str, float]
     age_ms: dict[str, dict[str, float]]
     rejected: dict[str, int]
@@ -74,6 +76,7 @@ def summarise(recording: Recording) -> RunSummary:
         heightmap_mae_m=heightmap_error(recording),
         digest=_digest(recording),
         models=recording.models,
+        camera=f"{recording.camera.name} {recording.camera.fingerprint}",
         rates_hz={topic: row.rate_hz for topic, row in timing.items()},
         age_ms={topic: {"p50": row.age_p50_ms, "p99": row.age_p99_ms} for topic, row in timing.items()},
         rejected=_rejected(recording),

@@ -12,6 +12,7 @@ from saltus.constants import POLICY_STEPS
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth import MODEL_CAMERA
+from saltus.depth_camera import load_camera
 from saltus.effects.profile import IDEAL
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
@@ -38,7 +39,7 @@ def jumping_log(folder: Path, seconds: float = 3.5) -> RunLog:
     """The log of a run onto a step; the robot sets out after a second."""
     config = RunConfig(seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
     terrain = make_terrain(config.terrain)
-    with Recorder(folder / "recording.mcap", config, ROBOT, terrain) as file:
+    with Recorder(folder / "recording.mcap", config, ROBOT, terrain, load_camera(config.camera)) as file:
         for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS)):
             envelope = Envelope(message.time_ns // STEP_NS, message.time_ns, bytes(16))
             file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), message.time_ns))
