@@ -172,9 +172,10 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
         raise ModelError(f"model {path} does not fit: 'camera' does not say where it sits") from None
     if not (np.abs(off).max() <= MOUNT_POSITION_ERROR_M and abs(turned) <= MOUNT_PITCH_ERROR):
         ahead, left, up = 100.0 * off
+        steeper = f"{abs(np.rad2deg(turned)):.1f} deg {'more' if turned > 0.0 else 'less'} down"
         raise ModelError(
             f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm ahead, {left:+.1f} cm to "
-            f"the left and {up:+.1f} cm up of it, {np.rad2deg(turned):+.1f} deg further down, and training covers "
+            f"the left and {up:+.1f} cm up of it, {steeper}, and training covers "
             f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; give one that was "
             "trained for this camera (--heightmap-model, see docs/camera.md)"
         )

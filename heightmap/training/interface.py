@@ -3,6 +3,8 @@
 from dataclasses import asdict
 
 from saltus.depth import MODEL_CAMERA, RANGE_M
+from saltus.depth_camera import DepthCamera
+from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.robots.robot import Robot
 
@@ -77,7 +79,7 @@ C + (u + 1 - {cx:g}) F / f of its columns, D + (v - {cy:g}) G / f to D + (v + 1 
   is at least half of its area. Else it has depth 1 and 0 in the second layer. So has all before the first image.
 - An image that was taken before the one in use or is older than 0.17 s is ignored; so is one more than 80 % of which is
   invalid. The image before it stays in use, with the age that it has, and is not new again.
-- It was trained with images at 50 Hz that come 30 to 60 ms after they were taken.
+- It was trained with images at {rate:g} Hz that come {soonest:.0f} to {latest:.0f} ms after they were taken.
 """
 
 
@@ -88,8 +90,9 @@ def frames_and_feet(robot: Robot) -> str:
     return _FRAMES.format(thigh=robot.thigh_length, calf=robot.calf_length, hip_x=x, hip_y=y, side=side)
 
 
-def interface(robot: Robot, hidden: int) -> str:
-    """What the card of a model of the robot, with so many entries of hidden state, says of its inputs and outputs."""
+def interface(robot: Robot, camera: DepthCamera, hidden: int) -> str:
+    """What the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
+    soonest_s, latest_s = TRAINING.around(camera).latency_s
     return _INTERFACE.format(
         features=len(PROPRIOCEPTION),
         hidden=hidden,
@@ -97,5 +100,8 @@ def interface(robot: Robot, hidden: int) -> str:
         mount=", ".join(f"{value:g}" for value in robot.camera_position),
         pitch=robot.camera_pitch,
         range=RANGE_M,
+        rate=camera.rate_hz,
+        soonest=1e3 * soonest_s,
+        latest=1e3 * latest_s,
         **asdict(MODEL_CAMERA),
     )

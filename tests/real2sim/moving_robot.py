@@ -52,7 +52,9 @@ def _run(terrain: Terrain, trial: Trial, steps: int) -> Iterator[tuple[str, Mess
     robot.reset()
     loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
     renderer = make_renderer("embree", terrain, RobotCamera.on(ROBOT))
-    camera = CameraProcess(PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0))
+    camera = CameraProcess(
+        load_camera("ideal"), PerfectExposure(renderer, MODEL_CAMERA), IDEAL.camera_chain, np.random.default_rng(0)
+    )
     for step in range(steps):
         now_ns = step * STEP_NS
         for tick in range(POLICY_STEPS):
