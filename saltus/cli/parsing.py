@@ -84,7 +84,11 @@ def _unknown(word: str, text: str) -> str:
     """What cannot be understood, and what is like it among what tyro lists."""
     if commands := re.search(r"Available subcommands: (.*?) For full", text):
         return f"there is no command '{word}': {nearest_hint(word, [*commands[1].split(', '), '--help', '--version'])}"
-    known = set(re.findall(r"(?<= )--[a-z][\w.-]*(?= [A-Z{\[])", text))
-    if word in known:
-        return f"{word} is a flag of {', '.join(dict.fromkeys(re.findall(r'in (saltus .*?) --help', text)))}"
+    entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
+    commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
+    asked = re.search(r"\(applied to (.*?)\)", text)
+    own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
+    if word in commands_of and not own:
+        return f"{word} is a flag of {', '.join(commands_of[word])}"
+    known = own or set(commands_of)
     return f"'{word}' is not understood{f': {nearest_hint(word, known)}' if known else ''} (see --help)"
