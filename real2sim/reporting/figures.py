@@ -172,16 +172,16 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
         },
         text=[f" {max(0.0, model.closed):.0%} closed" for model in ranked], textposition="top right",
-        customdata=np.stack([gains, low, high], axis=1),
+        cliponaxis=False, customdata=np.stack([gains, low, high], axis=1),
         hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
     left = float(np.log10(np.maximum(LEAST_NATS, low).min())) - 0.1
-    right = float(np.log10(np.maximum(high, gains).max())) + 0.35  # room for the labels
+    right = float(np.log10(np.maximum(high, gains).max())) + 0.1
     figure.update_xaxes(
         title="held-out gain [nats], with 90 % intervals", type="log", range=[left, max(right, left + 1.0)]
     )
     figure.update_yaxes(autorange="reversed", type="category", automargin=True)
-    return _sized(figure, 90 + 34 * len(ranked))
+    return _sized(figure, 90 + 34 * len(ranked)).update_layout(margin_r=100)  # labels of the rightmost marks
 
 
 def confusion_figure(confusion: Confusion) -> go.Figure:

@@ -159,9 +159,9 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
     slope = float(np.median([clue.slope for clue in clues]))
     unit = f" {driver.unit}" if driver.unit else ""
     if first.kind == "proportional":
-        sign = "with" if slope > 0 else "against"
-        text = f"{where}: {signal} is off by {rms:.1f} sigma, {share:.0%} of it {sign} {driver.name}"
-        text += f" ({slope:+.2g} sigma per{unit})" if unit else ""
+        per = f" per{unit}" if unit else ""
+        text = f"{where}: {signal} is off by {rms:.1f} sigma; {driver.name} explains {share:.0%} of its power"
+        text += f" ({slope:+.2g} sigma{per})"
     else:
         threshold = float(np.median([clue.threshold for clue in clues]))
         elsewhere = float(np.median([clue.elsewhere for clue in clues]))

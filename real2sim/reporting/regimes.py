@@ -70,11 +70,11 @@ def _joint_drivers(log: RunLog, joint: int, time_s: Floats) -> list[Driver]:
     turns_s = np.concatenate([[-np.inf], joints.time_s[turned]])
     since = joints.time_s - turns_s[np.searchsorted(turns_s, joints.time_s, side="right") - 1]
     signals = (
-        ("tau", "Nm", torque),
-        ("dq", "rad/s", dq),
-        ("ddq", "rad/s2", np.gradient(smooth, joints.time_s)),
+        ("torque", "Nm", torque),
+        ("velocity", "rad/s", dq),
+        ("acceleration", "rad/s2", np.gradient(smooth, joints.time_s)),
         ("the direction of motion", "", direction),
-        ("q", "rad", q - np.nanmean(q)),
+        ("angle", "rad", q - np.nanmean(q)),
     )
     drivers = [Driver(name=n, unit=u, values=_at(time_s, joints.time_s, v)) for n, u, v in signals]
     turning = np.interp(time_s, joints.time_s, (since < REVERSAL_S).astype(np.float64))

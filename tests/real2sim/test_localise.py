@@ -21,15 +21,15 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
         torque = 20 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
         speed = 5 * np.sin(2 * np.pi * rng.uniform(0.3, 3) * time_s + rng.uniform(0, 6))
         drivers = (
-            Driver(name="tau", unit="Nm", values=torque),
-            Driver(name="dq", unit="rad/s", values=speed),
+            Driver(name="torque", unit="Nm", values=torque),
+            Driver(name="velocity", unit="rad/s", values=speed),
             Driver(name="the direction of motion", unit="", values=np.sign(speed)),
             Driver(name="time in the run", unit="s", values=time_s),
             Driver(name="a constant", unit="", values=np.ones(ROWS)),
         )
         shape = {
-            "tau": torque / 20,
-            "dq": speed / 5,
+            "torque": torque / 20,
+            "velocity": speed / 5,
             "the direction of motion": np.sign(speed),
             "a constant": np.ones(ROWS),
             "beyond": np.where(np.abs(torque) > 15, np.sign(torque), 0),
@@ -39,7 +39,7 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
     return channels
 
 
-@pytest.mark.parametrize("gap", ["tau", "dq", "the direction of motion", "a constant"])
+@pytest.mark.parametrize("gap", ["torque", "velocity", "the direction of motion", "a constant"])
 def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str) -> None:
     first = localise(_channels(1, gap, "calf", 3.0))[0]
     assert first.driver == gap
@@ -49,7 +49,7 @@ def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str)
 
 
 def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
-    said = [s for s in localise(_channels(2, "beyond", "calf", 4.0)) if "where |tau|" in s.text]
+    said = [s for s in localise(_channels(2, "beyond", "calf", 4.0)) if "where |torque|" in s.text]
     assert said
     assert said[0].text.startswith("calf joints")
     threshold = float(said[0].text.split("is above ")[1].split(" ")[0])
@@ -69,7 +69,7 @@ def test_a_regime_is_said_as_one() -> None:
 def test_nothing_is_said_of_noise_even_if_it_is_coloured() -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        channels = _channels(seed, "tau", "none", 0.0)
+        channels = _channels(seed, "torque", "none", 0.0)
         for channel in channels:
             coloured = np.convolve(rng.normal(size=ROWS), np.ones(10), mode="same")
             channel.residual[:] = coloured
@@ -96,7 +96,7 @@ def test_drivers_of_a_log_are_those_of_its_motion() -> None:
     times = np.linspace(0.1, 3.9, 500)
     drivers = {driver.name: driver.values for driver in drivers_of(log, "FR_thigh", times)}
     assert log.joints.tau_est is not None
-    np.testing.assert_allclose(drivers["tau"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
+    np.testing.assert_allclose(drivers["torque"], np.interp(times, log.joints.time_s, log.joints.tau_est[:, 1]))
     assert set(np.unique(np.sign(drivers["the direction of motion"]))) == {-1.0, 0.0, 1.0}
     assert 0 < np.mean(drivers["just after reversals"]) < 0.5
-    assert np.corrcoef(np.gradient(drivers["dq"], times), drivers["ddq"])[0, 1] > 0.5
+    assert np.corrcoef(np.gradient(drivers["velocity"], times), drivers["acceleration"])[0, 1] > 0.5
