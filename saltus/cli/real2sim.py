@@ -154,10 +154,10 @@ class Apply:
     patch: tyro.conf.Positional[Path]
     """File patch.toml, as `saltus real2sim find` writes it."""
     profile: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Name of the profile, written to profiles/NAME.toml. If there is one of this name, the patch is added to it."""
+    """Name of the profile, written to profiles/NAME.toml. If there is one of this name, the patch is put into it."""
     base: str = "ideal"
     """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
-    file."""
+    file. Shipped keeps the effects that your logs cannot show."""
     robot: str = DEFAULT_ROBOT
     """Name, or path of an MJCF or of a folder with a robot.toml."""
     json: Flag = False
@@ -165,19 +165,27 @@ class Apply:
 
     def run(self) -> int:
         """Writes profiles/NAME.toml."""
-        from saltus.effects.profile import load_profile, profiles_folder, save_profile
+        from saltus.effects.profile import SHIPPED, load_profile, profiles_folder, save_profile
         from saltus.real2sim.patch import load_patch
         from saltus.robots.loading import load_robot
 
         patch, robot = load_patch(self.patch), load_robot(self.robot)
         exists = (profiles_folder() / f"{self.profile}.toml").is_file()
         before = load_profile(self.profile if exists else self.base, robot)
-        path = save_profile(self.profile, patch.applied_to(before, robot))
+        after = patch.applied_to(before, robot)
+        path = save_profile(self.profile, after)
         names = [effect.name for effect in patch.effects]
+        updated = [name for name in names if name in before.effects]
+        added = [name for name in names if name not in updated]
+        lacks = [name for name in load_profile(SHIPPED, robot).effects if name not in after.effects]
         if self.json:
-            print_json({"profile": self.profile, "file": str(path), "added": names})
+            print_json({"profile": self.profile, "file": str(path), "added": added, "updated": updated, "lacks": lacks})
             return 0
-        print(f"{path}: {', '.join(names) or 'nothing'} added to {self.profile if exists else self.base}")
+        done = [f"{', '.join(some)} {word}" for some, word in ((added, "added"), (updated, "updated")) if some]
+        print(f"{path}: {self.profile if exists else self.base} with {'; '.join(done) or 'nothing added'}")
+        if lacks:
+            print(f"not in it, of the robot's shipped profile: {', '.join(lacks)}")
+            print("a new profile that you begin with --base shipped keeps them")
         print(f"run it with: saltus up --profile {self.profile}")
         return 0
 

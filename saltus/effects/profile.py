@@ -67,6 +67,11 @@ class Profile:
                     raise ConfigError(f"'{effect.name}' is given twice in the part '{part}' of a profile")
 
     @property
+    def effects(self) -> dict[str, Effect[Any]]:
+        """All effects by their names."""
+        return {effect.name: effect for part in fields(self) for effect in getattr(self, part.name)}
+
+    @property
     def actuator_chain(self) -> ActuatorChain:
         """The actuator's effects in their order."""
         return ActuatorChain(self.actuator)
@@ -146,7 +151,9 @@ def load_profile(name_or_path: str, robot: Robot) -> Profile:
         path = own / f"{name}.toml"
         if not path.is_file():
             known = [SHIPPED, _IDEAL, *shipped, *(file.stem for file in own.glob("*.toml"))]
-            raise ConfigError(f"no profile '{name}': {nearest_hint(name, known)}; or give a TOML file")
+            raise ConfigError(
+                f"no profile '{name}', and no file {path.absolute()}: {nearest_hint(name, known)}; or give a TOML file"
+            )
     return read_file(path, profile_from_toml)
 
 

@@ -51,14 +51,26 @@ def test_an_experiment_leaves_a_run_log(capsys: pytest.CaptureFixture[str]) -> N
 def test_a_patch_becomes_a_profile_that_is_found_by_name(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["real2sim", "apply", str(patch), "--profile", "mine", "--base", "go1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert said == {"profile": "mine", "file": "profiles/mine.toml", "added": ["coulomb_friction"]}
+    file, names = "profiles/mine.toml", ["coulomb_friction"]
+    assert said == {"profile": "mine", "file": file, "added": names, "updated": [], "lacks": []}
     profile = load_profile("mine", ROBOT)
     assert profile.camera == PROFILE.camera
     assert set(PROFILE.actuator) < set(profile.actuator)
     (friction,) = set(profile.actuator) - set(PROFILE.actuator)
     assert isinstance(friction, CoulombFriction)
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0, "a patch may be applied again"
+    assert "mine with coulomb_friction updated\n" in capsys.readouterr().out
     assert load_profile("mine", ROBOT) == profile
+
+
+def test_effects_of_the_shipped_profile_that_a_new_one_lacks_are_named(
+    patch: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
+    said = capsys.readouterr().out
+    assert "ideal with coulomb_friction added\n" in said
+    assert all(name in said for name in PROFILE.effects)
+    assert "--base shipped" in said
 
 
 def test_profiles_that_are_shipped_are_not_overwritten(patch: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,7 +81,7 @@ def test_profiles_that_are_shipped_are_not_overwritten(patch: Path, capsys: pyte
 
 def test_a_name_that_is_no_profile_is_told_with_the_nearest(patch: Path) -> None:
     assert main(["real2sim", "apply", str(patch), "--profile", "mine"]) == 0
-    with pytest.raises(ConfigError, match="mine"):
+    with pytest.raises(ConfigError, match=r"no file /.*/profiles/mien\.toml: did you mean 'mine'"):
         load_profile("mien", ROBOT)
 
 
