@@ -244,6 +244,8 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
         return value
     if origin is typing.Union or type(hint).__name__ == "UnionType":
         for option in args:
+            if dataclasses.is_dataclass(option) and isinstance(value, dict):
+                return _checked(option, value, path)
             try:
                 return _checked(option, value, path)
             except ConfigError:

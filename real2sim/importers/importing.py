@@ -44,10 +44,11 @@ def import_recording(recording: Path, out: Path, description: Description, robot
     if recording.suffix == ".csv":
         if description.columns is None:
             raise RecordingError(f"{recording}: name its columns in the [columns] of a file, with --description")
-        parts = read_table(recording, description.columns)
+        parts = read_table(recording, description.columns, description.joint_names)
     else:
         log, notes = read_rosbag(recording, description.topics)
-        parts = {"": log}
+        names = [description.joint_names.get(name, name) for name in log.meta["joints"]]
+        parts = {"": replace(log, meta=log.meta | {"joints": names})}
     logs = {out / name: _completed(log, recording, description, robot) for name, log in parts.items()}
     for folder, log in logs.items():
         write_run_log(log, folder, robot)
@@ -57,7 +58,7 @@ def import_recording(recording: Path, out: Path, description: Description, robot
 def _completed(log: RunLog, recording: Path, description: Description, robot: Robot) -> RunLog:
     """The log with all claims, in the robot's order; one that contradicts itself is refused."""
     claims = description.claims
-    joints, log = _on_robot(log, description.joint_names, robot)
+    joints, log = _on_robot(log, robot)
     meta: dict[str, Any] = {
         "schema": SCHEMA,
         "robot": claim_of(robot),
@@ -65,6 +66,7 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
         "terrain": "flat",
         "notes": f"imported from {recording.name}",
         **log.meta,
+        "control_dt": round(log.meta["control_dt"], 9),  # [s], as differences of times leave digits behind the ns
         **claims,
         "joints": joints,
     }
@@ -82,12 +84,12 @@ def _completed(log: RunLog, recording: Path, description: Description, robot: Ro
     return log
 
 
-def _on_robot(log: RunLog, names: dict[str, str], robot: Robot) -> tuple[list[str], RunLog]:
+def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
     """Names of the robot's joints in their order, and the log with columns in that order, counted its way."""
-    own = [names.get(name, name).removesuffix("_joint") for name in log.meta["joints"]]
+    own = [name.removesuffix("_joint") for name in log.meta["joints"]]
     for name in own:
         if name and name not in JOINTS:
-            hint = f"{nearest_hint(name, JOINTS)} Say which it is in [joint_names]"
+            hint = f"{nearest_hint(name, JOINTS)}; say in [joint_names] which it is"
             raise RecordingError(f"the robot '{robot.name}' has no joint '{name}': {hint}")
     joints = [name for name in JOINTS if name in own]
     order = [own.index(name) for name in joints]

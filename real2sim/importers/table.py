@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.errors import RecordingError
+from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.screening.row_times import evenly, rate_scale, state_times
 from saltus.recordings.description import Columns
-from saltus.recordings.run_claims import GAINS
+from saltus.recordings.run_claims import CONTROL_DT, GAINS
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, read_columns
+from saltus.robots.robot import JOINTS
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLES = ("q", "dq", "q_des", "dq_des")
@@ -23,17 +25,26 @@ SHORTEST_S = 1.0  # of a stretch: the first 0.25 s of a replay only settle
 SEGMENT_S = 5.0  # of what a stretch is cut into: several periods of any motion
 
 
-def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
+def read_table(path: Path, columns: Columns, joint_names: dict[str, str]) -> dict[str, RunLog]:
     """One log without a name, or, where joints lean on stops, one for each leg that moves freely for a while.
 
-    `meta` of a log has joints, control_dt, and segments where stretches are left out.
+    `meta` of a log has joints, by their names in `joint_names`, control_dt, and segments where stretches are left out.
 
     Raises:
         RecordingError: a column that is missing or holds text, or a description that does not say enough.
     """
-    joints = list(columns.joints)
+    columns = _with_joints(columns, joint_names)
+    joints = [joint_names.get(name, name) for name in columns.joints]
     time_s, signals = _read(path, columns)
+    if len(time_s) < 2:
+        raise RecordingError(f"{path} has one row only")
     row_s = 1.0 / columns.rate_hz if columns.rate_hz is not None else float(np.median(np.diff(time_s)))
+    low, high, _ = CONTROL_DT
+    if not low <= abs(row_s) <= high:  # times that run backwards are refused as such
+        key = "time_unit" if columns.time is not None else "rate_hz"
+        raise RecordingError(
+            f"{path}: rows are {row_s:g} s apart, {low:g} to {high:g} s is allowed; check [columns] {key}"
+        )
     if columns.states_every_s is not None:
         rate = signals.pop("dq", None)
         if rate is None or columns.rate_hz is None:
@@ -45,7 +56,7 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
     if not columns.moves_freely:
         return {"": RunLog(meta=meta, joints=JointTable(time_s=time_s, **signals))}
     logs = {}
-    for leg in dict.fromkeys(name.partition("_")[0] for name in joints):
+    for leg in dict.fromkeys(name.partition("_")[0] for name in joints if name):
         own = [i for i, name in enumerate(joints) if name.partition("_")[0] == leg]
         leaning = _leaning(signals["q"][:, own], [joints[i] for i in own], columns.moves_freely)
         if stretches := _stretches(leaning, row_s):
@@ -58,6 +69,17 @@ def read_table(path: Path, columns: Columns) -> dict[str, RunLog]:
     if not logs:
         raise RecordingError(f"{path}: no leg moves freely for {SHORTEST_S:g} s")
     return logs
+
+
+def _with_joints(columns: Columns, joint_names: dict[str, str]) -> Columns:
+    """The columns with the table's names of all joints; refuses what [joint_names] has beside them."""
+    own = {joint.removesuffix("_joint"): name for name, joint in joint_names.items()}
+    joints = columns.joints or tuple(own.get(joint, joint) for joint in JOINTS)
+    for name, joint in joint_names.items():
+        if joint and name not in joints:
+            hint = nearest_hint(name, joints) if columns.joints else nearest_hint(joint, JOINTS)
+            raise RecordingError(f"[joint_names] '{name}' = '{joint}' names no joint of the table: {hint}")
+    return replace(columns, joints=joints)
 
 
 def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
@@ -73,6 +95,8 @@ def _read(path: Path, columns: Columns) -> tuple[Floats, dict[str, Floats]]:
         time = values[columns.time]
         return np.asarray(SECONDS[columns.time_unit] * (time - time[0]), dtype=np.float64), signals
     assert columns.rate_hz is not None  # noqa: S101 - as checked above
+    if not columns.rate_hz > 0.0:
+        raise RecordingError(f"[columns] rate_hz = {columns.rate_hz:g}: it must be more than 0")
     return np.arange(len(signals["q"])) * np.float64(1.0 / columns.rate_hz), signals
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from saltus.flags import shown
-from saltus.robots.robot import JOINTS
 
 Topic = Annotated[str | None, shown("TOPIC", "the only one of its type")]
 
@@ -41,8 +40,9 @@ class Columns:
     kp: str | None = None
     """Gains that come with each command; without them, those in the claims hold throughout."""
     kd: str | None = None
-    joints: tuple[str, ...] = JOINTS
-    """The robot's joints in the order of their numbers."""
+    joints: tuple[str, ...] = ()
+    """The table's names of its joints, in the order of their numbers. Without them it has all of the robot's, in the
+    robot's order, by their names in [joint_names]."""
     angle: Literal["rad", "deg"] = "rad"
     """Unit of angles and rates. Torques are in Nm."""
     time: str | None = None
@@ -53,8 +53,8 @@ class Columns:
     """Each row holds the newest state of a robot that measures so often: states are put on even times. `dq` serves for
     this and is not in the log."""
     moves_freely: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Range of joints with names that end so [rad]: beyond it they lean on a stop. Each leg of a held robot then has a
-    log of its own, without what a stop disturbs."""
+    """Range of joints whose names on the robot end so [rad]: beyond it they lean on a stop. Each leg of a held robot
+    then has a log of its own, without what a stop disturbs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +66,6 @@ class Description:
     topics: Topics = field(default_factory=Topics)
     """Of a bag."""
     joint_names: dict[str, str] = field(default_factory=dict)
-    """Of a bag: its name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
+    """The recording's name of a joint, and that of the robot; empty for what is no joint of the robot's legs."""
     columns: Columns | None = None
     """Of a table."""

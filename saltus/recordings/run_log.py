@@ -22,7 +22,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.errors import RecordingError
+from saltus.errors import RecordingError, nearest_hint
 from saltus.recordings.run_claims import check_claims, claim_of
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import shipped_robots
@@ -254,7 +254,7 @@ def _read_csv(path: Path, wanted: Sequence[str] | None = None) -> pa.Table:
     with path.open() as file:
         header = [name.strip().strip('"') for name in file.readline().split(",")]
     if missing := [name for name in wanted or () if name not in header]:
-        raise ValueError(f"column '{missing[0]}' is missing")
+        raise ValueError(f"column '{missing[0]}' is missing: {nearest_hint(missing[0], header)}")
     convert = pyarrow.csv.ConvertOptions(
         column_types=dict.fromkeys(header, pa.float64()), include_columns=wanted or header
     )

@@ -151,7 +151,7 @@ DEGREES = Columns(
 def write_table(log: RunLog, path: Path, columns: Columns) -> Path:
     """As `columns` says, beside a column of text."""
     order = [log.meta["joints"].index(name) for name in columns.joints]
-    lines = {"clock": 1e3 * log.joints.time_s}
+    lines = {columns.time or "": 1e3 * log.joints.time_s}
     for signal in ("q", "dq", "q_des", "tau_est", "kp", "kd"):
         if (values := getattr(log.joints, signal)) is None:
             continue
@@ -173,6 +173,42 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
     imported = import_recording(table, tmp_path / "log", Description(claims={"base": "fixed"}, columns=DEGREES), ROBOT)
     assert imported.notes == ("not in the log: imu, base, depth; what needs them will be untestable",)
     same(log, read_run_log(imported.logs[0]))
+
+
+def _of_example() -> tuple[RunLog, Description, Columns]:
+    """What examples/own_csv.toml describes: a log, the description, its columns with the table's names of joints."""
+    log = joints_log(seconds=1.0)
+    log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
+    description = load(Description, PROJECT / "examples" / "own_csv.toml")
+    assert description.columns is not None
+    return log, description, replace(description.columns, joints=tuple(description.joint_names))
+
+
+def test_the_example_reads_a_table_with_its_own_names_of_joints(tmp_path: Path) -> None:
+    log, description, named = _of_example()
+    own = {joint: name for name, joint in description.joint_names.items()}
+    theirs = replace(log, meta=log.meta | {"joints": [own[joint] for joint in log.meta["joints"]]})
+    table = write_table(theirs, tmp_path / "mine.csv", replace(named, joints=tuple(sorted(named.joints))))
+    assert "hip_FL_pos_deg" in table.read_text()
+    for number, columns in enumerate((description.columns, named)):
+        asked = replace(description, columns=columns)
+        read = read_run_log(import_recording(table, tmp_path / f"{number}", asked, ROBOT).logs[0])
+        same(log, read)
+        assert read.meta["control_dt"] == 0.002
+
+
+@pytest.mark.parametrize(
+    ("listed", "name", "joint", "nearest"),
+    [(True, "hip_FLL", "FL_hip", "hip_FL"), (True, "hip_FLL", "FL_hp", "hip_FL"), (False, "hip_FL", "FL_hp", "FL_hip")],
+)
+def test_a_name_of_a_joint_that_stands_for_no_column_is_refused(
+    listed: bool, name: str, joint: str, nearest: str, tmp_path: Path
+) -> None:
+    _, description, named = _of_example()
+    names = {key: value for key, value in description.joint_names.items() if value != "FL_hip"} | {name: joint}
+    asked = replace(description, joint_names=names, columns=named if listed else description.columns)
+    with pytest.raises(RecordingError, match=f"'{name}' = '{joint}' .*did you mean '{nearest}'"):
+        import_recording(tmp_path / "mine.csv", tmp_path / "log", asked, ROBOT)
 
 
 def _backwards(log: RunLog) -> RunLog:
@@ -233,6 +269,11 @@ def _rows(count: int) -> Callable[[Path], None]:
         (None, {"time": None}, "either time, a column, or rate_hz"),
         (None, {"rate_hz": 500.0}, "either time, a column, or rate_hz"),
         (None, {"states_every_s": 0.002}, "it needs rate_hz and dq"),
+        (None, {"time_unit": "s"}, r"rows are 2 s apart, .* check \[columns\] time_unit"),
+        (None, {"time_unit": "us"}, r"rows are 2e-06 s apart, .* check \[columns\] time_unit"),
+        (None, {"time": None, "rate_hz": 0.0}, "rate_hz = 0: it must be more than 0"),
+        (None, {"time": None, "rate_hz": 0.1}, r"rows are 10 s apart, .* check \[columns\] rate_hz"),
+        (_rows(1), {}, "has one row only"),
         (None, {"time": "told 3"}, "time runs backwards"),
         (None, {"joints": ("hip", *DEGREES.joints[1:]), "q": "told {number}", "dq": None}, "no joint 'hip'"),
     ],

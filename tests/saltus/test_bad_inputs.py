@@ -271,6 +271,7 @@ BAD = {
     "real2sim import table.csv --description junk.toml": "not valid TOML",
     "real2sim import table.csv --description unknown.toml": "unknown key 'learning'",
     "real2sim import table.csv --description columns.toml": "'spam'",
+    "real2sim import table.csv --description torque.toml": "unknown key 'columns.torque': choose one of: angle, dq",
     "real2sim import table.csv --description columns.toml --robot go3": "did you mean 'go1'?",
     "real2sim import junk.bag --topics.joint /a": "did you mean '--topics.joints'?",
     "real2sim apply missing.toml --profile mine": "missing.toml",
@@ -347,6 +348,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "file").write_text("kept")
     (root / "unknown.toml").write_text("[learning]\ndesired_klm = 1.0\n")
     (root / "table.csv").write_text("t,angle\n0.0,0.1\n0.1,spam\n")
+    (root / "torque.toml").write_text('[columns]\nq = "angle"\ntorque = "load"\n')
     (root / "columns.toml").write_text('[columns]\ntime = "t"\nq = "angle"\njoints = ["FR_hip"]\n')
     contents = {"junk": junk, "mistyped": b"sed = 3", "half": b"", "run": to_toml(RunConfig()).encode()}
     for name, content in contents.items():
