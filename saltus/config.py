@@ -145,7 +145,7 @@ def from_toml(kind: type[Config], text: str) -> Config:
     """Reads a config dataclass from TOML.
 
     Raises:
-        ConfigError: not TOML, an unknown key (the nearest known key is named), or a value of the wrong type.
+        ConfigError: not TOML, an unknown key (the nearest known one is named), a missing key, a value of a wrong type.
     """
     return from_table(kind, read_toml(text))
 
@@ -161,17 +161,18 @@ def read_toml(text: str) -> dict[str, Any]:
 def from_table(kind: type[Config], table: dict[str, Any], where: str = "") -> Config:
     """Builds a config dataclass from nested tables; same errors as `from_toml`."""
     hints = typing.get_type_hints(kind)
-    known = [f.name for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
+    keys = [f for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
+    known = [f.name for f in keys]
     values: dict[str, Any] = {}
-    for key, value in table.items():
-        path = f"{where}{key}"
-        if key not in known:
-            raise ConfigError(f"unknown key '{path}': {nearest_hint(key, known)}")
-        values[key] = _checked(hints[key], value, path)
-    try:
-        return kind(**values)
-    except TypeError as error:
-        raise ConfigError(f"{where or kind.__name__}: {error}") from error
+    for name, value in table.items():
+        path = f"{where}{name}"
+        if name not in known:
+            raise ConfigError(f"unknown key '{path}': {nearest_hint(name, known)}")
+        values[name] = _checked(hints[name], value, path)
+    for key in keys:
+        if key.name not in values and key.default is key.default_factory is dataclasses.MISSING:
+            raise ConfigError(f"the key '{where}{key.name}' is missing")
+    return kind(**values)
 
 
 def load(kind: type[Config], path: Path) -> Config:

@@ -17,6 +17,8 @@ Point = tuple[float, float, float]
 
 UPRIGHT = 1e-9  # a face whose normal has a smaller share along z is upright, and no top
 ROUNDING = 256  # units in the last place of 1 m: an edge belongs to its box although its place is rounded
+MOST_PITCH, MOST_YAW = 1.6, 6.3
+"""A quarter turn and a whole one, rounded up [rad]: what is beyond them is meant in degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +26,7 @@ class Box:
     """One box in the world frame.
 
     Raises:
-        ConfigError: a number is not finite, or an upper corner is not above its lower one.
+        ConfigError: a number is not finite, an upper corner is not above its lower one, or it is turned too far.
     """
 
     low: Point
@@ -44,12 +46,30 @@ class Box:
             raise ConfigError(
                 f"a box reaches from {self.low} to {self.high}: its size must be more than 0 m along x, y, z"
             )
+        for name, angle, most in (("pitch", self.pitch, MOST_PITCH), ("yaw", self.yaw, MOST_YAW)):
+            if abs(angle) > most:
+                raise ConfigError(f"a box has {name} = {angle:g}: it is in radians, from {-most} to {most}")
 
     @classmethod
     def at(cls, center: Sequence[float], size: Sequence[float], pitch: float = 0.0, yaw: float = 0.0) -> "Box":
         """From its centre and full edge lengths [m], as run logs have them."""
         low, high = (tuple(c + side * s for c, s in zip(center, size, strict=True)) for side in (-0.5, 0.5))
         return cls(low=low, high=high, pitch=pitch, yaw=yaw)  # type: ignore[arg-type]
+
+    @classmethod
+    def ramp(cls, start: tuple[float, float], end: tuple[float, float], width: float, thickness: float = 1.0) -> "Box":
+        """A slope along x: its upper face leads from one x and z to another, further ahead [m]; y = 0 is its middle.
+
+        Raises:
+            ConfigError: the end is not ahead of the start.
+        """
+        ahead, up = end[0] - start[0], end[1] - start[1]
+        if not ahead > 0.0:
+            raise ConfigError(f"a ramp leads from x = {start[0]} to x = {end[0]} m: its end must be ahead of its start")
+        length = math.hypot(ahead, up)
+        center_x = 0.5 * (start[0] + end[0] + thickness * up / length)
+        center_z = 0.5 * (start[1] + end[1] - thickness * ahead / length)
+        return cls.at((center_x, 0.0, center_z), (length, width, thickness), pitch=-math.atan2(up, ahead))
 
     @property
     def is_level(self) -> bool:
@@ -150,6 +170,11 @@ class Boxes:
         top = self._tops(*(value[..., None] - self.center[..., None, :, i] for i, value in enumerate(place)))
         floor = xp.min(low[..., 2], axis=-1)[..., None]
         return xp.maximum(xp.max(top, axis=-1), floor)
+
+    def covers(self, x: float, y: float) -> bool:
+        """Whether any box lies above or below a place [m]; of numpy arrays without leading dimensions."""
+        top = self._tops(x - self.center[None, :, 0], y - self.center[None, :, 1])
+        return bool(np.isfinite(top).any())
 
     def _tops(self, x: Array, y: Array) -> Array:
         """Upper end of each box over places relative to its centre, -inf beside it; shapes (..., points, n)."""

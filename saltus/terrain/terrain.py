@@ -23,6 +23,7 @@ TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns; thick enough that nothing falls through
 TRENCH_DEPTH = 0.4  # original
+STANCE_M = 0.5  # feet of a Go1 are 0.2 m ahead of and behind its centre, and a trial starts up to 0.2 m off
 LEVEL_M = 1e-3
 """What the ground at the start of somebody's own course may be off zero: a robot starts upon it."""
 _DIGITS = 9  # edges that differ by less than a nanometre are one
@@ -134,11 +135,15 @@ class _CentredBox:
 
 
 def checked(terrain: Terrain, where: str) -> Terrain:
-    """A terrain that others made, `where` they did, if a robot can start on it and come to its end.
+    """A terrain that others made, `where` they did, if a robot can start on it and stand at its end.
 
     Raises:
         ConfigError: it cannot.
     """
+    start, finish = terrain.start_x, terrain.finish_x
+    for name, low, high in (("start", start - STANCE_M, start + STANCE_M), ("finish", finish, finish + STANCE_M)):
+        if not all(terrain.arrays.covers(x, 0.0) for x in (low, 0.5 * (low + high), high)):
+            raise ConfigError(f"{where}: no ground under the {name}: boxes must reach from x = {low:g} to {high:g} m")
     start_z = float(terrain.height_at(terrain.start_x, 0.0))
     if abs(start_z) > LEVEL_M:
         raise ConfigError(f"{where}: the ground at the start is {start_z:g} m high, it must be at 0")

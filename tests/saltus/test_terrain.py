@@ -68,6 +68,20 @@ def test_columns_are_as_high_as_the_same_boxes_one_by_one(config: TerrainConfig)
     np.testing.assert_allclose(one_by_one, terrain.height_at(x, 0.0), atol=1e-12)
 
 
+@given(st.tuples(st.floats(-3, 3), st.floats(-1, 1)), st.floats(0.1, 3), st.floats(-1, 1), st.floats(0.1, 2))
+@settings(max_examples=50, deadline=None)
+def test_a_ramp_leads_from_one_place_to_another(
+    start: tuple[float, float], ahead: float, up: float, thickness: float
+) -> None:
+    ramp = Box.ramp(start, (start[0] + ahead, start[1] + up), 2.0, thickness)
+    terrain = Terrain(kind="ramp", boxes=(ramp,), finish_x=3.0)
+    share = np.linspace(0.01, 0.99, 9)
+    heights = terrain.height_at(start[0] + share * ahead, np.linspace(-0.99, 0.99, 9))
+    np.testing.assert_allclose(heights, start[1] + share * up, atol=1e-9)
+    with pytest.raises(ConfigError, match="ahead of its start"):
+        Box.ramp(start, (start[0], start[1] + up), 2.0)
+
+
 def test_a_ramp_is_where_the_convention_says() -> None:
     """Pitch is nose down positive and comes before the yaw, about the box's centre."""
     ramp = Box.at((1.0, 2.0, 0.5), (4.0, 2.0, 0.2), pitch=-0.3)
@@ -281,6 +295,13 @@ COURSE = "kind = 'x'\nfinish_x = 1.0\n[[boxes]]\nlow = [-2, -2, -1]\nhigh = [9, 
     [
         (None, {}, "cannot read"),
         ("", {}, "course.toml"),
+        (COURSE.replace("finish_x = 1.0", ""), {}, "the key 'finish_x' is missing"),
+        (COURSE.replace("low = [-2, -2, -1]", ""), {}, r"the key 'boxes\[0\].low' is missing"),
+        (f"{COURSE}pitch = -15", {}, "pitch = -15: it is in radians"),
+        (f"{COURSE}yaw = 90", {}, "yaw = 90: it is in radians"),
+        (COURSE.replace("[-2, -2, -1]", "[-0.4, -2, -1]"), {}, "no ground under the start: .* -0.5 to 0.5 m"),
+        (COURSE.replace("[-2, -2, -1]", "[-2, 1, -1]"), {}, "no ground under the start"),
+        (COURSE.replace("9, 2", "0.9, 2"), {}, "no ground under the finish: .* 1 to 1.5 m"),
         (COURSE.replace("1.0", "-1.0"), {}, "finish_x = -1 m"),
         (COURSE.replace("2, 0]", "2, 0.5]"), {}, "the ground at the start is 0.5 m high"),
         (COURSE, {"difficulty": 0.5}, "difficulty = 0.5 has no meaning"),
