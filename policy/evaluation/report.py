@@ -23,6 +23,7 @@ from saltus.recordings.report import (
     page,
     table,
 )
+from saltus.recordings.summary import TIMED, shown
 from saltus.robots.loading import load_robot
 from saltus.terrain.terrain import Terrain
 
@@ -71,8 +72,8 @@ def _numbers(result: dict[str, Any]) -> str:
         "planner": result["planner"],
         "heightmap": result["heightmap"],
         "success": f"{100 * result['success_rate']:.0f} %",
-        "mean speed of successes": f"{result['mean_speed_mps']:.2f} m/s",
-        "median time of successes": f"{result['time_s']['p50']:.2f} s",
+        f"median time of successes, {TIMED}": shown(result["time_s"]["p50"], 2, "s"),
+        "mean speed of successes in that time": shown(result["mean_speed_mps"], 2, "m/s"),
         "seeds": f"{result['seed']} to {result['seed'] + result['trials'] - 1}",
     }
     return table((), rows.items())

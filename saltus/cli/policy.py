@@ -17,6 +17,7 @@ from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING, Train
+from saltus.recordings.summary import TIMED
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -166,14 +167,13 @@ def _print_table(result: "EvaluationResult") -> None:
     rows = []
     for seed, trial in zip(result.seeds, result.trials, strict=True):
         outcome = trial.outcome
-        cells = {"time [s]": outcome.time_s, "distance [m]": outcome.distance_m, "speed [m/s]": outcome.mean_speed_mps}
-        rows.append((f"seed {seed}", {"result": trial.failure or "success", **cells}))
+        timed = {"time [s]": outcome.time_s, "speed [m/s]": outcome.mean_speed_mps}
+        cells = {"result": trial.failure or "success", "from the start [m]": outcome.distance_m, **timed}
+        rows.append((f"seed {seed}", cells))
     print(*table_lines(rows), sep="\n")
     failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
-    print(
-        f"{result.successes} of {len(result.trials)} succeeded, {result.mean_speed_mps:.2f} m/s, "
-        f"{result.median_time_s:.2f} s{'; failed: ' + failures if failures else ''}"
-    )
+    speed = f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {TIMED}" if result.successes else ""
+    print(f"{result.successes} of {len(result.trials)} succeeded{speed}{'; failed: ' + failures if failures else ''}")
 
 
 def _models(command: Eval) -> dict[str, str]:

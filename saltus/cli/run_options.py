@@ -21,7 +21,7 @@ BY_DIFFICULTY = "; or by the difficulty"
 class Course(TerrainConfig):
     """The terrain. A size that is given wins over the difficulty."""
 
-    difficulty: Annotated[float | None, shown("FLOAT", "none")] = None
+    difficulty: Annotated[float | None, shown("FLOAT", "none; 0.5 of a family of your own")] = None
     steps: Annotated[int | None, shown("INT", "14 stairs, 8 stones")] = None
     rise_m: Annotated[float | None, shown("FLOAT", f"0.2{BY_DIFFICULTY}")] = None
     run_m: Annotated[float | None, shown("FLOAT", "0.25")] = None

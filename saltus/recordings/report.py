@@ -13,7 +13,7 @@ from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
 from saltus.provenance import commit
 from saltus.recordings.recording import Recording
-from saltus.recordings.summary import RunSummary, shown
+from saltus.recordings.summary import TIMED, RunSummary, shown
 from saltus.robots.robot import LEGS
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import (
@@ -154,15 +154,17 @@ def course_title(terrain: Terrain) -> str:
 
 
 def _size(name: str, value: float) -> str:
-    return f"{name[:-2]} {value:g} m" if name.endswith("_m") else f"{value:g} {name}"
+    if isinstance(value, int):
+        return f"{value} {name}"
+    return f"{name[:-2]} {value:g} m" if name.endswith("_m") else f"{name} {value:g}"
 
 
 def _numbers(summary: RunSummary) -> str:
     rows = {
         "outcome": "success" if summary.success else "failure",
-        "distance": shown(summary.distance_m, 2, "m"),
-        "time": shown(summary.time_s, 2, "s"),
-        "mean speed": shown(summary.mean_speed_mps, 2, "m/s"),
+        "distance from the start": shown(summary.distance_m, 2, "m"),
+        f"time {TIMED}": shown(summary.time_s, 2, "s"),
+        "mean speed in that time": shown(summary.mean_speed_mps, 2, "m/s"),
         "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
         "messages rejected": str(sum(summary.rejected.values())),
     }

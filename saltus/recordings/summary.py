@@ -20,6 +20,8 @@ from saltus.wire.messages import (
 )
 
 OUTCOME_CODES = ("finished", "fell", "timeout")
+TIMED = "from 0.5 m before the first edge"
+"""What times and speeds are of; on flat ground from the start (`Terrain.timing_x`)."""
 STOP_CODES = ("heightmap_lost", "heightmap_invalid", "plan_lost")
 """Events that make a running robot stop."""
 
@@ -86,9 +88,9 @@ def summarise(recording: Recording) -> RunSummary:
 def sentence(summary: RunSummary) -> str:
     """How a run went, for people."""
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
-    way = f"{shown(summary.distance_m, 2, 'm')} in {shown(summary.time_s, 2, 's')}"
+    way, time = shown(summary.distance_m, 2, "m"), shown(summary.time_s, 2, "s")
     speed, error = shown(summary.mean_speed_mps, 2, "m/s"), shown(100 * summary.heightmap_mae_m, 1, "cm")
-    return f"{verdict} {summary.terrain}: {way}, {speed}, heightmap error {error}"
+    return f"{verdict} {summary.terrain}: {way} from the start; {time} at {speed} {TIMED}; heightmap error {error}"
 
 
 def _way(recording: Recording) -> float:

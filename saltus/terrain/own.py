@@ -8,7 +8,7 @@ The function takes the difficulty, from 0 to 1, and a generator from which it dr
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
@@ -33,15 +33,16 @@ class OwnFamily:
         Raises:
             ConfigError: the function cannot be found, fails, or returns no terrain that a robot can start on.
         """
+        difficulty = MEDIUM if difficulty is None else difficulty
         where = f"terrain '{self.entry.name}' ({self.entry.value})"
         try:
             function: Callable[..., Terrain] = self.entry.load()
-            terrain = function(MEDIUM if difficulty is None else difficulty, rng)
+            terrain = function(difficulty, rng)
         except Exception as error:  # whatever goes wrong in another's code
             raise ConfigError(f"{where} failed: {type(error).__name__}: {error}") from error
         if not isinstance(terrain, Terrain):
             raise ConfigError(f"{where} returned {type(terrain).__name__}: its function must return a Terrain")
-        return checked(terrain, where)
+        return checked(replace(terrain, params={"difficulty": difficulty} | terrain.params), where)
 
 
 def own_families() -> dict[str, OwnFamily]:

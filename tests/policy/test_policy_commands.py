@@ -29,6 +29,14 @@ def test_eval_crosses_easy_stones_and_reports(
     assert "<script src=" not in report  # it opens without a network
 
 
+def test_eval_without_a_success_names_no_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    high = ("--terrain", "step", "--height-m", "1.0", "--planner", "scripted", "--trials", "1", "--out", str(tmp_path))
+    assert main(["policy", "eval", *high, "--processes", "1"]) == 1
+    last = capsys.readouterr().out.splitlines()[-2]
+    assert last.startswith("0 of 1 succeeded; failed: 1 ")
+    assert "unknown" in (tmp_path / "report.html").read_text()
+
+
 def test_train_and_export_make_a_policy_that_loads(tmp_path: Path) -> None:
     flags = ["--robots", "16", "--iterations", "1", "--device", "cpu", "--out", str(tmp_path / "run")]
     assert main(["policy", "train", *flags]) == 0

@@ -106,7 +106,7 @@ def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_each_trial_draws_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ("--terrain", "beams", "--difficulty", "0", "--trials", "2", "--json", "--out", tmp_path)
     table = run(capsys, "policy", "eval", *flags)
-    assert (table["terrain"], table["trials"]) == ("beams", 2)
+    assert (table["terrain"], table["trials"], table["params"]) == ("beams", 2, {"difficulty": 0.0})
 
 
 def test_predictors_are_measured_and_trained_on_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
