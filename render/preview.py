@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from saltus.depth import D435I, RANGE_M, depth_frame, depth_in_millimetres, model_image
-from saltus.recordings.report import page
+from saltus.recordings.report import BLUE, add_ground, figure_html, page
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
@@ -118,7 +118,7 @@ def views(robot: Robot) -> tuple[View, ...]:
 
 
 def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
-    """Writes an HTML file: depth from a few poses, the camera's effects one by one, what the model gets, a point cloud.
+    """Writes an HTML file: the course from the side, depth from a few poses, the camera's effects, what the model gets.
 
     The folder of `path`, which is returned, must exist; `OSError` where the file cannot be written.
     """
@@ -133,6 +133,8 @@ def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
     body = "".join(
         [
             f"<h1>What the camera sees on {html.escape(terrain.kind.replace('_', ' '))}</h1>",
+            "<h2>The course from the side, along its middle</h2>",
+            figure_html(course_figure(terrain), first=True),
             scale.legend(),
             "<h2>True depth, 424 x 240 and 16 x 48 pixels</h2>",
             _row(f for i, view in enumerate(shown) for f in _clean(view, scale, depth[i], narrow[i])),
@@ -141,11 +143,24 @@ def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
             "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
             _row(_model_figures(scale, depth[EFFECTS_VIEW], stages[-1][2])),
             "<h2>Point cloud: true and as reported</h2>",
-            cloud.to_html(full_html=False, include_plotlyjs=True),
+            cloud.to_html(full_html=False, include_plotlyjs=False),
         ]
     )
     path.write_text(page("Saltus camera", body, STYLE))
     return path
+
+
+def course_figure(terrain: Terrain) -> go.Figure:
+    """The ground from the first box to the end of the last, with start and finish."""
+    center, reach = terrain.box_center[:, 0], terrain.arrays.extent[:, 0]
+    figure = go.Figure()
+    add_ground(figure, terrain, (center - reach).min(), (center + reach).max())
+    for name, x in (("start", terrain.start_x), ("finish", terrain.finish_x)):
+        figure.add_vline(x=x, line={"color": BLUE, "width": 2}, opacity=1.0, annotation_text=name)
+    figure.update_xaxes(title="x [m]")
+    figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)
+    figure.update_layout(height=330)
+    return figure
 
 
 def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:

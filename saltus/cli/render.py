@@ -15,7 +15,7 @@ from saltus.flags import Flag, Group, Subcommands, shown
 
 @dataclass(frozen=True, kw_only=True)
 class Preview:
-    """Writes what the camera sees: true depth, its effects one by one, the model's image, a point cloud.
+    """Writes the course from the side and what the camera sees: true depth, its effects, the model's image.
 
     Example: saltus render preview --terrain stairs
     """
