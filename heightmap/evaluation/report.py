@@ -156,7 +156,7 @@ def write_report(report: ErrorReport, path: Path) -> None:
         _lost(report),
         _summary_table(report),
         "<h2>By distance ahead</h2>",
-        '<p class="note">Ground nearer than the camera sees is remembered: 0.5 m ahead of a standing Go1.</p>',
+        '<p class="note">Ground nearer than the camera sees is remembered.</p>',
         figure_html(figures.distance_figure(errors), first=True),
     ]
     for _, title, rows_of, axis in _SECTIONS:

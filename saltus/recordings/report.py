@@ -97,7 +97,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         '<p class="note">Blue: a leg is scheduled to stand. Orange: its foot bears more than 5 N.</p>',
         figure_html(contact_figure(data.time_s, LEGS, scheduled, loaded)),
         "<h2>Heightmap error by distance ahead of the base</h2>",
-        '<p class="note">Ground nearer than the camera sees is remembered: 0.5 m ahead of a standing Go1.</p>',
+        '<p class="note">Ground nearer than the camera sees is remembered.</p>',
         figure_html(_error_figure(data)),
         "<h2>Rates and ages</h2>",
         _timing_table(summary),
