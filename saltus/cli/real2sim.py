@@ -174,7 +174,7 @@ class Apply:
         before = load_profile(self.profile if exists else self.base, robot)
         after = patch.applied_to(before, robot)
         path = save_profile(self.profile, after)
-        names = [effect.name for effect in patch.effects]
+        names = dict.fromkeys(effect.name for effect in patch.effects)  # one may be found at several joints
         updated = [name for name in names if name in before.effects]
         added = [name for name in names if name not in updated]
         lacks = [name for name in load_profile(SHIPPED, robot).effects if name not in after.effects]
