@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
-from saltus.effects.profile import PARTS, Profile
+from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
@@ -23,7 +23,6 @@ class RebasedProblem(WrappedProblem):
     """`inner`, whose simulator has no effects, with unknowns that are 0 at the values of a profile."""
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
-        self._bare, self._profile = inner, profile
         saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
         if saturation is not None and isinstance(inner, JointProblem):  # no candidate can represent a measured curve
             inner = _saturated(inner, saturation)
@@ -39,19 +38,6 @@ class RebasedProblem(WrappedProblem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         return self._inner.residuals(unknowns + self._offset)
-
-    def leaner(self) -> dict[str, Problem]:
-        """See `Problem`."""
-        known = {candidate.effect for candidate in self.candidates}
-        parts = {part: getattr(self._profile, part) for part in PARTS.values()}
-        return {
-            gone.name: RebasedProblem(
-                self._bare, replace(self._profile, **{part: tuple(e for e in effects if e is not gone)})
-            )
-            for part, effects in parts.items()
-            for gone in effects
-            if gone.name in known
-        }
 
 
 def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
@@ -82,13 +68,7 @@ def _moved(candidate: Candidate, offset: Floats) -> Candidate:
     mean = present.mean(axis=0)
     # If the profile has the effect already, its shape matters from the start and is an unknown like the others.
     unknowns = tuple(
-        replace(
-            u,
-            low=u.low - float(own.min()),
-            high=u.high - float(own.max()),
-            is_shape=False,
-            stated=None if u.stated is None else 0.0,
-        )
+        replace(u, low=u.low - float(own.min()), high=u.high - float(own.max()), is_shape=False, stated=None)
         for u, own in zip(candidate.unknowns, offset.T, strict=True)
     )
     return replace(

@@ -180,10 +180,6 @@ class Problem(ABC):
         """Quantities that may drive residuals, besides columns of the log: values of shape (m,), NaN where unknown."""
         return ()
 
-    def leaner(self) -> "dict[str, Problem]":
-        """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
-        return {}
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, "effect.unknown"."""

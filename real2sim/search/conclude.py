@@ -20,7 +20,6 @@ from saltus.real2sim.search.findings import (
 )
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
-from saltus.real2sim.search.misfits import misfits_of
 from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.reported import stated_model
 
@@ -51,8 +50,6 @@ def findings(
     final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
-    misfits = misfits_of(problem, comparison, [each.fit for each in scored], final) if ruling != "no_gap" else ()
-    ruling = "unexplained" if misfits else ruling
     is_stated = ruling in ("named", "set")
     effects = {name: _state(problem, name, groups) for name, groups in model.groups.items()} if is_stated else {}
     return Findings(
@@ -74,7 +71,6 @@ def findings(
             effects=chosen.fit.model,
             is_test=~comparison.split.is_fit,
         ),
-        misfits=misfits,
         remainder=tested.largest_rms(tested.structure(final)),
         minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], dispersion),
         untestable=problem.untestable,
@@ -162,9 +158,9 @@ def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: Sco
 
 
 def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
-    """Gap of each signal; the floor is what noise alone leaves of whitened residuals, whatever the model."""
+    """Gap of each signal; the floor is the remainder without structure."""
     gaps = []
-    powers = (tested.power(before), tested.power(after))
+    powers = (tested.power(before), tested.power(after), tested.power(after) - tested.structure(after))
     for index, signal in enumerate(problem.signals):
         cells = np.flatnonzero(tested.signal == index)
         counts = tested.counts[cells]
@@ -177,7 +173,7 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
                 residuals=int(counts.sum()) * len(before),
                 before=means[0],
                 after=means[1],
-                floor=1.0,
+                floor=min(means[0], means[2]),
             )
         )
     return tuple(gaps)

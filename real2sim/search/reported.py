@@ -55,8 +55,6 @@ def stated_model(
         closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
         if closed >= least and _is_as_good(comparison, one.residuals, lowest):
             return one
-    if problem.leaner():  # added to a profile, a patch gives what is stated, not what was fitted
-        return min(tried, key=lambda one: _cost(comparison, one.residuals))
     # no statement is as good as the fit: keep the fitted unknowns
     return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 

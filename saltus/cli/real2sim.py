@@ -62,7 +62,7 @@ class Find:
         with Bar() as bar:
             judgement = find(runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
-        print(sentence(verdict, profile))
+        print(sentence(verdict))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
         for remark in verdict.log_faults if verdict.verdict != "bad_log" else ():
