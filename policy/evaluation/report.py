@@ -23,9 +23,9 @@ from saltus.recordings.report import (
     page,
     table,
 )
-from saltus.recordings.summary import TIMED, shown
+from saltus.recordings.summary import shown
 from saltus.robots.loading import load_robot
-from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain import TIMED, Terrain
 
 SHOWN = 20  # trials whose curves are drawn: more would hide each other
 BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish

@@ -17,7 +17,7 @@ from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING, Train
-from saltus.recordings.summary import TIMED
+from saltus.terrain.terrain import TIMED
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"

@@ -13,9 +13,9 @@ from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
 from saltus.provenance import commit
 from saltus.recordings.recording import Recording
-from saltus.recordings.summary import TIMED, RunSummary, shown
+from saltus.recordings.summary import RunSummary, shown
 from saltus.robots.robot import LEGS
-from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain import TIMED, Terrain
 from saltus.wire.messages import (
     ControllerMode,
     Event,

@@ -9,6 +9,7 @@ import numpy as np
 
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording, digest, rates_and_ages
+from saltus.terrain.terrain import TIMED
 from saltus.wire.messages import (
     ControllerMode,
     Event,
@@ -20,8 +21,6 @@ from saltus.wire.messages import (
 )
 
 OUTCOME_CODES = ("finished", "fell", "timeout")
-TIMED = "from 0.5 m before the first edge"
-"""What times and speeds are of; on flat ground from the start (`Terrain.timing_x`)."""
 STOP_CODES = ("heightmap_lost", "heightmap_invalid", "plan_lost")
 """Events that make a running robot stop."""
 

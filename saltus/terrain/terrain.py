@@ -20,6 +20,8 @@ RUN_OUT = 4.0  # ground behind the finish [m]: a robot at 2 m/s lands and stops 
 FINISH_AFTER_COURSE = 0.5  # definition of success: this far behind the last edge of a course
 FINISH_AFTER_SINGLE = 1.0  # the same behind a single step or gap
 TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
+TIMED = f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge"
+"""What times and speeds are of; on flat ground from the start (`Terrain.timing_x`)."""
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns; thick enough that nothing falls through
 TRENCH_DEPTH = 0.4  # original

@@ -187,6 +187,6 @@ def test_samples_that_are_missing_do_not_spoil_what_they_drive() -> None:
         for channel in channels_of(problem, log, findings.residuals.before)
         for driver in channel.drivers
     }
-    assert np.isfinite(named["FR_hip", "tau"]).all()
-    assert ("FR_thigh", "tau") not in named
-    assert ("FL_hip", "tau") in named
+    assert np.isfinite(named["FR_hip", "torque"]).all()
+    assert ("FR_thigh", "torque") not in named
+    assert ("FL_hip", "torque") in named
