@@ -26,11 +26,11 @@ SPAN_M = (-0.6, 2.6)  # of the ground that is shown, from the base
 MARGIN = 30
 TRUNK, GROUND, INK, RAY = (170, 150, 120), (205, 205, 205), (40, 40, 40), (200, 120, 30)  # BGR
 SEEN, HIDDEN = (60, 150, 0), (60, 60, 210)
-CLEAR = 0.98  # of the line of sight to a point: short of the surface that it lies on
+CLEAR = 0.98  # of the ray to a point: short of the surface that it lies on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sight:
+class CameraCoverage:
     """What a camera sees from a robot that stands."""
 
     position: Floats
@@ -45,7 +45,7 @@ class Sight:
     """Which points of the heightmap are in the network's view and behind nothing, shape (30,)."""
 
 
-def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> Sight:
+def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> CameraCoverage:
     """Draws a PNG of a camera on a robot that stands before a terrain's first edge.
 
     Args:
@@ -63,7 +63,7 @@ def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path)
     network = np.where(image.valid, RANGE_M * image.depth, np.float32(0.0))
     full = np.ones(depth.shape, np.uint16)
     view = RobotCamera.on(robot)
-    sight = Sight(
+    coverage = CameraCoverage(
         position=robot.camera_position,
         pitch=robot.camera_pitch,
         covered=float(model_image(depth_frame(camera.image, full)).valid.mean()),
@@ -74,11 +74,11 @@ def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path)
     panels = [
         _titled(_framed(scale, depth, camera), f"{camera.name}: {camera.image.width} x {camera.image.height}"),
         _titled(_enlarged(scale.coloured(network)), "network"),
-        _titled(_from_aside(robot, terrain, view, sight, pose), "heightmap points: green is in view, red is not"),
+        _titled(_from_aside(robot, terrain, view, coverage, pose), "heightmap points: green is in view, red is not"),
     ]
     if not cv2.imwrite(str(path), np.hstack(panels)):
         raise SaltusError(f"cannot write {path}")
-    return sight
+    return coverage
 
 
 def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: tuple[Floats, ...]) -> Depth:
@@ -93,7 +93,7 @@ def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: tuple[Float
 
 
 def _visible(terrain: Terrain, view: RobotCamera, camera: DepthCamera, pose: tuple[Floats, ...]) -> NDArray[np.bool_]:
-    """See `Sight.visible`; legs are not in the way here."""
+    """See `CameraCoverage.visible`; legs are not in the way here."""
     points = _heightmap(terrain, pose)
     origin, rotation = camera_pose(view.mount, pose[0], pose[1])
     x, y, z = np.moveaxis((points - origin) @ rotation, -1, 0)
@@ -143,7 +143,7 @@ def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
 
 
 def _from_aside(
-    robot: Robot, terrain: Terrain, view: RobotCamera, sight: Sight, pose: tuple[Floats, ...]
+    robot: Robot, terrain: Terrain, view: RobotCamera, coverage: CameraCoverage, pose: tuple[Floats, ...]
 ) -> NDArray[np.uint8]:
     """Trunk, ground, the network's view and the heightmap's points, from the right-hand side."""
     picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
@@ -168,9 +168,11 @@ def _from_aside(
         under = line[:, 2] < terrain.height_at(line[:, 0], line[:, 1])
         line = line[: int(under.argmax())] if under.any() else line
         cv2.polylines(picture, [px(line[:, [0, 2]])], isClosed=False, color=RAY, thickness=2, lineType=cv2.LINE_AA)
-    for place, seen in zip(px(_heightmap(terrain, pose)[:, [0, 2]]).tolist(), sight.visible, strict=True):
+    for place, seen in zip(px(_heightmap(terrain, pose)[:, [0, 2]]).tolist(), coverage.visible, strict=True):
         cv2.circle(picture, place, 5, SEEN if seen else HIDDEN, -1, cv2.LINE_AA)
     cv2.circle(picture, px(origin[None, [0, 2]])[0].tolist(), 6, INK, -1, cv2.LINE_AA)
-    words = f"camera at {', '.join(f'{p:.3f}' for p in sight.position)} m, {math.degrees(sight.pitch):.1f} deg down"
+    words = (
+        f"camera at {', '.join(f'{p:.3f}' for p in coverage.position)} m, {math.degrees(coverage.pitch):.1f} deg down"
+    )
     cv2.putText(picture, words, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
     return picture

@@ -45,22 +45,22 @@ class Camera:
         terrain = make_terrain(self.course)
         folder = run_directory("camera", self.out)
         (folder / "camera.toml").write_text(camera.to_toml())
-        sight = draw_camera(robot, terrain, camera, folder / "camera.png")
+        coverage = draw_camera(robot, terrain, camera, folder / "camera.png")
         image = camera.image
         sides = ((image.width, image.fx), (image.height, image.fy))
         table: dict[str, Any] = {
             "name": camera.name,
-            "position_m": sight.position.tolist(),
-            "pitch_deg": math.degrees(sight.pitch),
+            "position_m": coverage.position.tolist(),
+            "pitch_deg": math.degrees(coverage.pitch),
             "pixels": [image.width, image.height],
             "field_of_view_deg": [2.0 * math.degrees(math.atan(0.5 * side / focal)) for side, focal in sides],
             "rate_hz": camera.rate_hz,
             "latency_s": camera.latency_s,
             "range_m": camera.range_m,
             "ideal": camera.ideal,
-            "network_view_covered": sight.covered,
-            "network_image_invalid": sight.invalid,
-            "points_in_view_m": HEIGHTMAP_X[sight.visible].tolist(),
+            "network_view_covered": coverage.covered,
+            "network_image_invalid": coverage.invalid,
+            "points_in_view_m": HEIGHTMAP_X[coverage.visible].tolist(),
             "picture": str(folder / "camera.png"),
         }
         print_figures(table)

@@ -127,8 +127,11 @@ def test_a_policy_is_trained_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     flags = (*tiny, *others, "--env.curriculum.own", "beams", "1", "--iterations", "2", "--out", str(tmp_path))
     assert main(["policy", "train", *flags]) == 0
     assert "beams L" in (tmp_path / "log.txt").read_text()
-    assert main(["policy", "train", "--resume", str(tmp_path / "checkpoint.pt"), "--iterations", "3"]) == 0
-    assert float(read_table(tmp_path / "progress.csv")[-1]["beams/level"]) >= 0.0
+    more = tmp_path / "more"
+    resumed = ("--resume", str(tmp_path / "checkpoint.pt"), "--iterations", "3", "--out", str(more))
+    assert main(["policy", "train", *resumed]) == 0
+    for folder in (tmp_path, more):
+        assert float(read_table(folder / "progress.csv")[-1]["beams/level"]) >= 0.0
 
 
 @pytest.mark.parametrize("library", [np.asarray, torch.as_tensor], ids=["numpy", "torch"])
