@@ -111,7 +111,14 @@ class Braking:
         return x * x + y * y < self.config.slow_mps**2
 
     def plan(self, diagnostics: Diagnostics, base_height: Array, heading: Array, state: BrakingState) -> Plan:
-        """The braking plan on the ground of `state`, from the last tick; height [m], heading [rad] of shape (...)."""
+        """The braking plan.
+
+        Args:
+            diagnostics: of the last tick.
+            base_height: over the feet in stance [m], shape (...).
+            heading: yaw to hold [rad], shape (...).
+            state: the ground.
+        """
         xp = namespace(base_height)
         config, body, contact = self.config, diagnostics.body, diagnostics.gait.contact
         slope = self._slope(state)

@@ -33,7 +33,13 @@ class VelocityFeedback:
         self._limit = Constant(robot.speed_limit)
 
     def joint_velocity(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
-        """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits; references in the yaw frame."""
+        """Joint velocities [rad/s], shape (..., 12), within the drives' speed limits.
+
+        Args:
+            body: the robot now.
+            velocity: reference of the base, yaw frame [m/s], shape (..., 3).
+            angular_velocity: reference, yaw frame [rad/s], shape (..., 3).
+        """
         xp = namespace(velocity)
         velocity_base = velocity[..., None, :] @ body.base_in_yaw
         angular_base = (angular_velocity[..., None, :] @ body.base_in_yaw)[..., 0, :]

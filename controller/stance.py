@@ -87,9 +87,12 @@ class StanceLegs:
         self._torque_limit = Constant(robot.torque_limit)
 
     def acceleration_reference(self, body: Body, velocity: Array, angular_velocity: Array) -> Array:
-        """Reference acceleration (linear, angular) in the base frame, clipped, shape (..., 2, 3).
+        """Reference acceleration (linear, angular) in the base frame, clipped. Shape (..., 2, 3).
 
-        References are in the yaw frame [m/s, rad/s], shape (..., 3).
+        Args:
+            body: the robot now.
+            velocity: reference, yaw frame [m/s], shape (..., 3).
+            angular_velocity: reference, yaw frame [rad/s], shape (..., 3).
         """
         xp = namespace(velocity)
         error = xp.stack([velocity - body.velocity, angular_velocity - body.angular_velocity], -2)

@@ -49,8 +49,12 @@ class SwingLegs:
     ) -> Array:
         """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
 
-        `liftoff` is the same where a foot lifted off; `progress` of the swing is in [0, 1], shape (..., 4); duration of
-        a stance [s] and height of the base over the terrain [m] have the shape (...).
+        Args:
+            body: the robot now.
+            liftoff: foot relative to the base at lift-off, yaw frame [m], shape (..., 4, 3).
+            progress: of the swing, [0, 1], shape (..., 4).
+            stance_duration: [s], shape (...).
+            base_height: base over terrain [m], shape (...).
         """
         xp = namespace(liftoff)
         hip = self._hip.like(liftoff) @ body.base_in_yaw.mT

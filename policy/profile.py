@@ -11,7 +11,12 @@ _GRID = Constant(HEIGHTMAP_X)
 def height_at(heights: Array, x: Array) -> Array:
     """Heights at any distance ahead of the base, by linear interpolation; the outermost heights go on for ever.
 
-    Shapes of the heights on the grid [m] (..., 30), of `x` [m] and of the result (..., k).
+    Args:
+        heights: On the grid [m], shape (..., 30).
+        x: [m], shape (..., k), with the same leading dimensions.
+
+    Returns:
+        [m], shape (..., k).
     """
     xp = namespace(heights)
     position = xp.clip((x - float(HEIGHTMAP_X[0])) * (1.0 / _SPACING), 0.0, float(_LAST))

@@ -21,9 +21,11 @@ Place = tuple[str, str]
 
 
 class StackedProblem(Problem):
-    """One problem with the residuals of several of one kind of sensor (see `stackable`).
+    """One problem with the residuals of several.
 
-    Each clock is set later by some seconds, so that logs follow each other.
+    Args:
+        problems: Problems of one kind of sensor; see `stackable`.
+        shifts_s: Seconds by which each clock is set later so that logs follow each other, shape (logs,).
     """
 
     collinear = 1.0

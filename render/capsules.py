@@ -46,8 +46,14 @@ def draw_capsules(depth: NDArray[np.float32], capsules: Capsules, directions: Fl
 def capsule_depth(start: Floats, end: Floats, radius: Floats | float, directions: Floats) -> Floats:
     """Depth at which rays from the origin enter a capsule; infinite where they miss it.
 
-    Ends of the axis [m] have the shape (..., 3), radii [m] (...), directions, of depth 1, (..., 3): a ray's parameter
-    is its depth. All dimensions broadcast.
+    Args:
+        start: one end of the axis [m], shape (..., 3).
+        end: the other end.
+        radius: [m], shape (...).
+        directions: shape (..., 3), of depth 1: the ray's parameter is the depth.
+
+    Returns:
+        Shape (...), all dimensions broadcast.
     """
     return Quadrics.of(start, end, radius).depth(directions[..., 0], directions[..., 1])
 
@@ -93,7 +99,9 @@ class Quadrics:
     def depth(self, x: Floats, y: Floats) -> Floats:
         """The least depth at which a ray is within the radius of an end or of the line between them; else infinite.
 
-        `x` and `y` are tangents of the ray to the right and downwards, shape (...).
+        Args:
+            x: tangent of the ray to the right, shape (...).
+            y: tangent of the ray downwards, shape (...).
         """
         speed_squared = x * x + y * y + 1.0
         to_start = x * self.start[0] + y * self.start[1] + self.start[2]

@@ -45,7 +45,11 @@ class LegShapes:
         self._anchor, self._offset = Constant(robot.hip_anchor), Constant(robot.abduction_offset)
 
     def capsules(self, joint_position: Array) -> Capsules:
-        """In the base frame, for joints [rad], numpy or torch, shape (..., 12)."""
+        """In the base frame.
+
+        Args:
+            joint_position: [rad], numpy or torch, shape (..., 12).
+        """
         xp = namespace(joint_position)
         angles = joint_position.reshape((*joint_position.shape[:-1], 4, 3))
         sine, cosine, upper = xp.sin(angles[..., 0]), xp.cos(angles[..., 0]), angles[..., 1] + self._zero

@@ -175,9 +175,12 @@ def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
 
 
 def effect_stages(depth: Depth, hidden: NDArray[np.bool_], config: StereoConfig) -> Iterator[tuple[str, str, Depth]]:
-    """Name, meaning and picture of every effect together with all that come before it; null effects are left out.
+    """Name, meaning and picture of every effect together with all that come before it.
 
-    True depth of the D435I's pixels [m], and what the right imager does not see, have the shape (240, 424).
+    Args:
+        depth: true depth of the D435I's pixels [m], shape (240, 424).
+        hidden: what the right imager does not see, same shape.
+        config: of the camera; effects at their null value are left out.
     """
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):

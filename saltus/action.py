@@ -27,9 +27,14 @@ class Action:
 
 
 def swing_lift(swing: Array, over: Array, down: Array, lift_until: Array, lower_from: Array) -> Array:
-    """Vertical residual of a foot at a share of its swing, [0, 1]: soon at `over`, then down to `down` [m].
+    """Vertical residual of a foot at a share of its swing: soon at `over`, then down to `down` [m], all of shape (...).
 
-    The foot is up from the share `lift_until` on and comes down from `lower_from`; all of shape (...).
+    Args:
+        swing: Progress, [0, 1].
+        over: What lies on the way [m].
+        down: Where the swing ends [m].
+        lift_until: Progress at which the foot is up.
+        lower_from: Progress at which it begins to come down.
     """
     low = smooth_step((swing - lower_from) / (1.0 - lower_from))
     return smooth_step(swing / lift_until) * (over + (down - over) * low)

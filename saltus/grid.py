@@ -48,8 +48,10 @@ class HeightGrid(Value):
     def points_in_world(self, position: Array, yaw: Array, ahead: Array | float = 0.0) -> tuple[Array, Array]:
         """World x and y of each point [m], each of shape (..., size).
 
-        Shapes of the position of the base [m] (..., 2) or (..., 3), of its yaw [rad] (...). Every point is taken to be
-        `ahead` [m] further ahead.
+        Args:
+            position: Of the base [m], numpy or torch, shape (..., 2) or (..., 3).
+            yaw: Of the base [rad], shape (...).
+            ahead: Every point is taken to be this much further ahead [m], shape (...) or one number.
         """
         xp = namespace(position)
         cosine, sine = xp.cos(yaw)[..., None], xp.sin(yaw)[..., None]

@@ -57,7 +57,14 @@ class Delivery(NamedTuple):
 
 
 def deliver(frame_tick: NDArray[np.int32], ticks: int, model: DeliveryModel, rng: np.random.Generator) -> Delivery:
-    """Draws the delivery of an episode whose images are taken at the ticks `frame_tick`, ascending."""
+    """Draws the delivery of one episode.
+
+    Args:
+        frame_tick: Tick at which each image was taken, ascending, shape (frames,).
+        ticks: Length of the episode.
+        model: How images travel.
+        rng: Source of delays and losses.
+    """
     taken_s = frame_tick * TICK_S
     travel_s = rng.uniform(*model.latency_s) + rng.uniform(0.0, model.jitter_s, len(taken_s))
     lost = rng.uniform(size=len(taken_s)) < rng.uniform(0.0, model.loss)

@@ -74,10 +74,15 @@ class DeviceCameras:
         return next(iter(self._casters.values())).camera.mount
 
     def expose(self, courses: Courses, qpos: Tensor, tick: int) -> dict[str, Tensor]:
-        """Takes an image with each camera.
+        """Takes an image of each kind.
 
-        `qpos` is as in `saltus.sim.engine.Engine`, shape (n, 19). Images are in mm, 0 where invalid,
-        `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
+        Args:
+            courses: Of the robots, now.
+            qpos: Of the robots, see `saltus.sim.engine.Engine`, float32, shape (n, 19).
+            tick: Counted from the first image.
+
+        Returns:
+            [mm], 0 where invalid, `saltus.depth.NOTHING` where nothing is in range, int32, shape (n, 48, 16).
         """
         boxes = courses.boxes()
         robots = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]

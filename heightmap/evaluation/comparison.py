@@ -219,8 +219,14 @@ def _comparison(run: Run, name: str, maps: list[Heightmap], poses: _Poses, ok_sh
 def in_view(mount: Mount, place: Floats, position: Floats, quaternion: Floats) -> NDArray[np.bool_]:
     """Whether points are inside the field of view and the range of the model's camera.
 
-    Shapes of `place` [m] in the world (..., m, 3), of the base's position (..., 3) and quaternion (..., 4), returned
-    (..., m).
+    Args:
+        mount: of the camera.
+        place: [m], world frame, shape (..., m, 3).
+        position: of the base, shape (..., 3).
+        quaternion: of the base, shape (..., 4).
+
+    Returns:
+        Shape (..., m).
     """
     origin, rotation = camera_pose(mount, position, quaternion)
     in_camera = (place - np.asarray(origin)[..., None, :]) @ np.asarray(rotation)

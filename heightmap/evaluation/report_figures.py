@@ -104,9 +104,14 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
 def moment_figure(
     index: int, moment: Comparison, others: Sequence[Comparison], frame: DepthFrame | None, names: Sequence[str]
 ) -> go.Figure:
-    """One moment: the image in use (None where the recording has not kept it), predictions, and truth.
+    """One moment: the image in use, the predictions, and the truth.
 
-    `moment` is shown with its 90 % interval, `others` without; `names` are all predictors, in the order of colours.
+    Args:
+        index: of the step in `moment`.
+        moment: whose prediction is shown with its 90 % interval.
+        others: more predictors on the same run.
+        frame: None where the recording has not kept it.
+        names: of all predictors, in the order of colours.
     """
     figure = make_subplots(cols=2, column_widths=[0.17, 0.83], horizontal_spacing=0.14)
     if frame is not None:

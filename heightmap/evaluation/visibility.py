@@ -57,8 +57,15 @@ def seen_by_rays(
 ) -> NDArray[np.bool_]:
     """Which ground on the robot's heading is in the field of view, within range, and behind nothing.
 
-    Shapes of the places along the course `ground` [m], ascending, (m,), of the base's position [m] when each image is
-    taken (n, 3), of its quaternion (n, 4), returned (n, m).
+    Args:
+        terrain: Under the robot.
+        mount: Of its camera.
+        ground: Places along the course, ascending [m], shape (m,).
+        position: Of the base when each image is taken [m], shape (n, 3).
+        quaternion: The same, shape (n, 4).
+
+    Returns:
+        Shape (n, m).
     """
     _, _, yaw = rotations.roll_pitch_yaw(rotations.rotation_matrix(quaternion))
     aside = position[:, 1:2] + np.tan(yaw)[:, None] * (ground - position[:, :1])

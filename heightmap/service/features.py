@@ -32,10 +32,21 @@ def proprioception(
     base_height: Array,
     leg_trusted: Array,
 ) -> Array:
-    """Builds the vector for any leading batch dimensions, numpy or torch, float32.
+    """Builds the vector for any leading batch dimensions, numpy or torch.
 
     The position of a foot says where the ground is while its leg is trusted to stand; otherwise it is zero (original).
-    Units: rad, rad/s, m and m/s; `base_height` is the estimate above the feet in stance, `leg_trusted` bool (..., 4).
+
+    Args:
+        legs: of the robot.
+        quaternion_base_in_world: (w, x, y, z), shape (..., 4).
+        angular_velocity_base: [rad/s], shape (..., 3).
+        joint_position: [rad], shape (..., 12).
+        velocity_base_in_world: estimate [m/s], shape (..., 3).
+        base_height: estimate of the base above the feet in stance [m], shape (...).
+        leg_trusted: bool, shape (..., 4).
+
+    Returns:
+        float32, shape (..., len(PROPRIOCEPTION)).
     """
     rotation = rotations.rotation_matrix(quaternion_base_in_world)
     feet = legs.position(joint_position)

@@ -27,8 +27,15 @@ def replay_frames(
 ) -> list[Heightmap]:
     """The heightmap at every robot state.
 
-    States are in order of time and in the clock of the frames, which are in order of capture. A frame can first be used
-    at its `arrival_ns`, by default 50 ms after its capture, as on the robot.
+    Args:
+        network: Of the service.
+        frames: In order of capture.
+        states: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
+            for each frame.
+        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given.
+
+    Returns:
+        One heightmap for each state.
     """
     if isinstance(states, LevelRobot):
         states = states.states(network.robot, frames)

@@ -85,10 +85,15 @@ def kinds_of_robots(config: CurriculumConfig, count: int) -> list[int]:
 def next_level(
     config: CurriculumConfig, level: Array, way: Array, failed: Array, finished: Array, draw: Array
 ) -> Array:
-    """Level of the next course, whole numbers as floats; beyond the last, any level (`draw`, uniform in [0, 1)).
+    """Level of the next course, whole numbers as floats; beyond the last, any level.
 
-    All of shape (n,): the level of the course that is over, the way along its profile [m], and whether the robot fell,
-    or came to the end.
+    Args:
+        config: What is asked for.
+        level: of the course that is over, shape (n,).
+        way: Way along the profile [m], shape (n,).
+        failed: The robot fell, bool, shape (n,).
+        finished: It came to the end of the course, bool, shape (n,).
+        draw: Uniform in [0, 1), shape (n,).
     """
     xp = namespace(level)
     one = xp.ones_like(level)

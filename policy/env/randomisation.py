@@ -134,10 +134,14 @@ def draw_bodies(config: RandomisationConfig, draws: Array) -> Bodies:
 def draw_wide(
     config: RandomisationConfig, usual_friction: Array, mass_kg: float, grown: Array, draws: Array
 ) -> dict[str, Array]:
-    """Makes what `WIDE` names, each of shape (n,), of `draws`, uniform in [0, 1), shape (n, len(WIDE)).
+    """Makes what `WIDE` names, each of shape (n,).
 
-    `usual_friction` was drawn for the ground; `grown` is the share of the ranges to draw from; the mass [kg] says what
-    speed a push gives.
+    Args:
+        config: The ranges.
+        usual_friction: What was drawn for the ground, shape (n,).
+        mass_kg: Of the robot, which says what speed a push gives.
+        grown: Share of the ranges to draw from, shape ().
+        draws: Uniform in [0, 1), shape (n, len(WIDE)).
     """
     wide, xp = config.wide, namespace(draws)
     # below `share` a number is, stretched, another uniform one

@@ -17,16 +17,28 @@ class HeightSource(Protocol):
     """Terrain profiles for a batch of robots, asked for once a policy step, from step 0 on and without gaps."""
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
-        """Terrain relative to the base on `saltus.grid.LINE` [m], shape (n, 30).
+        """Terrain relative to the base on `saltus.grid.LINE`.
 
-        A predictor renders its images from `truth` and reads nothing else of it. Robots that are `fresh`, shape (n,),
-        were just put back to the start: their hidden states are void.
+        Args:
+            states: What the robots know.
+            truth: What is; a predictor renders its images from it and reads nothing else of it.
+            fresh: Robots that were just put back to the start, bool, shape (n,): their hidden states are void.
+
+        Returns:
+            [m], shape (n, 30).
         """
         ...
 
 
 class TrueHeights:
-    """The terrain itself, read `shift_x` too far ahead and `shift_z` too high [m], shape (n,), for a whole trial."""
+    """The terrain itself, read with a shift that stays the same for the whole trial.
+
+    Args:
+        terrains: Terrain of each robot.
+        shift_x: How far ahead of the right place the heights are read [m], shape (n,).
+        shift_z: How much too high they come out [m], shape (n,).
+        grid: Of the heights.
+    """
 
     def __init__(
         self,

@@ -91,10 +91,18 @@ def film(
     joints: Floats,
     rng: np.random.Generator,
 ) -> DepthTable:
-    """Images as they arrive, by a camera as claimed that in truth has the camera effects of `profile`.
+    """Images as they arrive.
 
-    Exposure times [s] have the shape (n,), positions of the base [m] (n, 3), quaternions (n, 4), joints [rad] (n, 12).
-    The generator makes the noise and what effects draw.
+    Args:
+        robot: That carries the camera.
+        camera: As claimed; the effects of `profile` are what it does in truth.
+        profile: Its camera part.
+        terrain: What there is to see.
+        capture_s: When images are exposed [s], shape (n,).
+        position: Of the base then [m], world, shape (n, 3).
+        quaternion: (w, x, y, z), base to world, shape (n, 4).
+        joints: [rad], shape (n, 12).
+        rng: Of the noise and of what effects draw.
     """
     claimed = RobotCamera(robot=robot, intrinsics=camera.intrinsics, mount=camera.mount)
     renderer = EmbreeRenderer(terrain, claimed.moved(profile.view_chain), threads=1)

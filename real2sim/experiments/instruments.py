@@ -43,7 +43,14 @@ class Instruments:
         sent: Sequence[tuple[Commands, int]],
         believed: Sequence[Floats],
     ) -> JointTable:
-        """What encoders measured, what commands (with their tick) were sent, and what torque drives believed [Nm]."""
+        """What encoders measured, and what commands were sent and what drives believed.
+
+        Args:
+            time_s: Of the rows, shape (n,).
+            states: Of the robot.
+            sent: Commands and the tick of them that was sent.
+            believed: Torque by the drives' own law [Nm], each of shape (12,).
+        """
         return JointTable(
             time_s=time_s,
             q=self._noisy(_stacked(states, "joint_position"), self._noise.q_rad),

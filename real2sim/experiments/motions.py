@@ -139,8 +139,13 @@ def rest(robot: Robot, duration_s: float) -> Commands:
 def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
     """Joint commands that move the body over feet which stay where they stand.
 
-    Heights are above the stand pose [m], pitch is nose down positive [rad], both of shape (n,). Angles come by inverse
-    kinematics; feed-forward torque carries a quarter of the weight on each leg.
+    Args:
+        robot: Which one.
+        height_m: Of the base, above that in its stand pose, shape (n,).
+        pitch_rad: Of the base, nose down positive, shape (n,).
+
+    Returns:
+        Angles by inverse kinematics and the feed-forward torque that carries a quarter of the weight on each leg.
     """
     zero = np.zeros_like(height_m)
     rotation = np.asarray(rotation_matrix(quaternion_from_roll_pitch_yaw(zero, pitch_rad, zero)))  # (n, 3, 3)

@@ -60,7 +60,14 @@ class Limits:
         self._refuse(torque, asked, "is asked for a torque [Nm]", f"{self.torque_share:.0%} of its limit")
 
     def check_state(self, robot: Robot, time_s: float, quaternion: Floats, position: Floats, velocity: Floats) -> None:
-        """Stops a robot whose base (w, x, y, z) or measured joints [rad, rad/s] leave the limits.
+        """Stops a robot that leaves the limits.
+
+        Args:
+            robot: Whose limits these are.
+            time_s: Of the experiment, for the message.
+            quaternion: (w, x, y, z), base to world, shape (4,).
+            position: Of the joints, measured [rad], shape (12,).
+            velocity: The same [rad/s].
 
         Raises:
             UnsafeMotionError: names what was left, by how much, and when.

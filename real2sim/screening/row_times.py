@@ -18,8 +18,11 @@ WALK_S = 0.002  # standard deviation of that difference for a loop without synch
 def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
     """The likeliest time of the state in each row [s], from 0, on the grid of states (Viterbi algorithm).
 
-    Angles [rad] and velocities, for which a common scale error is allowed, have the shape (rows, joints); `row_s` and
-    `state_s` lie between rows and between states.
+    Args:
+        q: Angles [rad], shape (rows, joints).
+        dq: Velocities [rad/s], same shape; a common scale error is allowed.
+        row_s: Time between rows.
+        state_s: Time between states.
     """
     rate = 0.5 * (dq[1:] + dq[:-1]) / rate_scale(q, dq, row_s)
     weight = np.sum(rate**2, axis=1)

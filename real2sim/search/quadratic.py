@@ -41,9 +41,15 @@ class Quadratic:
     def of(
         cls, layout: Layout, split: Split, columns: Indices, point: Floats, residuals: Floats, jacobian: Floats
     ) -> "Quadratic":
-        """The quadratic approximation of the chunks of `split` at a point, all unknowns of shape (blocks, unknowns).
+        """The quadratic approximation from residuals and their Jacobian.
 
-        Residuals there have the shape (blocks, m), their derivatives by `columns` (blocks, k, m).
+        Args:
+            layout: Bounds.
+            split: Chunks.
+            columns: Unknowns with derivatives, shape (k,).
+            point: All unknowns, shape (blocks, unknowns).
+            residuals: At the point, shape (blocks, m).
+            jacobian: Shape (blocks, k, m).
         """
         blocks, k, _ = jacobian.shape
         chunks = len(split.fold)

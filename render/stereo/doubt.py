@@ -28,8 +28,16 @@ def doubtful(
 ) -> NDArray[np.int64]:
     """Points which the right imager may not see because of terrain; it sees all others, or legs hide them.
 
-    Left imagers [m] have the shape (n, 3), their rotations to the world (n, 3, 3), finite depth in the left images [m]
-    (n, height, width). Returns ascending places in the flattened images.
+    Args:
+        terrain: what hides.
+        camera: of the left images.
+        origin: of the left imagers [m], world frame, shape (n, 3).
+        rotation: camera to world, shape (n, 3, 3).
+        baseline_m: distance of the imagers.
+        depth: of the points in the left images, finite [m], shape (n, height, width).
+
+    Returns:
+        Ascending places in the flattened images.
     """
     if terrain.columns is None:
         return np.arange(depth.size)

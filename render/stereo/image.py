@@ -32,9 +32,14 @@ class StereoImage:
 
 
 def stereo_image(depth: Any, hidden: Any, time_s: Any, optics: Optics, windows: Windows = ARRAY_WINDOWS) -> StereoImage:
-    """A perfect match of a rendered scene; depth along the optical axis [m] is infinite where nothing is hit.
+    """A perfect match of a rendered scene.
 
-    Shape (..., height, width); the rest is as in `StereoImage`.
+    Args:
+        depth: along the optical axis [m], infinite where nothing is hit, shape (..., height, width).
+        hidden: see `StereoImage`.
+        time_s: see `StereoImage`.
+        optics: of the camera.
+        windows: see `StereoImage`.
     """
     disparity = optics.disparity_at_1m / depth
     xp = namespace(depth)

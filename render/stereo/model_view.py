@@ -10,7 +10,12 @@ ROWS, COLUMNS = 3, 1
 
 
 def pooled(depth: Any, rows: int, columns: int) -> Any:
-    """Averages the valid samples of each pixel of the model, `rows` x `columns` of them [m], 0 where invalid.
+    """Averages the valid samples of each pixel of the model.
+
+    Args:
+        depth: [m], 0 where invalid, shape (..., 48 rows, 16 columns).
+        rows: samples for each pixel.
+        columns: samples for each pixel.
 
     Returns:
         Depth [m], 0 where fewer than half of the samples are valid, shape (..., 48, 16); see

@@ -41,10 +41,15 @@ def claimed_body(
     inertia_scale: Any = 1.0,
     contact_time_constant: Any = NOMINAL_CONTACT_TIME_CONSTANT_S,
 ) -> BodyModel:
-    """The model without effects, or with values given directly, which broadcast to the leading dimensions `batch`.
+    """The model without effects, or with values given directly; all broadcast.
 
-    The payload [kg] lies on top of the trunk; `com_shift` [m] is added to the trunk's centre of mass, base frame,
-    (*batch, 3).
+    Args:
+        batch: Leading dimensions.
+        friction: Coefficient, to `batch`.
+        payload_kg: Mass on top of the trunk [kg], to `batch`.
+        com_shift: Added to the trunk's centre of mass [m], base frame, to (*batch, 3).
+        inertia_scale: Of the trunk, to `batch`.
+        contact_time_constant: Of the contacts [s], to `batch`.
     """
     return BodyModel(
         payload_kg=_filled(payload_kg, batch),

@@ -112,10 +112,15 @@ class ActuatorChain(Chain):
         state: ActuatorState,
         fresh: Array | None = None,
     ) -> tuple[Torques, ActuatorState]:
-        """Torque over the coming physics step, from `blank` or the last step's state; arrays of shape (..., 12).
+        """Torque over the coming physics step.
 
-        The time is that of the run's clock, one or shape (...). Robots that are `fresh`, bool, shape (...), have had
-        no command before.
+        Args:
+            command: sent now; shape (..., 12).
+            position: of the joints [rad], shape (..., 12).
+            velocity: of the joints [rad/s], shape (..., 12).
+            time_s: now, in the run's clock.
+            state: what `init` or the last `step` returned.
+            fresh: robots that were just put back to the start, shape (...); None where there are none.
         """
         memories = list(state)
         # 1. the packet that the drive has by now

@@ -20,9 +20,14 @@ def draw_keys(batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.in
 
 
 def uniform(keys: Any, time_s: Any) -> Any:
-    """Uniform numbers in [0, 1), float64, one per robot (`draw_keys`), that belong to an instant, shape (...).
+    """Uniform numbers in [0, 1), one per robot, that belong to an instant.
 
-    Instants [s] are told apart to the microsecond.
+    Args:
+        keys: from `draw_keys`, shape (...).
+        time_s: the instant [s], float64, any finite value or infinite, shape (...); told apart to the microsecond.
+
+    Returns:
+        float64 (as `time_s`), shape (...).
     """
     xp = namespace(time_s)
     finite = xp.where(xp.isfinite(time_s), time_s, xp.zeros_like(time_s))

@@ -21,7 +21,13 @@ ENOUGH_TO_ADD = 9  # uniform numbers, for a sum that is normal to 0.3 % of its s
 
 
 def white(keys: Any, time_s: Any, shape: tuple[int, int]) -> Any:
-    """Independent random int32 for images, shape (*keys, height, width); upper bits are better than lower ones."""
+    """Independent random int32, shape (..., *shape); upper bits are better than lower ones.
+
+    Args:
+        keys: one per image, from `saltus.effects.draws.draw_keys`, shape (...).
+        time_s: the instant [s], shape (...).
+        shape: height and width.
+    """
     counters = _counters(namespace(time_s), shape, time_s.device)
     return _hashed(counters ^ _seeds(keys, time_s)[..., None, None])
 
@@ -56,7 +62,17 @@ def gaussian(keys: Any, time_s: Any, shape: tuple[int, int], window: tuple[int, 
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
 
     A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn; a window that has
-    fewer than nine samples adds up three for each. Shape (*keys, height, width); the window is in samples.
+    fewer than nine samples adds up three for each.
+
+    Args:
+        keys: one per image, shape (...).
+        time_s: the instant [s], shape (...).
+        shape: height and width.
+        window: height and width of the window [samples].
+        dtype: of the result.
+
+    Returns:
+        Shape (..., *shape).
     """
     rows, columns = window
     values = white(keys, time_s, (shape[0] + rows - 1, shape[1] + columns - 1))

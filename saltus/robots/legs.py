@@ -35,9 +35,14 @@ class LegKinematics:
         return namespace(joint_position).stack([x, y, z], -1) + self._anchor.like(joint_position)
 
     def position_and_jacobian(self, joint_position: Array) -> tuple[Array, Array]:
-        """Centres of the feet in the base frame [m], shape (..., 4, 3), and their Jacobians [m/rad], (..., 4, 3, 3).
+        """Centres of the feet in the base frame [m] and their Jacobians [m/rad].
 
-        Joint positions [rad] have the shape (..., 12); `jacobian @ joint_velocity` is the velocity of the foot.
+        Args:
+            joint_position: [rad], shape (..., 12).
+
+        Returns:
+            Positions, shape (..., 4, 3), and Jacobians, shape (..., 4, 3, 3): `jacobian @ joint_velocity` is the
+            velocity of the foot in the base frame.
         """
         sine, cosine, x, y, z, drop, calf_x, calf_z = self._leg(joint_position)
         xp = namespace(joint_position)
@@ -64,11 +69,16 @@ class LegKinematics:
         return feet
 
     def inverse(self, foot_position: Array) -> Array:
-        """Joint angles [rad], shape (..., 12), knees bent backwards, that put feet at points [m], shape (..., 4, 3).
+        """Joint angles, knees bent backwards, that put the feet at the given points.
 
-        Points are in the base frame. One out of reach gives the straight leg towards it; one nearer to the abduction
-        axis than the abduction link gives the angles of the nearest point that can be reached. Joint limits are not
-        applied.
+        A point out of reach gives the straight leg towards it; a point nearer to the abduction axis than the abduction
+        link gives the angles of the nearest point that can be reached.
+
+        Args:
+            foot_position: Base frame [m], shape (..., 4, 3).
+
+        Returns:
+            [rad], shape (..., 12); joint limits are not applied.
         """
         xp = namespace(foot_position)
         l2, l3 = self._thigh, self._calf

@@ -111,9 +111,14 @@ class DrivenRobots(ABC):
 
 
 def specific_force(qacc: Floats, rotation: Floats) -> Floats:
-    """Accelerometer at the base origin, base frame [m/s^2], shape (..., 3), from the acceleration of the free joint.
+    """Accelerometer at the base origin, from the acceleration of the free joint.
 
-    `qacc`, shape (..., 18), begins with that of the base origin in the world; `rotation` is base to world.
+    Args:
+        qacc: Its first three entries are the acceleration of the base origin, world frame. Shape (..., 18).
+        rotation: Base to world, shape (..., 3, 3).
+
+    Returns:
+        Base frame [m/s^2], shape (..., 3).
     """
     specific_force = qacc[..., :3] + np.array([0.0, 0.0, GRAVITY])
     return np.einsum("...ji,...j->...i", rotation, specific_force)

@@ -43,9 +43,12 @@ class LinearLegs:
 
 
 class HeldRobot:
-    """A robot whose base is held, one of ours or an MJCF file.
+    """A robot whose base is held.
 
-    Of the names of its joints, "FR_hip" also finds "FR_hip_joint".
+    Args:
+        robot: One of ours, or the path of an MJCF file.
+        joints: Names of its joints; "FR_hip" also finds "FR_hip_joint".
+        base_quaternion: (w, x, y, z) of the base, body to world.
 
     Attributes:
         branches: Indices into `joints` of each open chain, from the base outwards, shape (branches, joints each).
@@ -70,10 +73,14 @@ class HeldRobot:
         self._batch: Batch | None = None
 
     def along(self, position: Floats, velocity: Floats, acceleration: Floats, every: int = 1) -> LinearLegs:
-        """The equation of motion near a motion [rad, rad/s, rad/s^2], each of shape (instants, joints).
+        """The equation of motion near a motion.
 
-        Stiffness and damping matter only away from the motion: they are evaluated at each `every`-th instant and
-        interpolated.
+        Args:
+            position: [rad], shape (instants, joints).
+            velocity: [rad/s], the same shape.
+            acceleration: [rad/s^2], the same shape.
+            every: Stiffness and damping, which matter only away from the motion, are evaluated at each `every`-th
+                instant and interpolated.
         """
         branches, count = self.branches, len(position)
         mass, bias = self._evaluate(position, velocity)

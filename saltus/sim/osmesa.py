@@ -22,7 +22,12 @@ _RGBA, _UNSIGNED_BYTE, _DEPTH_BITS, _STENCIL_BITS = 0x1908, 0x1401, 24, 8
 
 @contextmanager
 def drawing_context(model: mujoco.MjModel, width: int, height: int) -> Iterator[mujoco.MjrContext]:
-    """A drawing context for `model`, current in this thread while the block lasts; its buffer is made that large [px].
+    """A drawing context of its own for `model`, current in this thread while the block lasts.
+
+    Args:
+        model: Its off-screen buffer is made `width` x `height` pixels.
+        width: Of the pictures [px].
+        height: Of the pictures [px].
 
     Raises:
         SaltusError: OSMesa is not installed or refuses.

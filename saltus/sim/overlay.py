@@ -23,7 +23,11 @@ LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
 def draw_heightmap(shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid, height: Floats) -> None:
     """Adds a ball for each finite point of a heightmap and lines between those that follow each other in x or in y.
 
-    Heights are relative to the base [m], shape (grid.size,), whose pose has the shape (7,).
+    Args:
+        shapes: What is drawn; shapes are added to it.
+        base_pose: Position and quaternion of the base, shape (7,).
+        grid: Of the heightmap.
+        height: Relative to the base [m], shape (grid.size,).
     """
     points = heightmap_in_world(base_pose, grid, height).reshape(*grid.shape, 3)
     for point in _finite(points.reshape(-1, 3)):
@@ -47,7 +51,12 @@ def _finite(points: Floats) -> Floats:
 def draw_shadow(shapes: mujoco.MjvScene, trunk_size: Floats, terrain: Terrain, base_pose: Floats, feet: Floats) -> None:
     """Darkens the ground right below trunk and feet: shows how high the robot is, at no cost.
 
-    The trunk has full edge lengths [m], the base a pose of shape (7,), feet have centres in the world [m], (4, 3).
+    Args:
+        shapes: What is drawn; shapes are added to it.
+        trunk_size: Full edge lengths of the trunk [m], shape (3,).
+        terrain: The ground.
+        base_pose: Position and quaternion of the base, shape (7,).
+        feet: Centres of the feet in the world [m], shape (4, 3).
     """
     heading = _heading(base_pose)
     along = max(abs(float(heading[0, 0])), 0.3)  # a robot that has turned sideways gets a shadow that is too long

@@ -33,9 +33,18 @@ def standing_pose(
     position_y: Floats,
     clearance: float = CLEARANCE,
 ) -> Floats:
-    """`qpos` of robots, shape (..., 19), in their stand pose, the lowest foot `clearance` [m] above the highest ground.
+    """`qpos` of robots in their stand pose with their feet `clearance` above the highest ground under them.
 
-    Positions [m] and yaw [rad] of the base have the shape (...). The terrain may be a stack, one for each robot.
+    Args:
+        robot: Its kind.
+        terrain: Ground; where it is a stack, one for each robot.
+        position_x: Of the base [m], shape (...).
+        yaw: Of the base [rad], shape (...).
+        position_y: Of the base [m], shape (...).
+        clearance: Of the lowest foot [m].
+
+    Returns:
+        Shape (..., 19).
     """
     yaw, zero = np.asarray(yaw, dtype=np.float64), np.zeros(np.shape(yaw))
     quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)

@@ -54,10 +54,15 @@ def build_spec(
     com_shift: Sequence[float] = (0.0, 0.0, 0.0),
     columns: int | None = None,
 ) -> mujoco.MjSpec:
-    """Describes one robot on a terrain of up to `columns` boxes; the spare ones lie far below.
+    """Describes one robot on `terrain`.
 
-    `friction` is that of sliding, the payload [kg] a box on top of the trunk; `com_shift` [m] is added to its centre of
-    mass.
+    Args:
+        robot: Whose model it is.
+        terrain: Its boxes.
+        friction: Coefficient of sliding friction between robot and terrain.
+        payload_kg: Mass of a box on top of the trunk [kg].
+        com_shift: Added to the trunk's centre of mass [m], base frame.
+        columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
 
     Returns:
         A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `JOINTS`, and

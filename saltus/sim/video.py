@@ -46,11 +46,21 @@ def render_run(
     size: tuple[int, int] = SIZE,
     fps: int = FPS,
 ) -> Iterator[Frame]:
-    """Draws a run at an even rate, each frame (height, width, 3), uint8, from the newest sample at its time.
+    """Draws a run at an even rate, each frame from the newest sample at its time.
 
-    Shapes: rising times of the samples [s] (n,), pose of the base in the world (n, 7), joints [rad] (n, 12), heights
-    relative to the base [m] (n, grid.size), NaN where there was none. `size` is width and height [px], `fps` frames per
-    second of simulated time.
+    Args:
+        robot: Whose run it is.
+        terrain: Where it took place.
+        time_s: Of the samples, rising [s], shape (n,).
+        base_pose: Position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7).
+        joint_position: [rad], shape (n, 12).
+        grid: Of the heightmaps.
+        heightmap: Height relative to the base [m], shape (n, grid.size); NaN where there was none.
+        size: Width and height [px].
+        fps: Frames per second of simulated time.
+
+    Yields:
+        Pictures, shape (height, width, 3), uint8, first row on top.
 
     Raises:
         SaltusError: there is no sample, or no way to draw.
@@ -83,9 +93,13 @@ def render_run(
 
 
 def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = SIZE, fps: int = FPS) -> int:
-    """Writes frames (height, width, 3), uint8, as H.264 in an MP4 that browsers play; returns how many there were.
+    """Writes frames as H.264 in an MP4 that browsers play; returns how many there were.
 
-    `size` is width and height [px], multiples of 16.
+    Args:
+        path: Of the file, which is replaced.
+        frames: Pictures of shape (height, width, 3), uint8.
+        size: Width and height [px], multiples of 16.
+        fps: Frames per second.
     """
     writer: Any = imageio_ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", quality=7, ffmpeg_log_level="error", output_params=ENCODING

@@ -33,7 +33,10 @@ class FilledShare:
 def plain_pixels(predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float) -> NDArray[np.bool_]:
     """Pixels away from edges, with something in range to see and a valid pixel somewhere to their left.
 
-    Depth is predicted without effects; all of shape (images, rows, columns).
+    Args:
+        predicted_m: depth without effects, shape (images, rows, columns).
+        measured_mm: shape as `predicted_m`.
+        range_m: claimed end of the range.
     """
     with np.errstate(invalid="ignore"):
         step = np.abs(np.diff(predicted_m)) / predicted_m[..., 1:]

@@ -23,10 +23,14 @@ class Scene:
     """Whether there is a plane z = 0."""
 
     def depth(self, origin: Floats, direction: Floats) -> Floats:
-        """Along each ray in lengths of its direction, shape (n, rays), infinite where nothing is hit.
+        """Along each ray in lengths of its direction, infinite where nothing is hit.
 
-        Origins [m] have the shape (n, 3), directions in the world (n, 3, rays): those of depth 1 give depth along the
-        axis.
+        Args:
+            origin: of the rays [m], world frame, shape (n, 3).
+            direction: world frame, shape (n, 3, rays); of depth 1, so that the result is depth along the optical axis.
+
+        Returns:
+            Shape (n, rays).
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = 1.0 / direction

@@ -13,10 +13,19 @@ from saltus.rotations import rotation_matrix
 
 
 def expected_depth(poses: Floats, meta: dict[str, Any], rows: Indices, columns: Indices) -> Floats:
-    """Depth along the optical axis [m], shape (n, r, c), for chosen rows and columns of the image.
+    """Depth along the optical axis, for chosen rows and columns of the image.
 
-    Poses are position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7); `meta` holds camera and
-    terrain as `meta.json`. Infinite where a ray meets nothing. `RecordingError` for claims that cannot be.
+    Args:
+        poses: Position [m] and quaternion (w, x, y, z) of the base in the world, shape (n, 7).
+        meta: Contents of `meta.json`: its camera and its terrain.
+        rows: Pixels, shape (r,).
+        columns: Pixels, shape (c,).
+
+    Returns:
+        Shape (n, r, c) [m]; infinite where a ray meets nothing.
+
+    Raises:
+        RecordingError: the claimed camera lacks something, or the terrain is neither "flat" nor a list of boxes.
     """
     camera, scene = claimed_camera(meta), claimed_scenes(meta.get("terrain"))[0]
     mount = Mount(position=camera.position, pitch=camera.pitch)

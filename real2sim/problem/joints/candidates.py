@@ -101,10 +101,13 @@ class Reach:
 
 
 class JointCandidates:
-    """All candidates of the joints, at every place of a leg, e.g. ("hip", "thigh", "calf").
+    """All candidates of the joints, at every place of a leg.
 
-    Torque limits [Nm] have the shape (branches, joints); `reach` says what the log shows of each place. Effects in
-    `left_out` cannot show.
+    Args:
+        places: Names of the joints of a leg, from the base outwards, e.g. ("hip", "thigh", "calf").
+        limit: Torque limits of the joints [Nm], shape (branches, joints).
+        reach: What the log shows of each place, in the order of `places`.
+        left_out: Effects that the log cannot show.
     """
 
     def __init__(

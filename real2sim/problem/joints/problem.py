@@ -93,8 +93,10 @@ class JointProblem(Problem):
     def residuals_with_hinges(self, unknowns: Floats, corners: Floats, slopes: Floats) -> Floats:
         """Residuals with saturations in pieces, shape (sets, blocks x m).
 
-        Of all else the unknowns are (sets, blocks, unknowns). Each piece takes a share of the torque, shape (sets,
-        blocks, places, pieces), from a corner on [Nm], shape (places, pieces).
+        Args:
+            unknowns: Of all else, shape (sets, blocks, unknowns).
+            corners: Torque from which on each piece takes [Nm], shape (places, pieces).
+            slopes: What share it takes, shape (sets, blocks, places, pieces).
         """
         drives = self._candidates.drives(unknowns, self._motion.dt_s)
         return self._whitened(replace(drives, hinges=_hinges(corners, slopes))).reshape(len(slopes), -1)
@@ -102,7 +104,9 @@ class JointProblem(Problem):
     def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
         """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
 
-        Corners [Nm] and slopes have the shape (blocks, places, pieces).
+        Args:
+            corners: Torque from which on each piece takes [Nm], shape (blocks, places, pieces).
+            slopes: What share it takes, same shape.
         """
         problem = copy(self)
         problem._assumed = _hinges(corners, slopes[None])
