@@ -2,13 +2,11 @@
 
 import sys
 
-import numpy as np
-
 from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import Exposure, PerfectExposure
-from saltus.render.process import RANDOM_STREAM, CameraProcess
+from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.trial import Trial
@@ -24,7 +22,7 @@ def build(context: ProcessContext) -> CameraProcess:
     terrain = context.terrain
     nominal = camera.delivered(load_profile(config.profile, context.robot))
     profile = Trial.draw(config.seed).applied_to(nominal)
-    rng = np.random.default_rng(np.random.SeedSequence([config.seed, RANDOM_STREAM]))
+    rng = random_stream(config.seed)
     exposure: Exposure
     if camera.ideal:
         view = RobotCamera.on(context.robot, camera.image).moved(profile.view_chain)

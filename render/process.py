@@ -12,6 +12,11 @@ from saltus.wire.messages import DepthFrame, GroundTruth
 RANDOM_STREAM = 0xCA3E7A  # of all that a seed draws, the camera has a stream of its own
 
 
+def random_stream(seed: int) -> np.random.Generator:
+    """What the camera of a run or of a trial draws from."""
+    return np.random.default_rng(np.random.SeedSequence([seed, RANDOM_STREAM]))
+
+
 class CameraProcess:
     """Exposes at the rate of its camera and hands out each frame when it is due, by the effects of the link."""
 

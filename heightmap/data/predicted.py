@@ -21,7 +21,7 @@ from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.service import MAX_HEIGHT_M
 from saltus.models import model_path
-from saltus.render.process import RANDOM_STREAM
+from saltus.render.process import random_stream
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
@@ -56,8 +56,8 @@ class PredictedHeightsFactory:
         if camera.ideal:
             cameras = IdealCameras(camera, robot, terrains, profile)
         else:
-            rng = np.random.default_rng(np.random.SeedSequence([trials[0].seed, RANDOM_STREAM]))
-            cameras = StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rng)
+            rngs = [random_stream(trial.seed) for trial in trials]
+            cameras = StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rngs)
         return PredictedHeights(network, cameras, trials, profile)
 
 
@@ -133,7 +133,7 @@ class _Arrivals:
 
     def reset(self) -> None:
         """Forgets the images under way."""
-        self._state = self._chain.init((), np.random.default_rng(np.random.SeedSequence([self._seed, RANDOM_STREAM])))
+        self._state = self._chain.init((), random_stream(self._seed))
         self._newest = None
         self._under_way = {}
         self._used_s = -np.inf

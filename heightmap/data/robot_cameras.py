@@ -1,5 +1,6 @@
 """The cameras of many robots at once in roll-outs: true depth, or with the errors of stereo matching."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -7,11 +8,12 @@ from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
+from saltus.effects.effect import map_arrays
 from saltus.effects.profile import Profile
 from saltus.heightmap.data.stereo_images import SAMPLED
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
-from saltus.render.stereo.camera import StereoCamera, StereoConfig
+from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
@@ -59,6 +61,7 @@ class StereoCameras:
     """Stereo cameras by the fast chain: three rays, one under the other, for the pixels that one of the model averages.
 
     The profile moves cameras from where `robot` has them; `config`, the errors, may have one value a robot.
+    Each robot's noise comes from a generator of its own, so that it does not depend on who else is in the batch.
     """
 
     def __init__(
@@ -68,7 +71,7 @@ class StereoCameras:
         terrains: TerrainStack,
         profile: Profile,
         config: StereoConfig,
-        rng: np.random.Generator,
+        rngs: Sequence[np.random.Generator],
     ) -> None:
         self.camera, view = camera, RobotCamera.on(robot, SAMPLED).moved(profile.view_chain)
         count, optics = len(terrains.terrains), Optics.behind(SAMPLED, camera)
@@ -78,7 +81,8 @@ class StereoCameras:
         self._depth = np.empty((count, SAMPLED.height, SAMPLED.width), np.float32)
         self._hidden = np.empty(self._depth.shape, np.bool_)
         self._stereo = StereoCamera(config, optics)
-        self._state = self._stereo.init((count,), rng)
+        states = [self._stereo.init((), rng) for rng in rngs]
+        self._state: StereoState = map_arrays(lambda *keys: np.stack(keys), *states)
 
     def expose(self, truth: PlantState, time_s: float) -> NDArray[np.float32]:
         """See `RobotCameras`."""

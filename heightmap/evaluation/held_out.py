@@ -145,7 +145,7 @@ class HeldOutRuns:
             cameras = IdealCameras(camera, network.robot, terrains, profile)
         else:
             errors = drawn_cameras(len(trials), rng, StereoConfig.of(camera))
-            cameras = StereoCameras(camera, network.robot, terrains, profile, errors, rng)
+            cameras = StereoCameras(camera, network.robot, terrains, profile, errors, rng.spawn(len(trials)))
         return _RecordedSource(PredictedHeights(network, cameras, trials, profile), ticks)
 
 

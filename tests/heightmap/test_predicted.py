@@ -1,8 +1,11 @@
 """Predicted heights in roll-outs: to each robot what camera process and heightmap service would give it."""
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
@@ -11,13 +14,14 @@ from saltus.effects.profile import load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
+from saltus.policy.evaluation.evaluate import Evaluation, run_batch
 from saltus.policy.evaluation.heights import HeightSource
 from saltus.policy.evaluation.rollout import Rollout, RolloutStep
 from saltus.policy.planner import make_planner
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
-from saltus.render.process import RANDOM_STREAM, CameraProcess
+from saltus.render.process import CameraProcess, random_stream
 from saltus.states import state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.stack import TerrainStack
@@ -60,7 +64,7 @@ def test_they_are_those_of_the_deployed_processes(model_path: Path) -> None:
             SHIPPED["ideal"],
             PerfectExposure(EmbreeRenderer(terrain, RobotCamera.on(ROBOT))),
             trial.applied_to(load_profile("go1", ROBOT)).camera_chain,
-            np.random.default_rng(np.random.SeedSequence([trial.seed, RANDOM_STREAM])),
+            random_stream(trial.seed),
         )
         for terrain, trial in zip(TERRAINS, TRIALS, strict=True)
     ]
@@ -83,3 +87,14 @@ def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     first = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
     again = [source.heights(s.states, s.truth, everyone if i == 0 else nobody) for i, s in enumerate(steps)]
     np.testing.assert_array_equal(first, again)
+
+
+@pytest.mark.parametrize("camera", ["ideal", "d435i"])
+@pytest.mark.parametrize("course", [{"terrain": "stairs"}, {"terrain": "stepping_stones", "gap_max_m": 0.5}])
+def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(camera: str, course: dict[str, Any]) -> None:
+    evaluation = Evaluation(course=TerrainConfig(**course), time_limit_s=1.5)
+    run = partial(run_batch, evaluation, PredictedHeightsFactory(camera=camera), partial(make_planner, "learned"))
+    alone, together = run([4])[4], run([3, 4, 5])[4]
+    assert alone.outcome == together.outcome
+    for name, values in vars(alone.trace).items():
+        np.testing.assert_array_equal(values, vars(together.trace)[name])

@@ -74,7 +74,7 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
     rollout = Rollout(ROBOT, terrains, [Trial.draw(seed) for seed in range(3)], make_planner("scripted", ROBOT))
     stack = TerrainStack(terrains)
     ideal = IdealCameras(SHIPPED["ideal"], ROBOT, stack, Profile())
-    stereo = StereoCameras(D435I, ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0))
+    stereo = StereoCameras(D435I, ROBOT, stack, Profile(), IDEAL_STEREO, np.random.default_rng(0).spawn(3))
     for _ in range(3):
         step = rollout.step()
         true, seen = (cameras.expose(step.truth, step.states.time_s) for cameras in (ideal, stereo))
