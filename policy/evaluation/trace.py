@@ -15,7 +15,7 @@ from saltus.terrain.terrain import Terrain
 from saltus.trial import Outcome
 from saltus.wire.messages import Floats
 
-Failure = Literal["", "timeout", "trench", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
+Failure = Literal["", "timeout", "trench", "astray", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
 
 STEP_S = PHYSICS_DT * POLICY_STEPS
 BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
@@ -23,6 +23,8 @@ SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, d
 WALL_M = 0.02  # sole to wall: what a foot moves in one step
 UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
 SUNK_M = 0.05  # below the ground at both sides of a trench
+CAME_FROM_S = 1.0  # two gait cycles: where a foot bore since then is where it came from
+ACROSS_M = np.linspace(0.0, 1.5, 31)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
 IN_AIR_S = 0.05
 
 
@@ -97,9 +99,12 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
     if outcome.cause == "time_limit":
         return "timeout"
     last = slice(-round(BEFORE_END_S / STEP_S), None)
+    lately = slice(-round(CAME_FROM_S / STEP_S), None)
     foot, stance, loaded = trace.foot[last], trace.stance[last], trace.loaded[last]
-    if _sunk(foot, robot.foot_radius, terrain).any():
+    if _sunk(trace.foot[lately], trace.loaded[lately], robot.foot_radius, terrain)[last].any():
         return "trench"
+    if not all(terrain.arrays.covers(x, y) for x, y in foot[-1, :, :2].tolist()):
+        return "astray"
     if (_at_wall(foot, robot.foot_radius, terrain) & ~stance).any():
         return "edge_hit"
     if _slipped(foot[..., 0], loaded).any():
@@ -108,10 +113,19 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
     return "fall_in_flight" if in_air else "fall_in_stance"
 
 
-def _sunk(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
-    """Feet below the level of the start, over a trench. Shape (t, 4)."""
-    over_trench = terrain.height_at(foot[..., 0], foot[..., 1]) < -SUNK_M
-    return np.asarray(over_trench & (foot[..., 2] - radius < -SUNK_M))
+def _sunk(foot: Floats, loaded: NDArray[np.bool_], radius: float, terrain: Terrain) -> NDArray[np.bool_]:
+    """Feet in a trench: below the ground that they came from, which is there again behind and ahead. Shape (t, 4).
+
+    Ground that only leads down or up is none, nor is that between walls.
+    """
+    x, y = foot[..., 0], foot[..., 1]
+    ground = terrain.height_at(x, y)
+    came_from = np.maximum.accumulate(np.where(loaded, ground, -np.inf), axis=0)
+    places = (np.broadcast_arrays(x[..., None] + side * ACROSS_M, y[..., None]) for side in (-1.0, 1.0))
+    behind, ahead = (np.maximum.accumulate(terrain.height_at(*place), axis=-1) for place in places)
+    sides = np.minimum(behind, ahead[..., ::-1]).max(axis=-1)  # as far apart as a trench may be wide
+    rim = np.minimum(sides, came_from) - SUNK_M
+    return np.asarray((ground < rim) & (foot[..., 2] - radius < rim))
 
 
 def _at_wall(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:

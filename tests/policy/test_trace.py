@@ -7,6 +7,7 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.policy.evaluation.trace import STEP_S, Failure, Trace, failure_of
 from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
 from saltus.trial import Outcome
 
 STEPS = 100
@@ -35,15 +36,30 @@ def sliding() -> Trace:
     return trace
 
 
-def into_the_trench() -> Trace:
-    trace = standing(GAP.first_edge_x + 0.2, loaded=False)
-    trace.foot[-5:, :2, 2] = -0.2
+def going(terrain: Terrain, x: float, then_x: float, *, below: float = 0.0) -> Trace:
+    """Stands at x, and for its last 0.2 s with its front feet on the ground elsewhere, or that far below it."""
+    trace = standing(x)
+    trace.foot[-20:, :2, 0] = then_x
+    trace.foot[..., 2] += terrain.height_at(trace.foot[..., 0], trace.foot[..., 1])
+    trace.foot[-20:, :2, 2] -= below
+    trace.loaded[-21:-19] = False  # in flight between
+    return trace
+
+
+def course(*pieces: tuple[float, float], last_top: float) -> Terrain:
+    return build("course", {}, pieces, last_top=last_top, finish_behind=1.0)
+
+
+def astray() -> Trace:
+    trace = standing()
+    trace.foot[-5:, 0, 1] = 0.5 * STAIRS.box_size[0, 1] + 0.01
     return trace
 
 
 CASES = {
     "slip": (sliding(), STAIRS),
-    "trench": (into_the_trench(), GAP),
+    "trench": (going(GAP, GAP.first_edge_x - 0.1, GAP.first_edge_x + 0.2), GAP),
+    "astray": (astray(), STAIRS),
     "edge_hit": (standing(STAIRS.first_edge_x - 0.03, loaded=False, stance=False), STAIRS),
     "fall_in_flight": (standing(loaded=False, stance=False), STAIRS),
     "fall_in_stance": (standing(), STAIRS),
@@ -70,3 +86,47 @@ def test_landings_are_where_feet_begin_to_bear() -> None:
     trace.loaded[40:60, 1] = True
     trace.loaded[80:, 2] = True
     assert trace.landings.tolist() == [[0.0, ROBOT.foot_radius]] * 2
+
+
+DOWN = [-0.15 * i for i in range(1, 7)]
+NO_TRENCHES = {
+    "stairs_down": course(*((0.25, top) for top in DOWN[:-1]), last_top=DOWN[-1]),
+    "irregular": course((0.22, -0.08), (0.4, -0.2), (0.3, -0.36), (0.25, -0.42), last_top=-0.6),
+    "step_down": course(last_top=-0.6),
+    "pyramid": course(*((0.25, 0.15 * min(i, 10 - i)) for i in range(1, 10)), last_top=0.0),
+    "stairs": STAIRS,
+    "hurdles": course((0.05, 0.2), (1.6, 0.0), (0.05, 0.2), last_top=0.0),
+}
+
+
+@pytest.mark.parametrize("kind", NO_TRENCHES)
+@pytest.mark.parametrize("way", [-0.3, 0.1, 0.6])
+def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> None:
+    terrain = NO_TRENCHES[kind]
+    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.07):
+        trace = going(terrain, x, x + way)
+        assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_stance", x
+        trace.loaded[-20:] = False
+        assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_flight", x
+
+
+def test_who_has_jumped_over_a_wall_is_not_in_a_trench_before_the_next() -> None:
+    walls = course((0.05, 0.2), (0.7, 0.0), (0.05, 0.2), last_top=0.0)
+    trace = going(walls, FIRST_EDGE_X - 0.1, FIRST_EDGE_X + 0.3)
+    assert failure_of(ROBOT, FELL, trace, walls) == "fall_in_stance"
+
+
+@pytest.mark.parametrize("level", [-0.3, 0.0, 0.4])
+@pytest.mark.parametrize("beyond", [-0.2, 0.0, 0.2])
+@pytest.mark.parametrize(("width", "depth"), [(0.3, 0.15), (0.5, 0.4), (1.2, 0.4)])
+def test_a_trench_is_one_in_ground_of_any_level(level: float, beyond: float, width: float, depth: float) -> None:
+    terrain = course((2.0, level), (width, level + min(0.0, beyond) - depth), last_top=level + beyond)
+    rim = FIRST_EDGE_X + 2.0
+    for inside in np.linspace(0.02, width - 0.05, 5):
+        fallen = going(terrain, rim - 0.1, rim + inside)
+        assert failure_of(ROBOT, FELL, fallen, terrain) == "trench"
+        above = going(terrain, rim - 0.1, rim + inside, below=-depth - 0.2)
+        assert failure_of(ROBOT, FELL, above, terrain) == "fall_in_stance"
+        out_again = going(terrain, rim - 0.1, rim + inside)
+        out_again.foot[-20:] = out_again.foot[:20]
+        assert failure_of(ROBOT, FELL, out_again, terrain) == "fall_in_stance"
