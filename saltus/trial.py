@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from saltus.config import Value
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.camera import drawn_around
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
@@ -72,15 +72,11 @@ class Trial(Value):
 
     def applied_to(self, profile: Profile) -> Profile:
         """The effects of this trial's robot: those of `profile`, moved by what the trial draws; see this module."""
-        delay_s = self.camera_delay_s - CAMERA_LATENCY_S
-        camera = [
-            e.moved(latency=delay_s, jitter=self.camera_jitter_s) if isinstance(e, CameraLatency) else e
-            for e in profile.camera
-        ]
+        camera = drawn_around(profile.camera, latency_s=self.camera_delay_s, jitter_s=self.camera_jitter_s)
         shifts = [e for e in profile.heightmap if isinstance(e, HeightmapShift)] or [HeightmapShift()]
         shift = shifts[0].moved(x=self.height_shift_x, z=self.height_shift_z)
         drives = strengthened(profile.actuator, self.motor_strength)
-        return replace(profile, actuator=drives, camera=tuple(camera), heightmap=(shift,))
+        return replace(profile, actuator=drives, camera=camera, heightmap=(shift,))
 
 
 def strengthened(drives: Effects, strength: float | Floats) -> Effects:

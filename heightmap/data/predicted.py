@@ -1,9 +1,8 @@
 """The heightmap service for many robots at once, in roll-outs: rendered images, late as in each trial, one network."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,12 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.depth_camera import load_camera
+from saltus.effects.camera import drawn_around
+from saltus.effects.effect import map_arrays
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
@@ -74,7 +76,7 @@ class PredictedHeights:
         count = len(trials)
         self._network = network
         self._cameras = cameras
-        self._arrivals = [_Arrivals(trial, profile) for trial in trials]
+        self._images = _late_images(profile, trials)
         self._image = np.zeros((count, 2, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
         self.captured_s = np.full(count, -np.inf)
         """Capture time of the image in use of each robot [s]; minus infinity before the first."""
@@ -91,12 +93,9 @@ class PredictedHeights:
         self._forget(fresh)
         depth = self._cameras.expose(truth, states.time_s) if self._cameras.camera.exposes(states.step) else None
         self.depth = depth
-        new = np.zeros(len(fresh), dtype=np.bool_)
-        for i, arrivals in enumerate(self._arrivals):
-            arrived = arrivals.step(None if depth is None else depth[i], states.time_s)
-            if arrived is not None:
-                self.captured_s[i], self._image[i] = arrived[0], _as_sent(arrived[1])
-                new[i] = True
+        new = self._images.step(depth, states.time_s, fresh)
+        self.captured_s[:] = self._images.in_hand.time_s
+        self._image[new] = _as_sent(self._images.in_hand.depth[new])
         features = proprioception_of_states(states, self._network.legs)
         tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, features, self._hidden)
         good = _plausible(tick)
@@ -109,52 +108,23 @@ class PredictedHeights:
         self._hidden[mask] = 0.0
         self._heights[mask], self.half_width_90[mask] = 0.0, UNKNOWN_HALF_WIDTH_M
         self._image[mask, 0], self._image[mask, 1] = 1.0, 0.0
-        self.captured_s[mask] = -np.inf
-        for i in np.flatnonzero(mask):
-            self._arrivals[i].reset()
+
+
+def _late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
+    """Cameras as each trial draws them, with the random numbers of the camera process."""
+    latency_s, jitter_s = np.array([(trial.camera_delay_s, trial.camera_jitter_s) for trial in trials]).T
+    camera = drawn_around(profile.camera, latency_s=latency_s, jitter_s=jitter_s)
+    chain = replace(profile, camera=camera).camera_chain
+    states = [chain.init((), random_stream(trial.seed)) for trial in trials]
+    state = map_arrays(lambda *keys: np.stack(keys), *states)
+    depth = np.empty((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
+    return LateImages(chain, state, DepthImage(depth=depth, time_s=np.empty(len(trials))))
 
 
 def _as_sent(depth: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Depth and validity of an image that has arrived, shape (2, 48, 16)."""
+    """Depth and validity of images that have arrived, shape (n, 2, 48, 16)."""
     image = model_images(depth_in_millimetres(depth) * MILLIMETRE)  # whole millimetres, as they travel
-    return np.stack([image.depth, image.valid]).astype(np.float32)
-
-
-class _Arrivals:
-    """Images of one robot as they arrive: the effects of its camera, with the random numbers of the camera process."""
-
-    def __init__(self, trial: Trial, profile: Profile) -> None:
-        self._seed = trial.seed
-        self._chain = trial.applied_to(profile).camera_chain
-        self._state: tuple[Any, ...] = ()
-        self._newest: DepthImage | None = None
-        self._under_way: dict[float, NDArray[np.float32]] = {}
-        self.reset()
-
-    def reset(self) -> None:
-        """Forgets the images under way."""
-        self._state = self._chain.init((), random_stream(self._seed))
-        self._newest = None
-        self._under_way = {}
-        self._used_s = -np.inf
-
-    def step(self, image: NDArray[np.float32] | None, time_s: float) -> tuple[float, NDArray[np.floating]] | None:
-        """Takes an image that is exposed now, if one is; returns one that has arrived, with its capture time [s]."""
-        if image is not None:
-            self._under_way[time_s] = image
-            # Effects that decide by times alone need no pixels; those stay here.
-            pixels = image if self._chain.changes_pixels else np.zeros((1, 1), np.float32)
-            self._newest = DepthImage(depth=pixels, time_s=np.asarray(time_s))
-        if self._newest is None:
-            return None
-        seen, self._state = self._chain.step(self._newest, time_s, self._state)
-        captured_s = float(seen.time_s)
-        if captured_s <= self._used_s:
-            return None
-        self._used_s = captured_s
-        arrived = self._under_way[captured_s]
-        self._under_way = {taken: kept for taken, kept in self._under_way.items() if taken > captured_s}
-        return captured_s, seen.depth if self._chain.changes_pixels else arrived
+    return np.stack([image.depth, image.valid], 1).astype(np.float32)
 
 
 def _plausible(tick: Tick) -> NDArray[np.bool_]:

@@ -2,23 +2,29 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
+import numpy as np
+
+from saltus.arrays import Array
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.depth_bias import DepthBias
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.depth_scale import DepthScale
 from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.effect import Effect, PerRobot, Signal
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.hole_fill import HoleFill
 from saltus.effects.offsets_and_factors import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.order import Order, SignalChain
 from saltus.effects.range_clip import RangeClip
 from saltus.effects.sample_and_hold import SampleAndHold
+from saltus.effects.signals import DepthImage, chosen, nothing_yet
 from saltus.effects.temporal_smear import TemporalSmear
+from saltus.wire.topics import CAMERA_LATENCY_S
 
-TIMES_ONLY = (SampleAndHold, FrameDrop, CameraLatency)
-"""Those that decide which image there is when, and leave its pixels as they are."""
+CameraState: TypeAlias = tuple[Any, ...]
+"""States of the effects, in the order of the chain."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +45,44 @@ class CameraChain(SignalChain):
     )  # fmt: skip
     owner: ClassVar[str] = "a camera"
 
-    @property
-    def changes_pixels(self) -> bool:
-        """Whether images come out other than they went in."""
-        return any(not isinstance(effect, TIMES_ONLY) for effect in self.effects)
+    def step(
+        self, signal: Signal, time_s: float, state: CameraState, fresh: Array | None = None
+    ) -> tuple[Signal, CameraState]:
+        """The newest images that have arrived at `time_s`, when the newest that were exposed are `signal`.
 
-    def next_arrival_s(self, time_s: float, state: tuple[Any, ...]) -> float:
+        Robots that are `fresh`, bool, shape (...), have had no image before this one.
+        """
+        return super().step(signal, time_s, state if fresh is None else _forgotten(state, fresh))
+
+    def next_arrival_s(self, time_s: float, state: CameraState) -> float:
         """When the next image arrives [s], for those who wait for it; infinite where none is under way."""
         pairs = zip(self.effects, state, strict=True)
         arrivals = [
             effect.next_arrival_s(time_s, memory) for effect, memory in pairs if isinstance(effect, CameraLatency)
         ]
         return min(arrivals, default=math.inf)
+
+
+def _forgotten(memory: Any, robots: Array) -> Any:
+    """A state in which `robots`, bool, shape (...), have had no image."""
+    if isinstance(memory, tuple):
+        return tuple(_forgotten(part, robots) for part in memory)
+    return chosen(~robots, memory, nothing_yet(memory)) if isinstance(memory, DepthImage) else memory
+
+
+def drawn_around(
+    effects: tuple[Effect[Any], ...], *, latency_s: PerRobot, jitter_s: PerRobot, loss: PerRobot = 0.0
+) -> tuple[Effect[Any], ...]:
+    """The effects of cameras of which something is drawn, each one number or one a robot, shape (n,).
+
+    Args:
+        effects: What is known of the cameras. Without a `CameraLatency` images still come at once.
+        latency_s: As drawn for a camera whose images are `CAMERA_LATENCY_S` late; another's moves by the difference.
+        jitter_s: In addition.
+        loss: Share of images that are lost in addition.
+    """
+    if np.any(loss) and not any(isinstance(effect, FrameDrop) for effect in effects):
+        effects = (*effects, FrameDrop())
+    late = {"latency": latency_s - CAMERA_LATENCY_S, "jitter": jitter_s}
+    moves = {CameraLatency.name: late, FrameDrop.name: {"fraction": loss}}
+    return tuple(effect.moved(**moves.get(effect.name, {})) for effect in effects)

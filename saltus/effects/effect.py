@@ -171,12 +171,12 @@ class Effect(Generic[Signal]):
             raise ConfigError(f"{self.name}.{name} is not given: fit the effect to a robot first")
         return np.asarray(values, dtype=np.float64)
 
-    def moved(self, **by: float) -> Self:
-        """The effect with parameters changed by as much as is given, as far as their bounds allow."""
+    def moved(self, **by: float | Floats) -> Self:
+        """The effect with parameters changed by so much, one number or one a robot, as far as their bounds allow."""
         declared = {f.name: f.metadata for f in fields(self)}
         moved = {name: getattr(self, name) + change for name, change in by.items()}
-        clipped = {n: float(np.clip(v, declared[n]["low"], declared[n]["high"])) for n, v in moved.items()}
-        return dataclasses.replace(self, **clipped)
+        clipped = {n: np.clip(v, declared[n]["low"], declared[n]["high"]) for n, v in moved.items()}
+        return dataclasses.replace(self, **{n: v if np.ndim(v) else float(v) for n, v in clipped.items()})
 
     def is_null(self) -> bool:
         """Whether every parameter has the value at which nothing changes."""
