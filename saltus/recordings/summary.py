@@ -21,8 +21,16 @@ from saltus.wire.messages import (
 )
 
 OUTCOME_CODES = ("finished", "fell", "timeout")
-STOP_CODES = ("heightmap_lost", "heightmap_invalid", "plan_lost")
-"""Events that make a running robot stop."""
+STOPPED = "the robot stopped"
+TROUBLE = {
+    "too_slow": "",
+    "process_died": "a process died",
+    "depth_lost": "no images",
+    "heightmap_lost": STOPPED,
+    "heightmap_invalid": STOPPED,
+    "plan_lost": STOPPED,
+}
+"""Events of a running robot that lead to its failure, and what a person calls them; some make it stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +42,7 @@ class RunSummary:
     cause: str
     """Why it failed; empty after success."""
     explanation: str
-    """The same for a person, with what made the robot stop and whether the computer kept up; empty after success."""
+    """The same for a person: what began it, what followed from it, and last the cause; empty after success."""
     distance_m: float
     time_s: float
     mean_speed_mps: float
@@ -70,7 +78,7 @@ def summarise(recording: Recording) -> RunSummary:
         terrain=recording.terrain.kind if recording.config else "unknown",
         success=success,
         cause=cause,
-        explanation="" if success else "; ".join([cause.replace("_", " "), *_reasons(recording)]),
+        explanation="" if success else "; then ".join([*_troubles(recording), cause.replace("_", " ")]),
         distance_m=float(outcome["distance_m"]) if outcome else _way(recording),
         time_s=float(outcome.get("time_s", np.nan)),
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
@@ -117,13 +125,17 @@ def heightmap_error(recording: Recording) -> float:
     return float(np.mean(errors)) if errors else float("nan")
 
 
-def _reasons(recording: Recording) -> list[str]:
-    """What stopped a robot that ran, and whether the computer was too slow, one phrase each."""
-    events = recording.of(Event)
-    run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=None)
-    stops = [event for event in events if event.code in STOP_CODES and run_ns is not None and event.time_ns > run_ns]
-    reasons = [f"the robot stopped: {stop.detail}" for stop in stops[:1]]
-    return reasons + [event.detail for event in events if event.code == "too_slow"]
+def _troubles(recording: Recording) -> list[str]:
+    """What went wrong between a robot's first step and its end, the first of each kind, one phrase each, in order."""
+    # A computer is too slow from the beginning; that takes seconds to tell.
+    events = sorted(recording.of(Event), key=lambda event: (event.code != "too_slow", event.time_ns))
+    run_ns = min((event.time_ns for event in events if event.code == "mode_run"), default=np.inf)
+    end_ns = min((event.time_ns for event in events if event.code in OUTCOME_CODES), default=np.inf)
+    first: dict[str, str] = {}
+    for event in events:
+        if event.code == "too_slow" or (event.code in TROUBLE and run_ns < event.time_ns <= end_ns):
+            first.setdefault(TROUBLE[event.code], event.detail)
+    return [f"{kind}: {detail}" if kind else detail for kind, detail in first.items()]
 
 
 def _outcome(recording: Recording) -> dict[str, Any]:

@@ -1,0 +1,68 @@
+"""What is said of a run that failed: what began it comes first, how it ended last."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+from samples import ROBOT
+
+from saltus.config import RunConfig
+from saltus.depth_camera import SHIPPED
+from saltus.recordings.recorder import Recorder
+from saltus.recordings.recording import read_recording
+from saltus.recordings.summary import sentence, summarise
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Outcome
+from saltus.wire import codec
+from saltus.wire.bus import RawSample
+from saltus.wire.codec import Envelope
+from saltus.wire.messages import Event
+
+SLOW = (4.0, "too_slow", "this computer reaches 60% of real time")
+DIED = (2.0, "process_died", "render: signal SIGKILL")
+BLIND = (2.2, "depth_lost", "step 220, image 120 ms old")
+STOPPED = (2.3, "heightmap_invalid", "the heightmap of step 230 is INVALID")
+UNPLANNED = (2.5, "plan_lost", "the newest plan is 130 ms old")
+RAN = (1.0, "mode_run", "plan GO")
+FELL = (3.0, "fell", "not_upright")
+AFTERWARDS = (3.1, "heightmap_lost", "no heightmap for 150 ms")
+BEFORE = (0.5, "plan_lost", "the newest plan is 110 ms old")
+
+CASES = {
+    "alone": ([RAN, FELL], "not upright"),
+    "too slow": ([RAN, FELL, SLOW], f"{SLOW[2]}; then not upright"),
+    "outside of the run": ([BEFORE, RAN, FELL, AFTERWARDS], "not upright"),
+    "stopped": ([RAN, STOPPED, UNPLANNED, FELL], f"the robot stopped: {STOPPED[2]}; then not upright"),
+    "dead": (
+        [RAN, DIED, BLIND, STOPPED, FELL],
+        f"a process died: {DIED[2]}; then no images: {BLIND[2]}; "
+        f"then the robot stopped: {STOPPED[2]}; then not upright",
+    ),
+    "never began": ([BEFORE], "the run was cut off"),
+    "cut off": ([RAN, BLIND], f"no images: {BLIND[2]}; then the run was cut off"),
+}
+
+
+def recorded(event: tuple[float, str, str]) -> RawSample:
+    """Each from a process of its own."""
+    time_s, code, detail = event
+    if code == "fell":
+        outcome = Outcome(success=False, cause="not_upright", time_s=1.0, distance_m=2.0, mean_speed_mps=1.0)
+        detail = json.dumps(asdict(outcome))
+    message = Event(time_ns=round(1e9 * time_s), process=code, code=code, detail=detail)
+    envelope = Envelope(1, message.time_ns, code.ljust(16).encode()[:16])
+    return RawSample(f"event/{code}", codec.encode(message), envelope.to_bytes(), message.time_ns)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bool, tmp_path: Path) -> None:
+    events, explanation = CASES[case]
+    config = RunConfig()
+    with Recorder(tmp_path / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
+        for event in reversed(events) if turned else events:  # messages may overtake each other
+            file.write(recorded(event))
+    summary = summarise(read_recording(tmp_path / "run.mcap"))
+    assert summary.explanation == explanation
+    assert f"did not cross ({explanation}) stairs" in sentence(summary)
