@@ -13,7 +13,7 @@ from saltus.depth_camera import DepthCamera
 from saltus.errors import SaltusError
 from saltus.grid import LINE
 from saltus.render.camera import RobotCamera, camera_pose
-from saltus.render.preview import EXPOSURES, FRAME_S, Depth, Scale, poses, views
+from saltus.render.preview import EXPOSURES, FRAME_S, INVALID_COLOUR, NOTHING_COLOUR, Depth, Scale, poses, views
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
@@ -26,6 +26,13 @@ SPAN_M = (-0.6, 2.6)  # of the ground that is shown, from the base
 MARGIN = 30
 TRUNK, GROUND, INK, RAY = (170, 150, 120), (205, 205, 205), (40, 40, 40), (200, 120, 30)  # BGR
 SEEN, HIDDEN = (60, 150, 0), (60, 60, 210)
+FRAME = (255, 255, 255)
+MEANINGS = {
+    "invalid": INVALID_COLOUR, "nothing within range": NOTHING_COLOUR, "frame: what the network gets": FRAME,
+    "trunk": TRUNK, "ground": GROUND, "camera": INK, "edges of the network's view": RAY,
+    "heightmap point in view": SEEN, "not in view": HIDDEN,
+}  # fmt: skip
+BAR = (300, 14)  # width and height of the scale of colours [px]
 CLEAR = 0.98  # of the ray to a point: short of the surface that it lies on
 
 
@@ -74,9 +81,10 @@ def draw_camera(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path)
     panels = [
         _titled(_framed(scale, depth, camera), f"{camera.name}: {camera.image.width} x {camera.image.height}"),
         _titled(_enlarged(scale.coloured(network)), "network"),
-        _titled(_from_aside(robot, terrain, view, coverage, pose), "heightmap points: green is in view, red is not"),
+        _titled(_from_aside(robot, terrain, view, coverage, pose), "from the right-hand side"),
     ]
-    if not cv2.imwrite(str(path), np.hstack(panels)):
+    picture = np.hstack(panels)
+    if not cv2.imwrite(str(path), np.vstack([picture, _legend(scale, picture.shape[1])])):
         raise SaltusError(f"cannot write {path}")
     return coverage
 
@@ -121,7 +129,7 @@ def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> NDArray[np.uint8
         for side in (-1.0, 1.0)
     ]
     first, last = (tuple(np.rint(corner).astype(int).tolist()) for corner in corners)
-    cv2.rectangle(picture, first, last, (255, 255, 255), 2)
+    cv2.rectangle(picture, first, last, FRAME, 2)
     return picture
 
 
@@ -138,8 +146,34 @@ def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
     """A panel with a margin and its title above."""
     panel = cv2.copyMakeBorder(picture, MARGIN, 10, 10, 10, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-    cv2.putText(panel, title, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    _write(panel, title, (10, 20))
     return np.asarray(panel, np.uint8)
+
+
+def _write(picture: NDArray[np.uint8], words: str, place: tuple[int, int]) -> int:
+    """Writes words with their left lower corner at a place [px]; returns where they end."""
+    font = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+    cv2.putText(picture, words, place, *font, INK, 1, cv2.LINE_AA)
+    return place[0] + int(cv2.getTextSize(words, *font, 1)[0][0])
+
+
+def _legend(scale: Scale, width: int) -> NDArray[np.uint8]:
+    """What the colours mean: the scale of depth, and a square for each of the others, in as many rows as they take."""
+    legend = np.full((60, width, 3), 255, np.uint8)
+    depths, right = np.geomspace(scale.near, scale.far, BAR[0]), 10 + BAR[0]
+    legend[6 : 6 + BAR[1], 10:right] = scale.coloured(depths[None])
+    for x in np.linspace(0, BAR[0] - 1, 4).astype(int).tolist():
+        cv2.line(legend, (10 + x, 6 + BAR[1]), (10 + x, 10 + BAR[1]), INK, 1)
+        _write(legend, f"{depths[x]:.2f}", (10 + min(max(x - 15, 0), BAR[0] - 35), 36))
+    _write(legend, "m", (right + 8, 36))
+    x, y = right + 40, 18
+    for words, colour in MEANINGS.items():
+        if x + 20 + cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0] > width:
+            x, y = right + 40, y + 24
+        cv2.rectangle(legend, (x, y - 11), (x + 12, y + 1), colour, -1)
+        cv2.rectangle(legend, (x, y - 11), (x + 12, y + 1), INK, 1)
+        x = _write(legend, words, (x + 20, y)) + 24
+    return legend
 
 
 def _from_aside(
@@ -174,5 +208,5 @@ def _from_aside(
     words = (
         f"camera at {', '.join(f'{p:.3f}' for p in coverage.position)} m, {math.degrees(coverage.pitch):.1f} deg down"
     )
-    cv2.putText(picture, words, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    _write(picture, words, (10, 20))
     return picture
