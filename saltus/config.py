@@ -244,14 +244,15 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
             raise ConfigError(f"'{path}' = {value!r}: {nearest_hint(str(value), map(str, args))}")
         return value
     if origin is typing.Union or type(hint).__name__ == "UnionType":
-        for option in args:
-            if dataclasses.is_dataclass(option) and isinstance(value, dict):
+        options = [option for option in args if option is not type(None)]
+        for option in options:
+            if len(options) == 1 or (dataclasses.is_dataclass(option) and isinstance(value, dict)):
                 return _checked(option, value, path)
             try:
                 return _checked(option, value, path)
             except ConfigError:
                 continue
-        raise ConfigError(f"'{path}' = {value!r} is not {hint}")
+        raise ConfigError(f"'{path}' = {value!r} must be {' or '.join(dict.fromkeys(map(_in_words, options)))}")
     if origin is tuple:
         if not isinstance(value, list):
             raise ConfigError(f"'{path}' must be a list, not {value!r}")
@@ -275,5 +276,12 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
     if hint is Any:
         return value
     if isinstance(hint, type) and (not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool)):
-        raise ConfigError(f"'{path}' = {value!r} must be of type {hint.__name__}")
+        raise ConfigError(f"'{path}' = {value!r} must be {_in_words(hint)}")
     return value
+
+
+def _in_words(hint: Any) -> str:
+    """What a type stands for, for people."""
+    words = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
+    listed = typing.get_origin(hint) in (tuple, np.ndarray)
+    return "a list" if listed else words.get(hint, "a table")

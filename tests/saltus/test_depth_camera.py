@@ -1,6 +1,8 @@
 """Cameras as values: TOML forms, rates, ranges, mounts, and what the network gets of them."""
 
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from saltus.depth_camera import SHIPPED, DepthCamera, load_camera, recorded
 from saltus.effects.camera import CameraChain
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
+from saltus.errors import ConfigError
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
@@ -51,6 +54,32 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         2.0 * np.degrees(np.arctan(0.5 * n / f)) for n, f in ((640, EXAMPLE.image.fx), (480, EXAMPLE.image.fy))
     )
     assert (width, height) == (pytest.approx(87.0), pytest.approx(58.0))
+
+
+WRONG = ('"here"', "true", "3.5", "[1, 2]", "[[1]]", '["a", "b", "c"]', "{ here = 1 }")
+
+
+def test_what_is_wrong_in_a_file_is_said_in_words_of_people(tmp_path: Path) -> None:
+    leaves = [f"{table}.{name}" for table in ("sensor", "image") for name in vars(EXAMPLE.image)]
+    keys = [
+        *(f.name for f in fields(DepthCamera)),
+        *leaves,
+        "image.fov_deg",
+        "stereo.depth_unit",
+        "stereo.depth_unit.unit",
+    ]
+    said: dict[str, list[str]] = {key: [] for key in keys}
+    for key, value in product(keys, WRONG):
+        (tmp_path / "wrong.toml").write_text(f"{key} = {value}\n")
+        try:
+            StereoConfig.of(load_camera(str(tmp_path / "wrong.toml")))
+        except ConfigError as error:
+            said[key].append(str(error).removeprefix(str(tmp_path)))
+    for key, messages in said.items():
+        assert len(messages) > 3
+        for message in messages:
+            assert any(part in message for part in key.split("."))
+            assert not re.search(r"\b(int|float|bool|str|tuple|dict|list\[|None|numpy|saltus|type|class)\b", message)
 
 
 def test_it_sits_where_it_says_and_else_where_the_robot_has_its_own() -> None:
