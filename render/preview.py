@@ -12,7 +12,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from saltus.depth import D435I, RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.depth import RANGE_M, depth_frame, depth_in_millimetres, model_image
+from saltus.depth_camera import DepthCamera
 from saltus.recordings.report import BLUE, add_ground, figure_html, page
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
@@ -31,7 +32,7 @@ EXPOSURES = 5  # of a camera that stands still, before its picture is shown: the
 FRAME_S = 0.02
 NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
 DARKEST = 20  # of the 256 colours: the first ones are hardly told from black
-CLOUD_STRIDE = 2  # of the pixels along both axes: 25,000 points turn smoothly in a browser
+CLOUD_POINTS = 26_000  # turn smoothly in a browser: every second pixel of a D435i, along both axes
 STYLE = """
 body { max-width: 1340px; } p { color: #555; margin: 0.2em 0; }
 .row { display: flex; flex-wrap: wrap; gap: 16px; } figure { margin: 0.5em 0; max-width: 424px; }
@@ -117,31 +118,42 @@ def views(robot: Robot) -> tuple[View, ...]:
     )
 
 
-def write_preview(robot: Robot, terrain: Terrain, path: Path) -> Path:
+def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> Path:
     """Writes an HTML file: the course from the side, depth from a few poses, the camera's effects, what the model gets.
 
-    The folder of `path`, which is returned, must exist; `OSError` where the file cannot be written.
+    Args:
+        robot: with its camera where this one sits.
+        terrain: to look at.
+        camera: to look through, in the pixels in which its imagers match.
+        path: of the file, which is returned; its folder must exist.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     shown = views(robot)
-    robots = poses(terrain, shown)
-    wide = StereoEmbree(terrain, Optics.of(D435I), RobotCamera.on(robot, D435I))
+    robots, sensor = poses(terrain, shown), camera.matching
+    wide = StereoEmbree(terrain, Optics.behind(sensor, camera), RobotCamera.on(robot, sensor))
     depth, hidden = wide.render_pair_batch(*robots)
     narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
     scale = Scale.of([*depth, *narrow])
-    stages = list(effect_stages(depth[EFFECTS_VIEW], hidden[EFFECTS_VIEW], StereoConfig()))
-    cloud = cloud_figure(wide, robots, depth[EFFECTS_VIEW], stages[-1][2])
+    true, size = depth[EFFECTS_VIEW], f"{sensor.width} x {sensor.height}"
+    place = html.escape(f"{terrain.kind.replace('_', ' ')}: {camera.name}")
+    stages = list(effect_stages(true, hidden[EFFECTS_VIEW], camera))
+    reported = camera.in_range(stages[-1][2] if stages else true)
+    effects = _row(scale.figure(title, text, image) for title, text, image in stages) or "<p>It has none.</p>"
+    cloud = cloud_figure(wide, camera, robots, true, reported)
     body = "".join(
         [
-            f"<h1>What the camera sees on {html.escape(terrain.kind.replace('_', ' '))}</h1>",
+            f"<h1>What the camera sees on {place}</h1>",
             "<h2>The course from the side, along its middle</h2>",
             figure_html(course_figure(terrain), first=True),
             scale.legend(),
-            "<h2>True depth, 424 x 240 and 16 x 48 pixels</h2>",
+            f"<h2>True depth, {size} and 16 x 48 pixels</h2>",
             _row(f for i, view in enumerate(shown) for f in _clean(view, scale, depth[i], narrow[i])),
             f"<h2>{shown[EFFECTS_VIEW].title.capitalize()}: the effects of the camera, switched on in turn</h2>",
-            _row(scale.figure(title, text, image) for title, text, image in stages),
+            effects,
             "<h2>What the model gets: cut and pooled to 16 x 48</h2>",
-            _row(_model_figures(scale, depth[EFFECTS_VIEW], stages[-1][2])),
+            _row(_model_figures(scale, camera, true, reported)),
             "<h2>Point cloud: true and as reported</h2>",
             cloud.to_html(full_html=False, include_plotlyjs=False),
         ]
@@ -174,32 +186,34 @@ def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
     return np.stack([x, level, z], axis=-1), quaternion, np.stack([view.joints for view in shown])
 
 
-def effect_stages(depth: Depth, hidden: NDArray[np.bool_], config: StereoConfig) -> Iterator[tuple[str, str, Depth]]:
+def effect_stages(depth: Depth, hidden: NDArray[np.bool_], camera: DepthCamera) -> Iterator[tuple[str, str, Depth]]:
     """Name, meaning and picture of every effect together with all that come before it.
 
     Args:
-        depth: true depth of the D435I's pixels [m], shape (240, 424).
+        depth: true depth of the pixels in which the camera's imagers match [m], shape (height, width).
         hidden: what the right imager does not see, same shape.
-        config: of the camera; effects at their null value are left out.
+        camera: whose effects; those at their null value are left out.
     """
+    config, optics = StereoConfig.of(camera), Optics.behind(camera.matching, camera)
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):
-        camera = StereoCamera(config.only(names[:count]), Optics.of(D435I))
-        state = camera.init((), np.random.default_rng(0))  # the same noise at every stage
+        stereo = StereoCamera(config.only(names[:count]), optics)
+        state = stereo.init((), np.random.default_rng(0))  # the same noise at every stage
         for k in range(EXPOSURES):
-            image, state = camera.step(depth, hidden, np.asarray(FRAME_S * k), state)
+            image, state = stereo.step(depth, hidden, np.asarray(FRAME_S * k), state)
         effect = next(effect for effect in config.effects if effect.name == names[count - 1])
         meaning = (type(effect).__doc__ or "").strip().splitlines()[0].replace("`", "")
         yield names[count - 1].replace("_", " "), meaning, np.asarray(image.depth, dtype=np.float32)
 
 
-def cloud_figure(wide: StereoEmbree, robots: Poses, true: Depth, reported: Depth) -> go.Figure:
+def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth) -> go.Figure:
     """Both depth images as points in the world."""
     origin, rotation = camera_pose(wide.mount, robots[0][EFFECTS_VIEW], robots[1][EFFECTS_VIEW])
-    rays = ray_directions(D435I)[::CLOUD_STRIDE, ::CLOUD_STRIDE] @ rotation.T
+    stride = math.ceil(math.sqrt(true.size / CLOUD_POINTS))
+    rays = ray_directions(camera.matching)[::stride, ::stride] @ rotation.T
     figure = go.Figure()
     for name, depth, colour in (("true", true, "#999999"), ("as reported", reported, "#0072B2")):
-        sampled = depth[::CLOUD_STRIDE, ::CLOUD_STRIDE]
+        sampled = depth[::stride, ::stride]
         shown = (sampled > 0.0) & (sampled < RANGE_M)
         x, y, z = np.round(origin + sampled[shown][:, None] * rays[shown], 4).astype(np.float32).T
         figure.add_scatter3d(x=x, y=y, z=z, name=name, mode="markers", marker={"size": 1.5, "color": colour})
@@ -222,11 +236,12 @@ def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:
     return [scale.figure(view.title, text, wide), scale.figure("", "", narrow)]
 
 
-def _model_figures(scale: Scale, true: Depth, reported: Depth) -> list[str]:
+def _model_figures(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[str]:
     figures = []
     for title, depth in (("true", true), ("as reported", reported)):
-        seen = model_image(depth_frame(D435I, depth_in_millimetres(depth)))
-        figures.append(scale.figure(title, "", np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0))))
+        seen = model_image(depth_frame(camera.matching, depth_in_millimetres(depth)))
+        pixels = camera.for_model(np.where(seen.valid, RANGE_M * seen.depth, np.float32(0.0)))
+        figures.append(scale.figure(title, "", pixels))
     return figures
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import print_json, run_directory
-from saltus.cli.run_options import Course, CourseOptions
+from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.cli.serve import ServeProcess
 from saltus.config import DEFAULT_ROBOT
 from saltus.flags import Flag, Group, Subcommands, shown
@@ -17,10 +17,14 @@ from saltus.flags import Flag, Group, Subcommands, shown
 class Preview:
     """Writes the course from the side and what the camera sees: true depth, its effects, the model's image.
 
-    Example: saltus render preview --terrain stairs
+    For example:
+      saltus render preview --terrain stairs
+      saltus render preview --camera examples/camera.toml
     """
 
     course: CourseOptions = field(default_factory=Course)
+    camera: str = "d435i"
+    """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-preview")] = None
     """Folder for preview.html."""
 
@@ -30,8 +34,9 @@ class Preview:
         from saltus.robots.loading import load_robot
         from saltus.terrain.curriculum import make_terrain
 
-        robot, terrain = load_robot(DEFAULT_ROBOT), make_terrain(self.course)
-        print(write_preview(robot, terrain, run_directory("render-preview", self.out) / "preview.html"))
+        camera, robot = mounted_camera(self.camera, load_robot(DEFAULT_ROBOT))
+        terrain = make_terrain(self.course)
+        print(write_preview(robot, terrain, camera, run_directory("render-preview", self.out) / "preview.html"))
         return 0
 
 

@@ -12,7 +12,7 @@ from samples import ROBOT
 
 from saltus.cli.main import main
 from saltus.config import TerrainConfig
-from saltus.depth import D435I, MODEL_CAMERA
+from saltus.depth import MODEL_CAMERA
 from saltus.errors import SaltusError
 from saltus.render.backends import make_renderer
 from saltus.render.camera import Mount, RobotCamera
@@ -146,15 +146,17 @@ def test_fit_of_images_that_are_cut_off(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("what", "broken", "said"),
+    ("camera", "said"),
     [
-        ("saltus.render.camera.Mount.of", lambda _: Mount(position=np.zeros(3), pitch=0.5), "inside the robot"),
-        ("saltus.render.preview.D435I", replace(D435I, fx=0.0), "fx = 0.0"),
+        ("camera_position = [0, 0, 0]", "inside the robot"),
+        ("sensor.fx = 0.0", "fx = 0.0"),
+        ("stereo.edge_holes.fraction = 2.0", "edge_holes.fraction = 2.0"),
     ],
 )
 def test_preview_through_a_camera_that_cannot_be(
-    what: str, broken: Any, said: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.setattr(what, broken)
-    assert said in refused(["render", "preview", "--out", str(tmp_path / "preview")], capsys)
+    camera: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "camera.toml").write_text(camera)
+    out = tmp_path / "preview"
+    assert said in refused(["render", "preview", "--camera", str(tmp_path / "camera.toml"), "--out", str(out)], capsys)
+    assert not out.exists()

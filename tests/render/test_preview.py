@@ -5,10 +5,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from samples import ROBOT
 
+from saltus.cli.main import main
 from saltus.config import TerrainConfig
 from saltus.depth import D435I
+from saltus.depth_camera import SHIPPED, load_camera
 from saltus.render.camera import RobotCamera
 from saltus.render.preview import EFFECTS_VIEW, Scale, effect_stages, poses, views, write_preview
 from saltus.render.stereo.camera import StereoConfig
@@ -18,6 +21,7 @@ from saltus.terrain.curriculum import make_terrain
 
 TERRAIN = make_terrain(TerrainConfig(terrain="gap", difficulty=0.3))
 VIEWS = views(ROBOT)
+EXAMPLE = str(Path(__file__).parents[2] / "examples" / "camera.toml")
 EFFECTS = StereoConfig().effects
 
 
@@ -27,7 +31,7 @@ def pictures(page: str) -> list[np.ndarray]:
 
 
 def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
-    page = write_preview(ROBOT, TERRAIN, tmp_path / "preview.html").read_text()
+    page = write_preview(ROBOT, TERRAIN, SHIPPED["d435i"], tmp_path / "preview.html").read_text()
     seen = pictures(page)
     assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [(240, 424), (48, 16)] * len(VIEWS)
     assert len(seen) == 2 * len(VIEWS) + len(EFFECTS) + 2
@@ -38,10 +42,24 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
     assert not re.search(r"<(script|link)[^>]+(src|href)=", page)  # opens without a network
 
 
+@pytest.mark.parametrize("name", ["ideal", EXAMPLE])
+def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> None:
+    camera = load_camera(name)
+    path = tmp_path / "preview.html"
+    assert main(["render", "preview", "--camera", name, "--terrain", "gap", "--out", str(tmp_path)]) == 0
+    seen = pictures(path.read_text())
+    size = camera.matching.height, camera.matching.width
+    assert [image.shape[:2] for image in seen[: 2 * len(VIEWS)]] == [size, (48, 16)] * len(VIEWS)
+    effects = [effect for effect in StereoConfig.of(camera).effects if not effect.is_null()]
+    assert len(seen) == 2 * len(VIEWS) + len(effects) + 2
+    uncovered = (seen[-1] == 0).all(axis=(1, 2))  # rows of the model that the camera does not see are invalid
+    assert uncovered.tolist() == [name == EXAMPLE, *[False] * 46, name == EXAMPLE]
+
+
 def test_every_effect_changes_the_picture() -> None:
     robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN, VIEWS))
     depth, hidden = StereoEmbree(TERRAIN, Optics.of(D435I), RobotCamera.on(ROBOT, D435I)).render_pair(*robot)
-    images = [depth, *(image for _, _, image in effect_stages(depth, hidden, StereoConfig()))]
+    images = [depth, *(image for _, _, image in effect_stages(depth, hidden, SHIPPED["d435i"]))]
     assert len(images) == 1 + len(EFFECTS)
     changed = [bool((before != after).any()) for before, after in itertools.pairwise(images)]
     # the filters before the temporal one leave no hole for it to fill

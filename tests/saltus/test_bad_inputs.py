@@ -165,6 +165,7 @@ BAD = {
     "render fit file": "neither",
     "render preview --out file": "'file'",
     "render preview --out /proc/nowhere": "/proc/nowhere",
+    "render preview --camera missing.toml": "missing.toml",
     "render preview --terrain stairs --rise-m nan": "rise_m = nan",
     "render preview --terrain step --height-m inf": "height_m = inf",
     "heightmap report": "at least one",
