@@ -24,7 +24,9 @@ LARGEST = 2**20
 MANY = 10**9
 """Of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
-TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
+USUAL_TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
+"""Those of manifests that name none."""
+TERRAINS = (*USUAL_TERRAINS, "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch")
 """Stairs and stones twice: there the heights matter most, and there they were worst."""
 _SHARE = (0.0, 1.0)
 _SHIPPED, _NONE = "(default: that of this checkout)", "(default: none, true heights)"
@@ -109,7 +111,8 @@ class Loop:
     variation: float = VARIATION
     """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     terrains: tuple[str, ...] = TERRAINS
-    """Families of the courses, drawn evenly from this list; families of your own are named like those of Saltus."""
+    """Families of the courses, drawn evenly from this list: who stands in it twice is drawn twice as often. ramp_up,
+    ramp_down and families of your own are named like the others."""
 
     def __post_init__(self) -> None:
         check_between(
@@ -123,7 +126,7 @@ class Loop:
     def table(self) -> dict[str, Any]:
         """What a manifest says of it; of terrains only others than the usual, as manifests that are older."""
         table = asdict(self) | {"terrains": list(self.terrains)}
-        return table if self.terrains != TERRAINS else {name: table[name] for name in table if name != "terrains"}
+        return table if self.terrains != USUAL_TERRAINS else {name: table[name] for name in table if name != "terrains"}
 
 
 @dataclass(frozen=True, kw_only=True)

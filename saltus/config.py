@@ -34,15 +34,16 @@ class TerrainConfig:
     """The terrain. A size that is given wins over the difficulty."""
 
     terrain: str = "stairs"
-    """flat, stairs, stepping_stones, step, gap, a family of your own, or a TOML file with boxes."""
+    """flat, stairs, stepping_stones, step, gap, stairs_down, step_down, pyramid, irregular (stairs), hurdles, ditch,
+    ramp_up, ramp_down, a family of your own, or a TOML file with boxes."""
     difficulty: float | None = None
     """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None
-    """Number of stairs, or of stepping stones."""
+    """Number of stairs, of stepping stones, of hurdles."""
     rise_m: float | None = None
-    """Height of a stair."""
+    """Height of a stair; of irregular ones the greatest, negative leads down."""
     run_m: float | None = None
-    """Depth of a stair."""
+    """Depth of a stair; from one hurdle to the next; length of a ramp along the ground."""
     stone_m: float | None = None
     """Length of a stepping stone."""
     gap_m: float | None = None
@@ -52,7 +53,11 @@ class TerrainConfig:
     layout_seed: int = 0
     """Of what is drawn; trials of an evaluation have their own."""
     height_m: float | None = None
-    """Height of a single step up."""
+    """Height of a single step up or down, or of a hurdle."""
+    depth_m: float | None = None
+    """Depth of a ditch."""
+    slope_deg: float | None = None
+    """Of a ramp."""
 
 
 @dataclass(frozen=True, kw_only=True)

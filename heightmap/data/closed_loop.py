@@ -34,7 +34,9 @@ from saltus.render.camera import RobotCamera
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.terrain.batch import DITCH_M
 from saltus.terrain.curriculum import FAMILIES, make_terrain
+from saltus.terrain.law import PAPER
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
@@ -140,7 +142,7 @@ def _predicted(
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:
     """A course of a family, of a difficulty up to `hardest`, which is from 0 to 1."""
     difficulty = float(rng.uniform(0.0, hardest))
-    if kind == "stairs":
+    if kind in ("stairs", "stairs_down", "pyramid"):
         run, steps = float(rng.uniform(0.2, 0.4)), int(rng.integers(5, 15))
         return TerrainConfig(terrain=kind, difficulty=difficulty, run_m=run, steps=steps)
     if kind == "stepping_stones" and rng.uniform() < 0.5:
@@ -148,8 +150,14 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
         greatest = float(0.05 + 0.6 * difficulty)
         stone, layout = float(rng.uniform(0.3, 0.7)), int(rng.integers(2**31))
         return TerrainConfig(terrain=kind, stone_m=stone, gap_m=0.05, gap_max_m=greatest, layout_seed=layout)
-    layout = 0 if kind in FAMILIES else int(rng.integers(2**31))
-    return TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=layout)
+    layout = 0 if kind in PAPER else int(rng.integers(2**31))
+    course = TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=layout)
+    if kind == "ditch":
+        return replace(course, depth_m=float(rng.uniform(*DITCH_M)))
+    if kind == "irregular" and rng.uniform() < 0.5:
+        up = FAMILIES[kind].sizes["rise_m"].resolve("rise_m", None, difficulty)
+        return replace(course, rise_m=-up)
+    return course
 
 
 def _cut(steps: Sequence[RolloutStep], terrains: Sequence[Terrain], legs: LegKinematics) -> Iterator[Trajectory]:

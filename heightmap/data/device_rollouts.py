@@ -35,7 +35,7 @@ from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.terrain.batch import KINDS
+from saltus.terrain.law import KINDS
 
 
 class DeviceRollouts:

@@ -16,7 +16,7 @@ from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import TOPICS
 
-MAX_HEIGHT_M = 1.5  # nothing that the robot can jump is further above or below its base
+MAX_HEIGHT_M = 2.0  # ditches that a robot jumps over are up to 1 m deep, its base up to 0.6 m above their rims
 MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's state is a weighted mean of values in (-1, 1)
 BAD_OUTPUTS_TO_INVALID = 3  # at 100 Hz: one bad output is bridged, three are a fault
 DEGRADED_INVALID_PIXELS = 0.3

@@ -7,7 +7,8 @@ from saltus.arrays import Array, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
 from saltus.flags import shown
-from saltus.terrain.batch import BOXES, KINDS
+from saltus.terrain.batch import BOXES
+from saltus.terrain.law import KINDS
 from saltus.terrain.table import CourseTable
 
 
@@ -27,9 +28,9 @@ class CurriculumConfig:
     irregular: float = 0.0
     hurdles: float = 0.0
     ditch: float = 0.0
-    """The same for kinds that are left out unless they are asked for, see `saltus.terrain.batch.KINDS`."""
+    """The same for kinds that are left out unless they are asked for, see `saltus.terrain.law.KINDS`."""
     own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
-    """The same for families of your own, by name, see `saltus.terrain.own`."""
+    """The same for ramp_up, ramp_down, and families of your own, by name; see `saltus.terrain.own`."""
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""
     hardest: float = 1.0

@@ -15,7 +15,8 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
-from saltus.terrain.batch import KINDS, Courses, descends
+from saltus.terrain.batch import Courses, descends
+from saltus.terrain.law import KINDS
 from saltus.terrain.table import OwnCourses
 
 FAR_X = (0.9, 1.1, 1.3, 1.6)

@@ -23,7 +23,8 @@ from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, coll
 from saltus.policy.evaluation.rollout import shifted_heights
 from saltus.policy.planner import make_planner
 from saltus.policy.training.evaluation_table import Row, append_rows, summary
-from saltus.terrain.curriculum import FAMILIES, make_terrain
+from saltus.terrain.curriculum import make_terrain
+from saltus.terrain.law import PAPER
 from saltus.terrain.own import own_families
 from saltus.workers import in_order
 
@@ -44,8 +45,17 @@ COURSES: dict[str, TerrainConfig] = {
     "step_0.60": TerrainConfig(terrain="step", height_m=0.60),
     "gap_0.40": TerrainConfig(terrain="gap", gap_m=0.40),
     "gap_0.80": TerrainConfig(terrain="gap", gap_m=0.80),
+    "stairs_down_0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
+    "step_down_0.60": TerrainConfig(terrain="step_down", height_m=0.60),
+    "pyramid_0.15": TerrainConfig(terrain="pyramid", rise_m=0.15),
+    "irregular_0.22": TerrainConfig(terrain="irregular", rise_m=0.22),
+    "hurdles_0.20": TerrainConfig(terrain="hurdles", height_m=0.20),
+    "ditch_0.50": TerrainConfig(terrain="ditch", gap_m=0.50, depth_m=1.0),
+    "ramp_up_20": TerrainConfig(terrain="ramp_up", slope_deg=20.0),
+    "ramp_down_20": TerrainConfig(terrain="ramp_down", slope_deg=20.0),
 }
-"""Of each kind of terrain what the paper's robot did, and something easier that shows progress before."""
+"""Of each kind of terrain that a policy is trained on: what the paper's robot did, and something easier that shows
+progress before; of kinds that it did not meet, what Saltus aims at."""
 
 
 def course_of(name: str) -> TerrainConfig:
@@ -101,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("table", type=Path)
-    parser.add_argument("--kinds", nargs="+", default=list(FAMILIES), help="of terrain")
+    parser.add_argument("--kinds", nargs="+", default=list(PAPER), help="of terrain")
     parser.add_argument("--trials", type=int, default=TRIALS, help="of each course")
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)

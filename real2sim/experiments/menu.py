@@ -12,7 +12,7 @@ from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.motions import Section, repeated
 from saltus.real2sim.experiments.safety import Limits
 from saltus.robots.robot import Robot
-from saltus.terrain import flat, step
+from saltus.terrain import flat, level
 from saltus.terrain.terrain import Terrain
 
 SEPARATIONS = Path(__file__).parent / "separations.json"
@@ -172,7 +172,7 @@ _ALL = (
         name="heave_and_pitch", how="heave and pitch of the body from 0.3 to 5 Hz before a step",
         shows=("camera_latency", "temporal_smear", "frame_drop", "imu_latency", "foot_friction"), base="free",
         sections=_heave_and_pitch, limits=FREE,
-        terrain=lambda: step.make(height_m=STEP_M), camera=True,
+        terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
     Experiment(
         name="pitch_rocking", how="the body rocks in pitch at 1 and 2 Hz before a step",
@@ -180,7 +180,7 @@ _ALL = (
         sections=lambda robot: _both(
             repeated("1 Hz", 2, motions.body_sine(robot, 4.0, 1.0, pitch_rad=0.1)),
             repeated("2 Hz", 2, motions.body_sine(robot, 4.0, 2.0, pitch_rad=0.06)),
-        ), limits=FREE, terrain=lambda: step.make(height_m=STEP_M), camera=True,
+        ), limits=FREE, terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
     Experiment(
         name="heave_sine", how="one sine of body height, 1 Hz", shows=("camera_latency",), base="free",
@@ -191,13 +191,13 @@ _ALL = (
         name="height_step", how="the robot stands 0.4, 0.6 and 0.8 m before a stair",
         shows=(*_IMAGE_GEOMETRY, *_IMAGE_EDGES), base="free",
         sections=lambda robot: _at(robot, 0.4, 0.6, 0.8), limits=FREE,
-        terrain=lambda: step.make(height_m=STEP_M), camera=True,
+        terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
     Experiment(
         name="wall_two_ranges", how="the robot stands 0.7 and 1.4 m before a wall",
         shows=(*_IMAGE_GEOMETRY, "depth_noise"), base="free",
         sections=lambda robot: _at(robot, 0.7, 1.4), limits=FREE,
-        terrain=lambda: step.make(height_m=WALL_M), camera=True,
+        terrain=lambda: level.make("step", height_m=WALL_M), camera=True,
     ),
     Experiment(
         name="squat", how="the body goes up and down at 0.5 and 2 Hz",

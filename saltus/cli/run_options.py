@@ -2,33 +2,43 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from saltus.config import DEFAULT_ROBOT, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
 from saltus.errors import ConfigError
 from saltus.flags import shown
+from saltus.terrain.curriculum import FAMILIES
 
 if TYPE_CHECKING:
     from saltus.depth_camera import DepthCamera
     from saltus.robots.robot import Robot
 
-BY_DIFFICULTY = "; or by the difficulty"
+
+def _shown(size: str, otherwise: str = "") -> Any:
+    """What the help says of a size: its default in each family that has it, or `otherwise`."""
+    sizes = {name: family.sizes[size] for name, family in FAMILIES.items() if size in family.sizes}
+    defaults = ", ".join(f"{value.default:g} {name}" for name, value in sizes.items())
+    by_difficulty = any(value.base is not None for value in sizes.values())
+    kind = "INT" if size == "steps" else "FLOAT"
+    return shown(kind, otherwise or defaults + ("; or by the difficulty" if by_difficulty else ""))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Course(TerrainConfig):
     """The terrain. A size that is given wins over the difficulty."""
 
-    difficulty: Annotated[float | None, shown("FLOAT", "none; 0.5 of a family of your own")] = None
-    steps: Annotated[int | None, shown("INT", "14 stairs, 8 stones")] = None
-    rise_m: Annotated[float | None, shown("FLOAT", f"0.2{BY_DIFFICULTY}")] = None
-    run_m: Annotated[float | None, shown("FLOAT", "0.25")] = None
-    stone_m: Annotated[float | None, shown("FLOAT", "0.5")] = None
-    gap_m: Annotated[float | None, shown("FLOAT", f"0.3 between stones, 0.8 alone{BY_DIFFICULTY}")] = None
-    gap_max_m: Annotated[float | None, shown("FLOAT", "none, all are alike")] = None
-    height_m: Annotated[float | None, shown("FLOAT", f"0.6{BY_DIFFICULTY}")] = None
+    difficulty: Annotated[float | None, _shown("difficulty", "none; 0.5 of a family of your own")] = None
+    steps: Annotated[int | None, _shown("steps")] = None
+    rise_m: Annotated[float | None, _shown("rise_m")] = None
+    run_m: Annotated[float | None, _shown("run_m")] = None
+    stone_m: Annotated[float | None, _shown("stone_m")] = None
+    gap_m: Annotated[float | None, _shown("gap_m")] = None
+    gap_max_m: Annotated[float | None, _shown("gap_max_m", "none, all are alike")] = None
+    height_m: Annotated[float | None, _shown("height_m")] = None
+    depth_m: Annotated[float | None, _shown("depth_m")] = None
+    slope_deg: Annotated[float | None, _shown("slope_deg")] = None
 
 
 CourseOptions = tyro.conf.OmitArgPrefixes[Course]

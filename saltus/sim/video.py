@@ -17,7 +17,7 @@ from saltus.sim import overlay, scene
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.sim.plant import standing_pose
-from saltus.terrain import stairs
+from saltus.terrain import level
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -117,7 +117,7 @@ def write_video(path: Path, frames: Iterable[Frame], *, size: tuple[int, int] = 
 
 def test_frame(robot: Robot) -> Frame:
     """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
-    terrain = stairs.make(steps=5, rise_m=0.06, run_m=0.25)
+    terrain = level.make("stairs", steps=5, rise_m=0.06, run_m=0.25)
     x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
     pose = standing_pose(robot, terrain, x, zero, zero, clearance=0.0)
     heights = terrain.height_at(*LINE.points_in_world(pose[:2], zero)) - pose[2]

@@ -135,6 +135,13 @@ class Boxes:
             return self.half_size
         return (namespace(self.half_size).abs(self.rotation) @ self.half_size[..., None])[..., 0]
 
+    @property
+    def top_ends(self) -> Array:
+        """Where the upper face of each begins and ends along the world's x [m], shape (2, ..., n)."""
+        xp, half = namespace(self.half_size), self.rotation[..., 0, :] * self.half_size
+        middle, reach = self.center[..., 0] + half[..., 2], xp.sum(xp.abs(half[..., :2]), axis=-1)
+        return xp.stack([middle - reach, middle + reach])
+
     def of_robot(self, robot: int | Array) -> "Boxes":
         """Those of one robot, without the leading dimension; or of many, by an array of whole numbers."""
         turn = None if self.turn is None else self.turn[robot]

@@ -1,7 +1,8 @@
 """From a configuration to a terrain: a family makes it, by explicit sizes or by the difficulty; or a file holds it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,12 @@ import numpy as np
 
 from saltus.config import TerrainConfig, load
 from saltus.errors import ConfigError, nearest_hint
-from saltus.terrain import flat, gap, stairs, step, stepping_stones
+from saltus.terrain import flat, level, ramp
 from saltus.terrain.own import OwnFamily, own_families
-from saltus.terrain.terrain import Terrain, checked
+from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
 
 FILE_SUFFIX = ".toml"
-SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m", "gap_max_m")
+SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m", "gap_max_m", "depth_m", "slope_deg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +46,12 @@ class SizedFamily:
     """A family whose sizes can be given one by one, each in place of what the difficulty or a default would make it."""
 
     make: Callable[..., Terrain]
-    """Takes the sizes by their names."""
+    """Takes the sizes by their names, and `rng` where something is drawn."""
     sizes: dict[str, Size] = field(default_factory=dict)
     greatest: dict[str, Size] = field(default_factory=dict)
-    """Sizes that can be given besides, with which others are drawn: `make` takes these and `rng`."""
+    """Sizes that can be given besides, with which others are drawn."""
+    is_drawn: bool = False
+    """Whether courses of other random numbers differ whatever the sizes are."""
 
     def __call__(self, difficulty: float | None, rng: np.random.Generator, **given: float) -> Terrain:
         """A terrain of the family, see `make_terrain`."""
@@ -56,34 +59,61 @@ class SizedFamily:
         if "steps" in sizes:
             sizes["steps"] = int(sizes["steps"])
         drawn = {n: size.resolve(n, given[n], None) for n, size in self.greatest.items() if n in given}
-        return self.make(**sizes, **drawn, **({"rng": rng} if drawn else {}))
+        return self.make(**sizes, **drawn, **({"rng": rng} if drawn or self.is_drawn else {}))
 
 
 # The laws of difficulty are the project's definition (the original's, with gap and step widened so that difficulty 1
-# is beyond the paper's best jumps of 0.8 m and 0.6 m). Defaults: the courses of the paper's robot, with the mean of its
-# gaps between stones. Bounds: the least that a foot of 4 cm can tell from flat ground or stand on, up to a quarter more
-# than difficulty 1 asks for.
+# is beyond the paper's best jumps of 0.8 m and 0.6 m; of the kinds that the paper does not have, a third or more beyond
+# what a robot should take, which is the default). Defaults: the courses of the paper's robot, with the mean of its gaps
+# between stones. Bounds: the least that a foot of 4 cm can tell from flat ground or stand on, up to a quarter more than
+# difficulty 1 asks for.
+_RISE = Size(default=0.15, low=0.0, high=0.3125, base=0.05, slope=0.20)
+_RUN = Size(default=0.25, low=0.1, high=2.0)
+_GAP = Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)
+_RAMP = {
+    "slope_deg": Size(default=20.0, low=0.0, high=37.5, base=0.0, slope=30.0),
+    "run_m": Size(default=3.0, low=0.1, high=20.0),
+}
+
+
+def _count(default: int) -> Size:
+    return Size(default=default, low=1, high=100)
+
+
+def _level(kind: str, **sizes: Size) -> SizedFamily:
+    """A family of `saltus.terrain.law`."""
+    return SizedFamily(make=partial(level.make, kind), sizes=sizes, is_drawn=kind == "irregular")
+
+
 FAMILIES: dict[str, SizedFamily] = {
     "flat": SizedFamily(make=flat.make),
-    "stairs": SizedFamily(
-        make=stairs.make,
-        sizes={
-            "steps": Size(default=14, low=1, high=100),
-            "rise_m": Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
-            "run_m": Size(default=0.25, low=0.1, high=2.0),
-        },
+    "stairs": _level(
+        "stairs", steps=_count(14), rise_m=Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25), run_m=_RUN
     ),
-    "stepping_stones": SizedFamily(
-        make=stepping_stones.make,
-        sizes={
-            "steps": Size(default=8, low=1, high=100),
-            "stone_m": Size(default=0.5, low=0.1, high=2.0),
-            "gap_m": Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
-        },
+    "stepping_stones": replace(
+        _level(
+            "stepping_stones",
+            steps=_count(8),
+            stone_m=Size(default=0.5, low=0.1, high=2.0),
+            gap_m=Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
+        ),
         greatest={"gap_max_m": Size(default=0.5, low=0.0, high=0.75)},
     ),
-    "step": SizedFamily(make=step.make, sizes={"height_m": Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)}),
-    "gap": SizedFamily(make=gap.make, sizes={"gap_m": Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)}),
+    "step": _level("step", height_m=Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)),
+    "gap": _level("gap", gap_m=_GAP),
+    "stairs_down": _level("stairs_down", steps=_count(14), rise_m=_RISE, run_m=_RUN),
+    "step_down": _level("step_down", height_m=Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)),
+    "pyramid": _level("pyramid", steps=_count(5), rise_m=_RISE, run_m=replace(_RUN, default=0.3)),
+    "irregular": _level("irregular", steps=_count(14), rise_m=replace(_RISE, default=0.22, low=-_RISE.high)),
+    "hurdles": _level(
+        "hurdles",
+        steps=_count(3),
+        height_m=Size(default=0.20, low=0.0, high=0.375, base=0.0, slope=0.30),
+        run_m=Size(default=1.5, low=0.1, high=5.0),
+    ),
+    "ditch": _level("ditch", gap_m=replace(_GAP, default=0.5), depth_m=Size(default=TRENCH_DEPTH, low=0.01, high=1.25)),
+    "ramp_up": SizedFamily(make=partial(ramp.make, "ramp_up"), sizes=_RAMP),
+    "ramp_down": SizedFamily(make=partial(ramp.make, "ramp_down"), sizes=_RAMP),
 }
 """Those that Saltus brings; installed packages add theirs (`saltus.terrain.own`)."""
 
@@ -125,8 +155,10 @@ def find_family(name: str) -> SizedFamily | OwnFamily:
 
 def is_drawn(config: TerrainConfig) -> bool:
     """Whether terrains of another layout seed differ."""
-    is_own = config.terrain not in FAMILIES and not config.terrain.endswith(FILE_SUFFIX)
-    return is_own or config.gap_max_m is not None
+    if config.terrain.endswith(FILE_SUFFIX):
+        return False
+    family = FAMILIES.get(config.terrain)
+    return family is None or family.is_drawn or config.gap_max_m is not None
 
 
 def _refuse(config: TerrainConfig, given: dict[str, float], known: list[str]) -> None:

@@ -23,7 +23,8 @@ TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
 TIMED = f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge"
 """What times and speeds are of; on flat ground from the start (`Terrain.timing_x`)."""
 WIDTH = 4.0
-BOTTOM = -1.0  # lower end of all columns; thick enough that nothing falls through
+BOTTOM = -1.0  # lower end of all columns, where none of them is low
+THICKNESS = 0.6  # of the lowest column, at least: nothing falls through
 TRENCH_DEPTH = 0.4  # original
 STANCE_M = 0.5  # feet of a Go1 are 0.2 m ahead of and behind its centre, and a trial starts up to 0.2 m off
 LEVEL_M = 1e-3
@@ -65,13 +66,11 @@ class Terrain(Value):
 
     @cached_property
     def edges_x(self) -> Floats:
-        """Every x beyond the start at which a box begins or ends, but for the ends of the terrain; ascending [m].
+        """Every x beyond the start at which the top of a box begins or ends, but for the ends of the terrain [m].
 
-        A change of height by zero counts, so that a course of difficulty 0 has the same edges. Shape (edges,).
+        A change of height by zero counts: a course of difficulty 0 has the same edges. Ascending, shape (edges,).
         """
-        center, reach = self.box_center[:, 0], np.asarray(self.arrays.extent)[:, 0]
-        extent = np.round([center - reach, center + reach], _DIGITS)
-        ends = np.unique(extent) if self.columns is None else self.columns.x
+        ends: Floats = np.unique(np.round(self.arrays.top_ends, _DIGITS)) if self.columns is None else self.columns.x
         return ends[1:-1][ends[1:-1] > self.start_x]
 
     @property
@@ -197,8 +196,8 @@ def across(ends: Sequence[float], tops: Sequence[float]) -> tuple[Box, ...]:
         ends: Where the first begins and each ends [m], one more than boxes.
         tops: Height of each [m].
     """
-    half = 0.5 * WIDTH
+    half, bottom = 0.5 * WIDTH, min(BOTTOM, min(tops) - THICKNESS)
     return tuple(
-        Box(low=(low, -half, BOTTOM), high=(high, half, top))
+        Box(low=(low, -half, bottom), high=(high, half, top))
         for low, high, top in zip(ends[:-1], ends[1:], tops, strict=True)
     )

@@ -18,15 +18,13 @@ from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
+from saltus.heightmap.settings import MIN_TICKS, TERRAINS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv, Transition
-from saltus.terrain.batch import KINDS
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
-ROBOTS, TICKS = 8, 70
+ROBOTS, TICKS = len(TERRAINS), 70
 NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly")
 
 
@@ -73,8 +71,7 @@ def test_both_cameras_see_the_same_motion(datasets: dict[str, Path]) -> None:
         assert both.mean() > 0.2
         error = stereo.depth[both].astype(float) - true.depth[both]
         assert 0.5 < np.median(np.abs(error)) < 30.0  # [mm]; edges and holes err more
-    shares = CurriculumConfig()
-    assert {true.terrain for _, true in pairs} == {kind for kind in KINDS if shares.share(kind) > 0.0}
+    assert {true.terrain for _, true in pairs} == set(TERRAINS)
 
 
 def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[str, Path]) -> None:

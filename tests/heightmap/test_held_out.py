@@ -13,7 +13,6 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import (
     FIRST_SEED,
     HARD,
-    KINDS,
     MASTERED,
     NETWORK,
     HeldOutRun,
@@ -22,8 +21,9 @@ from saltus.heightmap.evaluation.held_out import (
 )
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
+from saltus.terrain.law import PAPER
 
-COURSES = 2 * len(KINDS)
+COURSES = 2 * len(PAPER)
 POINTS = len(HEIGHTMAP_X)
 STEPS = 400
 
@@ -85,7 +85,7 @@ def test_edges_that_were_never_met_do_not_count() -> None:
 
 
 def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_path: Path) -> None:
-    assert {(run.terrain, run.level) for run in runs} == {(kind, level) for kind in KINDS for level in (MASTERED, HARD)}
+    assert {(run.terrain, run.level) for run in runs} == {(kind, level) for kind in PAPER for level in (MASTERED, HARD)}
     for run in runs:
         assert run.true_height.shape == run.view.shape
         assert set(run.predictions) == {NETWORK, "geometric"}

@@ -18,7 +18,8 @@ from saltus.policy.training.learner import Learner
 from saltus.policy.training.standard_evaluation import COURSES, main
 from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_record import TrainingRecord
-from saltus.terrain.batch import BOXES, KINDS
+from saltus.terrain.batch import BOXES
+from saltus.terrain.curriculum import FAMILIES
 
 FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
 CONFIG = TrainConfig(
@@ -39,9 +40,8 @@ def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learn
     return learner, record
 
 
-def test_every_kind_of_terrain_that_is_trained_on_by_default_has_a_course() -> None:
-    default = CurriculumConfig()
-    assert {course.terrain for course in COURSES.values()} == {kind for kind in KINDS if default.share(kind) > 0.0}
+def test_every_kind_of_terrain_that_saltus_brings_has_a_course() -> None:
+    assert {course.terrain for course in COURSES.values()} == set(FAMILIES)
 
 
 def test_rows_survive_their_table(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from saltus.policy.features import LAYOUT, SIZE, features
 from saltus.policy.observation import observe
 from saltus.sim.batch_engine import BatchEngine
 from saltus.states import standing_state
-from saltus.terrain.batch import BOXES, KINDS
+from saltus.terrain.batch import BOXES
+from saltus.terrain.law import KINDS
 
 N = 20
 
@@ -152,6 +153,22 @@ def test_every_kind_of_terrain_gets_its_share():
     kinds = np.array(kinds_of_robots(config, 1000))
     for k, kind in enumerate(KINDS):
         assert abs((kinds == k).mean() - config.share(kind)) < 2e-3
+
+
+def test_ramps_are_trained_on_up_and_down():
+    none = dict.fromkeys(("flat", "stairs", "stepping_stones", "step", "gap"), 0.0)
+    curriculum = CurriculumConfig(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
+    env = JumpEnv(BatchEngine(ROBOT, N, curriculum.boxes, threads=1), EnvConfig(curriculum=curriculum), seed=0)
+    env.set_levels(torch.full((N,), 5.0))
+    x = torch.linspace(0.0, 6.0, 100).expand(N, -1)
+    heights = env.courses().height_at(x, torch.zeros_like(x))
+    assert (heights[: N // 2, -1] > 0.5).all()
+    assert (heights[N // 2 :, -1] < -0.5).all()
+    assert (heights.diff(dim=1).abs() < 0.05).all()  # slopes, no steps
+    for _ in range(20):
+        transition = env.step(torch.zeros(N, 10))
+    assert torch.isfinite(transition.actor).all()
+    assert not transition.done.any()
 
 
 def test_levels_rise_with_the_way_and_fall_without():

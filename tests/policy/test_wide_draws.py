@@ -20,7 +20,8 @@ from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
 from saltus.sim.layout import BASE_DOF, SOFT_SOLIMP, SOFT_SOLREF_S
 from saltus.sim.warp import WarpEngine
-from saltus.terrain.batch import BOXES, KINDS
+from saltus.terrain.batch import BOXES
+from saltus.terrain.law import KINDS
 
 N = 44
 EVERYWHERE = CurriculumConfig(**dict.fromkeys(KINDS, 1.0))

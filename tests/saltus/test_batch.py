@@ -19,7 +19,7 @@ TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in FAMILIES]
 COUNT = len(TERRAINS)
 FRICTION = np.linspace(0.5, 1.0, COUNT)
 PAYLOAD = np.linspace(0.0, 1.5, COUNT)
-START = np.array([0.1, 1.4, 1.6, 1.3, 1.3])
+START = np.array([0.1, 1.4, 1.6, *[1.3] * (COUNT - 3)])
 CHAIN = ActuatorChain((*PROFILE.actuator, ActuatorLag(time_constant=0.004)))
 
 

@@ -6,7 +6,7 @@ from samples import KINEMATICS, ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.robots.robot import JOINTS, LEGS
 from saltus.sim import scene
-from saltus.terrain import flat, stairs
+from saltus.terrain import flat, level
 
 POSES = np.random.default_rng(0).uniform(ROBOT.joint_lower, ROBOT.joint_upper, (20, 12))
 
@@ -93,7 +93,7 @@ def test_options_reach_the_model(model: mujoco.MjModel) -> None:
     plain = model.body(scene.TRUNK).ipos
     shift = np.array([0.02, -0.01, 0.03])
     model = scene.build_spec(
-        ROBOT, stairs.make(steps=3, rise_m=0.1, run_m=0.3), friction=0.33, com_shift=shift, columns=9
+        ROBOT, level.make("stairs", steps=3, rise_m=0.1, run_m=0.3), friction=0.33, com_shift=shift, columns=9
     ).compile()
     np.testing.assert_allclose(model.body(scene.TRUNK).ipos, plain + shift)
     assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)

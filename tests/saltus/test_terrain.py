@@ -14,14 +14,18 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
 from saltus.sim import scene
-from saltus.terrain import stepping_stones
+from saltus.terrain import level
 from saltus.terrain.boxes import Box, Boxes
 from saltus.terrain.curriculum import FAMILIES, make_terrain
+from saltus.terrain.law import KINDS as LEVEL
 from saltus.terrain.stack import TerrainStack
-from saltus.terrain.terrain import WIDTH, Terrain
+from saltus.terrain.terrain import WIDTH, Terrain, checked
 
 KINDS = tuple(FAMILIES)
 FAMILY = [TerrainConfig(terrain=kind, difficulty=d) for kind in KINDS for d in (None, 0.0, 0.4, 1.0)]
+LEVEL_FAMILY = [config for config in FAMILY if config.terrain in LEVEL]
+RAMPS = [config for config in FAMILY if config not in LEVEL_FAMILY]
+SINGLE = ("step", "step_down", "gap", "ditch")
 
 
 def name_of(config: TerrainConfig) -> str:
@@ -59,7 +63,7 @@ def test_height_over_turned_boxes_equals_a_downward_ray(seed: int) -> None:
     np.testing.assert_allclose(terrain.height_at(x, y), by_rays(terrain, x, y), atol=1e-6)
 
 
-@pytest.mark.parametrize("config", FAMILY, ids=name_of)
+@pytest.mark.parametrize("config", LEVEL_FAMILY, ids=name_of)
 def test_columns_are_as_high_as_the_same_boxes_one_by_one(config: TerrainConfig) -> None:
     terrain = make_terrain(config)
     assert terrain.columns is not None
@@ -105,7 +109,7 @@ def test_the_rim_goes_on_and_holes_have_the_lowest_underside(seed: int) -> None:
     np.testing.assert_array_equal(far.height_at(np.array([-0.5, 0.5, 4.5, 5.5, 9.0]), 0.0), [0.5, 0.5, 1.0, 1.0, 1.0])
 
 
-@pytest.mark.parametrize("config", FAMILY, ids=name_of)
+@pytest.mark.parametrize("config", LEVEL_FAMILY, ids=name_of)
 def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(config: TerrainConfig) -> None:
     terrain = make_terrain(config)
     changes = [box.high[0] for box, beyond in pairwise(terrain.boxes) if box.high[2] != beyond.high[2]]
@@ -116,9 +120,7 @@ def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(config
     if terrain.edges_x.size:
         assert terrain.first_edge_x == 1.5
         assert terrain.timing_x == 1.0
-        assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(
-            1.0 if config.terrain in ("step", "gap") else 0.5
-        )
+        assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(1.0 if config.terrain in SINGLE else 0.5)
 
 
 def test_edges_of_turned_boxes_are_their_ends_along_the_course() -> None:
@@ -136,11 +138,25 @@ def test_there_is_ground_behind_the_start_and_the_finish(config: TerrainConfig) 
     assert terrain.boxes[0].low[0] == -2.0
     assert terrain.boxes[-1].high[0] == pytest.approx(terrain.finish_x + 4.0)
     assert np.all(terrain.height_at(np.linspace(-2.0, 1.49, 100), 0.0) == 0.0)
-    behind = np.linspace(max([1.5, *terrain.edges_x]), terrain.finish_x + 4.0, 100)
-    assert np.ptp(terrain.height_at(behind, 0.0)) == 0.0
+    behind = np.linspace(max([1.5, *terrain.edges_x]) + 1e-6, terrain.finish_x + 4.0, 100)
+    assert np.ptp(terrain.height_at(behind, 0.0)) < 1e-9
+    assert checked(terrain, config.terrain) is terrain
+    lowest = terrain.height_at(np.linspace(-2.0, terrain.finish_x, 1000), 0.0).min()
+    assert all(box.low[2] <= lowest - 0.6 + 1e-9 for box in terrain.boxes if box.is_level)
 
 
-@pytest.mark.parametrize("config", FAMILY, ids=name_of)
+@pytest.mark.parametrize("config", RAMPS, ids=name_of)
+def test_a_ramp_family_leads_from_level_ground_to_level_ground(config: TerrainConfig) -> None:
+    terrain = make_terrain(config)
+    slope, run = np.tan(np.deg2rad(terrain.params["slope_deg"])), terrain.params["run_m"]
+    way = np.linspace(0.0, run, 50)
+    side = -1.0 if config.terrain == "ramp_down" else 1.0
+    np.testing.assert_allclose(terrain.height_at(1.5 + way, 0.0), side * slope * way, atol=1e-9)
+    np.testing.assert_allclose(terrain.edges_x, [1.5, 1.5 + run], atol=1e-9)
+    assert terrain.finish_x == pytest.approx(2.0 + run)
+
+
+@pytest.mark.parametrize("config", LEVEL_FAMILY, ids=name_of)
 def test_boxes_tile_the_course_without_crack_or_overlap(config: TerrainConfig) -> None:
     terrain = make_terrain(config)
     low, high = (terrain.box_center + side * terrain.box_size for side in (-0.5, 0.5))
@@ -150,7 +166,7 @@ def test_boxes_tile_the_course_without_crack_or_overlap(config: TerrainConfig) -
     assert np.all(terrain.box_size[:, 1] == 4.0)
 
 
-ANY = [*map(make_terrain, FAMILY), *map(random_terrain, range(5))]
+ANY = [*map(make_terrain, LEVEL_FAMILY), *map(make_terrain, RAMPS), *map(random_terrain, range(5))]
 
 
 @pytest.mark.parametrize("terrain", ANY, ids=lambda terrain: terrain.fingerprint)
@@ -169,14 +185,16 @@ def test_torch_equals_numpy_in_any_shape(terrain: Terrain) -> None:
     assert float(terrain.height_at(float(x[0]), float(y[0]))) == heights[0]
 
 
-@pytest.mark.parametrize("terrains", [ANY[: len(FAMILY)], ANY], ids=["columns", "any boxes"])
+@pytest.mark.parametrize("terrains", [ANY[: len(LEVEL_FAMILY)], ANY], ids=["columns", "any boxes"])
 def test_a_stack_equals_its_terrains(terrains: list[Terrain]) -> None:
     stack = TerrainStack(terrains)
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-3.0, 20.0, (len(terrains), 200)), rng.uniform(-2.5, 2.5, (len(terrains), 200))
     x[:, 0] = [t.edges_x[0] if t.edges_x.size else 0.0 for t in terrains]
     expected = np.stack([t.height_at(*row) for t, *row in zip(terrains, x, y, strict=True)])
-    np.testing.assert_allclose(stack.height_at(x, y), expected, atol=0.0 if len(terrains) == len(FAMILY) else 1e-12)
+    np.testing.assert_allclose(
+        stack.height_at(x, y), expected, atol=0.0 if len(terrains) == len(LEVEL_FAMILY) else 1e-12
+    )
     np.testing.assert_allclose(stack.height_at(torch.from_numpy(x), torch.from_numpy(y)).numpy(), expected, atol=1e-12)
 
 
@@ -238,7 +256,13 @@ def test_difficulty_sets_the_sizes(d: float) -> None:
     assert made["stepping_stones"]["gap_m"] == pytest.approx(0.6 * d)
     assert made["stepping_stones"]["stone_m"] == 0.5
     assert made["gap"]["gap_m"] == pytest.approx(0.01 + 1.1 * d)
-    assert made["step"]["height_m"] == pytest.approx(0.8 * d)
+    for kind in ("step", "step_down"):
+        assert made[kind]["height_m"] == pytest.approx(0.8 * d)
+    for kind in ("stairs_down", "pyramid", "irregular"):
+        assert made[kind]["rise_m"] == pytest.approx(0.05 + 0.2 * d)
+    assert made["hurdles"]["height_m"] == pytest.approx(0.3 * d)
+    assert made["ditch"]["gap_m"] == made["gap"]["gap_m"]
+    assert made["ramp_up"]["slope_deg"] == made["ramp_down"]["slope_deg"] == pytest.approx(30.0 * d)
 
 
 @pytest.mark.parametrize(("kind", "size"), [(kind, size) for kind in KINDS for size in FAMILIES[kind].sizes])
@@ -268,16 +292,28 @@ def test_a_size_of_another_terrain_is_an_error(kind: str) -> None:
 
 def test_drawn_gaps_keep_their_range_and_their_seed() -> None:
     def gaps(seed: int) -> np.ndarray:
-        rng = np.random.default_rng(seed)
-        terrain = stepping_stones.make(steps=8, stone_m=0.5, gap_m=0.1, gap_max_m=0.4, rng=rng)
-        return np.diff(terrain.edges_x)[::2]
+        sizes = {"steps": 8, "stone_m": 0.5, "gap_m": 0.1, "gap_max_m": 0.4}
+        return np.diff(level.make("stepping_stones", np.random.default_rng(seed), **sizes).edges_x)[::2]
 
     np.testing.assert_array_equal(gaps(1), gaps(1))
     assert np.all((gaps(1) >= 0.1 - 1e-12) & (gaps(1) <= 0.4 + 1e-12))
     assert len(gaps(1)) == 9
     assert not np.array_equal(gaps(1), gaps(2))
-    with pytest.raises(ConfigError, match="generator"):
-        stepping_stones.make(steps=8, stone_m=0.5, gap_m=0.1, gap_max_m=0.4)
+    with pytest.raises(ConfigError, match="at least gap_m"):
+        make_terrain(TerrainConfig(terrain="stepping_stones", gap_m=0.4, gap_max_m=0.1))
+
+
+@pytest.mark.parametrize("rise", [0.22, -0.22, 0.1])
+def test_irregular_stairs_keep_their_ranges_and_their_seed(rise: float) -> None:
+    def stairs(seed: int) -> Terrain:
+        return make_terrain(TerrainConfig(terrain="irregular", steps=100, rise_m=rise, layout_seed=seed))
+
+    terrain = stairs(1)
+    rises = np.diff([box.high[2] for box in terrain.boxes]) / rise
+    treads = np.diff(terrain.edges_x)
+    assert 0.12 / 0.22 - 1e-9 <= rises.min() < 0.6 < 0.95 < rises.max() <= 1.0
+    assert 0.22 - 1e-9 <= treads.min() < 0.23 < 0.39 < treads.max() <= 0.40 + 1e-9
+    assert stairs(1) == terrain != stairs(2)
 
 
 @pytest.mark.parametrize("config", FAMILY, ids=name_of)

@@ -2,20 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from saltus.terrain.batch import (
-    BOXES,
-    COLUMNS,
-    DESCENDING,
-    DITCH_M,
-    DRAWS,
-    HURDLE_M,
-    IRREGULAR_RUN_M,
-    KINDS,
-    draw_courses,
-)
-from saltus.terrain.boxes import Box
+from saltus.terrain import level
+from saltus.terrain.batch import BOXES, COLUMNS, DITCH_M, DRAWS, REPEATS, draw_courses
 from saltus.terrain.curriculum import FAMILIES
-from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH, Terrain
+from saltus.terrain.law import DESCENDING, HURDLE_M, IRREGULAR_RUN_M, KINDS
+from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
 
 N = 400
 
@@ -81,30 +72,43 @@ def test_torch_and_numpy_make_the_same_courses():
     assert a.low.shape == (N, COLUMNS)
 
 
-def as_terrain(course, i):
-    """The same ground as columns side by side: the trenches between them are columns too."""
-    used = np.flatnonzero(course.top[i] > -40.0)
-    ends, tops = [float(course.low[i, 0])], []
-    for k in used:
-        if course.low[i, k] > ends[-1] + 1e-9:
-            ends.append(float(course.low[i, k]))
-            tops.append(float(course.floor[i]))
-        ends.append(float(course.high[i, k]))
-        tops.append(float(course.top[i, k]))
-    half, columns = 0.5 * WIDTH, zip(ends[:-1], ends[1:], tops, strict=True)
-    boxes = tuple(Box(low=(low, -half, -9.0), high=(high, half, top)) for low, high, top in columns)
-    return Terrain(kind="course", params={}, boxes=boxes, finish_x=float(course.finish_x[i]))
+class Draws:
+    """A generator that draws what a course of a batch was drawn from."""
+
+    def __init__(self, draws):
+        self._draws = draws
+
+    def uniform(self, size):
+        return self._draws[:size]
 
 
-def test_each_course_is_as_high_as_the_exact_terrain_of_its_columns():
-    kind, _, course = courses(seed=5)
-    rng = np.random.default_rng(6)
-    x = rng.uniform(-1.0, course.finish_x[:, None] + 2.0, (N, 60))
-    heights = course.height_at(x, 0.0 * x)
-    for i in range(0, N, 7):
-        terrain = as_terrain(course, i)
-        assert terrain.columns is not None, KINDS[kind[i]]
-        np.testing.assert_allclose(heights[i], terrain.height_at(x[i], 0.0 * x[i]), atol=1e-12)
+STEPS = {kind: count // {"pyramid": 2, "hurdles": 2}.get(kind, 1) for kind, count in REPEATS.items()}
+STEPS["stepping_stones"] -= 1  # the last column is the ground behind the stones
+
+
+@pytest.mark.parametrize("kind", KINDS[1:])
+def test_a_course_of_a_batch_equals_the_single_course_of_its_sizes(kind):
+    """But for where it begins and ends; stones of one gap and of gaps that differ, stairs that lead down and up."""
+    rng = np.random.default_rng(5)
+    difficulty, draws = rng.uniform(size=12), rng.uniform(size=(12, DRAWS))
+    course = draw_courses(np.full(12, KINDS.index(kind)), difficulty, draws)
+    way = rng.uniform(-0.5, 20.0, 300)
+    for i, d in enumerate(difficulty):
+        sizes = {n: s.base + s.slope * d for n, s in FAMILIES[kind].sizes.items() if s.base is not None}
+        if kind == "irregular":
+            sizes["rise_m"] *= np.sign(course.top[i, 1])
+        if kind == "stepping_stones" and draws[i, 2] < 0.5:
+            sizes |= {"gap_m": 0.2 * sizes["gap_m"], "gap_max_m": sizes["gap_m"]}
+        if kind == "ditch":
+            sizes["depth_m"] = -course.floor[i]
+        length = course.high[i, 2] - course.low[i, 2]
+        single = level.make(kind, Draws(draws[i, 9:]), **sizes, steps=STEPS[kind], run_m=length)
+        start = course.high[i, 0]
+        ahead = way[way < course.finish_x[i] - start]
+        heights = course.height_at((start + ahead)[None] + np.zeros((12, 1)), 0.0)[i]
+        np.testing.assert_allclose(heights, single.height_at(1.5 + ahead, 0.0), atol=1e-12)
+        behind = {"step": 1.0, "step_down": 1.0, "gap": 1.0, "ditch": 1.0}.get(kind, 0.5)
+        assert course.finish_x[i] - start - 1.0 == pytest.approx(single.finish_x - 1.5 - behind)
 
 
 def test_kinds_that_lead_down_hurdles_and_ditches():

@@ -1,0 +1,48 @@
+"""One course of level columns, by its sizes."""
+
+import numpy as np
+
+from saltus.errors import ConfigError
+from saltus.terrain.law import KINDS, shape
+from saltus.terrain.terrain import FINISH_AFTER_COURSE, FINISH_AFTER_SINGLE, TRENCH_DEPTH, Terrain, build
+
+SINGLE = ("step", "step_down", "gap", "ditch")
+"""Kinds with one edge or one trench."""
+_COLUMNS = {"stepping_stones": (1, 1), "pyramid": (2, 0), "hurdles": (2, 0)}
+"""For each of its `steps`, and besides: a trench behind the last stone, stairs up and down, hurdles and ground."""
+
+
+def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> Terrain:
+    """A course of a kind of `saltus.terrain.law`, of any but flat ground.
+
+    Args:
+        kind: Its name.
+        rng: Source of what is drawn: the widths of trenches where `gap_max_m` is given, irregular stairs.
+        sizes: Those of `saltus.config.TerrainConfig` that the kind has, by their names [m].
+
+    Raises:
+        ConfigError: `gap_max_m` is less than `gap_m`.
+    """
+    each, besides = _COLUMNS.get(kind, (1, 0))
+    count = each * int(sizes.get("steps", 1)) + besides
+    rise = sizes.get("rise_m", sizes.get("height_m", 0.0)) * (-1.0 if kind.endswith("_down") else 1.0)
+    least = sizes.get("gap_m", 0.0)
+    greatest = sizes.get("gap_max_m", least)
+    if greatest < least:
+        raise ConfigError(f"gap_max_m = {greatest}: it must be at least gap_m = {least}")
+    one = np.ones(1)
+    columns = shape(
+        np.array([KINDS.index(kind)]),
+        count=count * one,
+        rise=rise * one,
+        length=sizes.get("run_m", sizes.get("stone_m", 0.0)) * one,
+        gap=(least * one, greatest * one),
+        depth=sizes.get("depth_m", TRENCH_DEPTH) * one,
+        draws=np.append(0.0, (rng or np.random.default_rng(0)).uniform(size=count))[None],
+    )
+    rows = zip(columns.gap[0, 1:], columns.length[0, 1:], columns.top[0, 1:], strict=True)
+    parts = [part for gap, length, top in rows for part in ((gap, columns.floor[0]), (length, top))]
+    return build(
+        kind, sizes, parts[:-1], last_top=parts[-1][1],
+        finish_behind=FINISH_AFTER_SINGLE if kind in SINGLE else FINISH_AFTER_COURSE,
+    )  # fmt: skip
