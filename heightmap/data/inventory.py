@@ -38,6 +38,8 @@ class ShardInfo:
     record: ShardRecord
     terrains: dict[str, int]
     """Episodes on each kind of terrain."""
+    camera: str
+    """That took its images: name and fingerprint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +58,8 @@ def info(directory: Path) -> DatasetInfo:
     for record in records:
         with _opened(directory / record.file) as file:
             terrains = Counter(name.decode() for name in file["terrain"][:])
-        shards.append(ShardInfo(record=record, terrains=dict(sorted(terrains.items()))))
+        camera = f"{record.camera.name} {record.camera.fingerprint}"
+        shards.append(ShardInfo(record=record, terrains=dict(sorted(terrains.items())), camera=camera))
     return DatasetInfo(dataset=dataset_hash(records), shards=tuple(shards))
 
 

@@ -267,6 +267,7 @@ class Info:
             kinds = ", ".join(f"{count} {kind}" for kind, count in shard.terrains.items())
             print(f"{record.file}  {record.config.get('source', '?')}, seed {record.seed}, sha256 {record.sha256[:16]}")
             print(f"    {record.episodes} episodes, {record.ticks} ticks, {record.frames} images; {kinds}")
+            print(f"    camera {shard.camera}")
         episodes, ticks = (sum(getattr(s.record, name) for s in found.shards) for name in ("episodes", "ticks"))
         print(f"dataset {found.dataset}: {len(found.shards)} shards, {episodes} episodes, {ticks} ticks")
         return 0

@@ -9,6 +9,7 @@ import pytest
 from test_shards import episodes
 
 from saltus.cli.main import main
+from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.inventory import info, merge, validate
 from saltus.heightmap.data.shards import (
     LAYOUT,
@@ -142,3 +143,17 @@ def test_a_damaged_dataset_is_not_merged(tmp_path: Path) -> None:
 def test_no_dataset_is_an_error(tmp_path: Path) -> None:
     for command in ("info", "validate"):
         assert main(["heightmap", "dataset", command, str(tmp_path / "nothing")]) == 2
+
+
+def test_a_dataset_names_the_camera_of_each_shard(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = replace(SHIPPED["d435i"], name="mine", camera_pitch=0.4)
+    cameras = (SHIPPED["ideal"], SHIPPED["d435i"], own, replace(own, camera_pitch=0.5))
+    for seed, camera in enumerate(cameras):
+        write_shard(tmp_path, episodes(1, seed), seed=seed, config={"source": "test", "camera": camera.record})
+    named = [f"{camera.name} {camera.fingerprint}" for camera in cameras]
+    assert len(set(named)) == len(cameras)
+    assert main(["heightmap", "dataset", "info", str(tmp_path)]) == 0
+    assert [f"    camera {name}" for name in named] == capsys.readouterr().out.splitlines()[2:-1:3]
+    assert main(["heightmap", "dataset", "info", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert [shard["camera"] for shard in found["shards"]] == named
