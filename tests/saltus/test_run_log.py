@@ -1,6 +1,7 @@
 """Run logs: a recording exported to plain tables reads back to the bit, and bad tables are named."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,16 @@ from test_recording import STEPS, raw, run_samples, write
 from saltus.cli.main import main
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.run_claims import segments
-from saltus.recordings.run_log import read_run_log, write_run_log
+from saltus.recordings.run_claims import CAMERA, CAMERA_OPTIONAL, GAINS, GROUND, OPTIONAL, segments
+from saltus.recordings.run_log import (
+    BASE_COLUMNS,
+    DEPTH_ARRAYS,
+    FEET_COLUMNS,
+    IMU_COLUMNS,
+    JOINT_SIGNALS,
+    read_run_log,
+    write_run_log,
+)
 from saltus.recordings.run_log_export import as_run_log, export_run_log
 from saltus.trial import Trial
 from saltus.wire import codec
@@ -204,3 +213,12 @@ def test_a_run_is_imported_by_its_folder_its_recording_and_by_find(tmp_path: Pat
     main(["real2sim", "find", str(run), "--no-report", "--out", str(tmp_path / "found")])
     assert (tmp_path / "found" / "logs" / "run" / "meta.json").is_file()
     assert (tmp_path / "found" / "verdict.json").is_file()
+
+
+def test_the_page_of_the_form_names_every_column_and_claim_that_is_read() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "real2sim.md").read_text()
+    form = page.split("## Writing a run log")[1].split("\n## ")[0]
+    columns = {f"{signal}_J" for signal in JOINT_SIGNALS} | {*IMU_COLUMNS, *BASE_COLUMNS, *FEET_COLUMNS, *DEPTH_ARRAYS}
+    claims = {*GAINS, *OPTIONAL, *GROUND, *CAMERA, *CAMERA_OPTIONAL, "payload_position", "excitation"}
+    code = " ".join(form.split("`")[1::2])
+    assert columns | claims <= set(re.findall(r"\w+", code))
