@@ -129,9 +129,12 @@ def _sunk(foot: Floats, loaded: NDArray[np.bool_], radius: float, terrain: Terra
 
 
 def _at_wall(foot: Floats, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
-    """Feet in front of a wall that reaches higher than their sole. Shape (t, 4)."""
-    x, y, sole = foot[..., 0], foot[..., 1], foot[..., 2] - radius
-    return np.asarray(terrain.height_at(x + (radius + WALL_M), y) > np.maximum(sole, terrain.height_at(x, y)) + UNDER_M)
+    """Feet in front of a wall that reaches higher than their sole; what is less steep than 45 deg is none.
+
+    Shape (t, 4).
+    """
+    x, y, sole, reach = foot[..., 0], foot[..., 1], foot[..., 2] - radius, radius + WALL_M
+    return np.asarray(terrain.height_at(x + reach, y) > np.maximum(sole + UNDER_M, terrain.height_at(x, y) + reach))
 
 
 def _slipped(x: Floats, loaded: NDArray[np.bool_]) -> NDArray[np.bool_]:

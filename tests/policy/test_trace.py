@@ -95,6 +95,8 @@ NO_TRENCHES = {
     "step_down": course(last_top=-0.6),
     "pyramid": course(*((0.25, 0.15 * min(i, 10 - i)) for i in range(1, 10)), last_top=0.0),
     "stairs": STAIRS,
+    "ramp_up": make_terrain(TerrainConfig(terrain="ramp_up", slope_deg=30.0)),
+    "ramp_down": make_terrain(TerrainConfig(terrain="ramp_down", slope_deg=30.0)),
     "hurdles": course((0.05, 0.2), (1.6, 0.0), (0.05, 0.2), last_top=0.0),
 }
 
@@ -108,6 +110,16 @@ def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> Non
         assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_stance", x
         trace.loaded[-20:] = False
         assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_flight", x
+
+
+@pytest.mark.parametrize("kind", ["ramp_up", "ramp_down", "stairs_down", "step_down"])
+@pytest.mark.parametrize("sole_m", [0.0, 0.02])
+def test_a_foot_that_swings_close_to_a_slope_or_down_hits_no_edge(kind: str, sole_m: float) -> None:
+    terrain = NO_TRENCHES[kind]
+    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.013):
+        trace = going(terrain, x - 0.1, x, below=-sole_m)
+        trace.stance[:] = False
+        assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_stance", x
 
 
 def test_who_has_jumped_over_a_wall_is_not_in_a_trench_before_the_next() -> None:
