@@ -208,13 +208,16 @@ def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
 
     With `others`, which are built alike, it gets their arrays too.
     """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = [f.name for f in fields(value)]
-        changes = {n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others)) for n in names}
-        return dataclasses.replace(value, **changes)
+    if value is None or isinstance(value, float | int):
+        return value
     if isinstance(value, tuple):
         return tuple(map_arrays(function, *items) for items in zip(value, *others, strict=True))
-    return value if value is None or isinstance(value, float | int) else function(value, *others)
+    # Asked last: torch.compile of torch 2.11 cannot ask it of None.
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return function(value, *others)
+    names = [f.name for f in fields(value)]
+    changes = {n: map_arrays(function, getattr(value, n), *(getattr(other, n) for other in others)) for n in names}
+    return dataclasses.replace(value, **changes)
 
 
 def _check(label: str, value: Any, metadata: Any) -> None:
