@@ -173,10 +173,13 @@ class Episodes:
         across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
         self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
         pushed = events[:, 4] < POLICY_DT / ranges.push_period_s
-        aside = memory.push_mps if self._wide.share > 0.0 else torch.full_like(memory.push_mps, ranges.push_mps)
-        hardest = torch.stack([torch.full_like(aside, ranges.push_mps), aside], -1)
-        kick = hardest * (2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0) * pushed[:, None]
-        self._qvel[:, :2] += kick.to(self._qvel.dtype)
+        way = 2.0 * torch.stack([events[:, 5], extra[:, 7]], -1) - 1.0
+        kick = ranges.push_mps * way
+        if self._wide.share > 0.0:
+            hard = (events[:, 4] < POLICY_DT / self._wide.side_push_period_s) & (memory.push_mps > 0.0)
+            aside = torch.where(hard, memory.push_mps * torch.sign(way[:, 1]), kick[:, 1])
+            kick = torch.stack([kick[:, 0], aside], -1)
+        self._qvel[:, :2] += (kick * pushed[:, None]).to(self._qvel.dtype)
 
     def _place(self, mask: Tensor, start: Tensor) -> None:
         """Puts robots in their standing pose, just above the ground at the start of their course."""

@@ -35,19 +35,23 @@ class WideConfig:
     """[Nm s/rad]."""
     joint_friction: float = 0.4
     """Dry [Nm]."""
-    armature: float = 2.25
-    """True inertia of the rotors over that of the model; 2.25 are 1.5 times the gear ratios."""
+    armature: tuple[float, float] = (1.0, 2.25)
+    """True inertia of the rotors over that of the model: the usual one, and the greatest drawn; 2.25 are 1.5 times the
+    gear ratios."""
     softness: float = 1.0
     """Of contacts: 1 is soft rubber, see `saltus.sim.layout.SOFT_SOLIMP`."""
     command_delay_s: float = 0.015
     """Of whole commands."""
     side_push_ns: float = 15.0
-    """Largest push sideways [N s]."""
+    """Largest push sideways [N s]; each such push has the size that was drawn for the episode."""
+    side_push_period_s: float = 4.0
+    """Mean time between such pushes; all pushes together are as frequent as without them."""
 
     def __post_init__(self) -> None:
         check_between(self, share=(0.0, 1.0), growth_msteps=(0.0, 1e9), friction=(0.01, 10.0))
         check_between(self, joint_damping=(0.0, 10.0), joint_friction=(0.0, 10.0), armature=(0.1, 10.0))
         check_between(self, softness=(0.0, 1.0), command_delay_s=(0.0, 0.1), side_push_ns=(0.0, 1e3))
+        check_between(self, side_push_period_s=(1e-3, 1e12))
         if self.growth_msteps[0] > self.growth_msteps[1]:
             raise ConfigError(f"growth_msteps = {self.growth_msteps}: the lowest comes first")
 
@@ -151,10 +155,10 @@ def draw_wide(
         "friction": usual_friction + (wide.friction - usual_friction) * part["friction"],
         "joint_damping": wide.joint_damping * part["joint_damping"],
         "joint_friction": wide.joint_friction * part["joint_friction"],
-        "armature": 1.0 + (wide.armature - 1.0) * part["armature"],
+        "armature": between(wide.armature, part["armature"]),
         "softness": wide.softness * part["softness"],
         "command_delay_s": wide.command_delay_s * part["command_delay_s"],
-        "push_mps": config.push_mps + (wide.side_push_ns / mass_kg - config.push_mps) * part["push_mps"],
+        "push_mps": wide.side_push_ns / mass_kg * part["push_mps"],
     }
 
 

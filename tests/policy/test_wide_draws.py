@@ -48,10 +48,10 @@ def ends(wide: WideConfig) -> dict[str, tuple[float, float]]:
         "friction": (wide.friction, usual.friction[1]),
         "joint_damping": (0.0, wide.joint_damping),
         "joint_friction": (0.0, wide.joint_friction),
-        "armature": (1.0, wide.armature),
+        "armature": wide.armature,
         "softness": (0.0, wide.softness),
         "command_delay_s": (0.0, wide.command_delay_s),
-        "push_mps": (usual.push_mps, wide.side_push_ns / ROBOT.mass),
+        "push_mps": (0.0, wide.side_push_ns / ROBOT.mass),
     }
 
 
