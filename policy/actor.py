@@ -1,15 +1,16 @@
-"""The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded; it keeps no state."""
+"""The learned policy as a planner: an ONNX file in ONNX Runtime, checked when loaded."""
 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.action import Action
-from saltus.errors import ModelError
+from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.model_file import ModelFile
-from saltus.policy.bounds import ACTIONS, action_from_values
-from saltus.policy.features import LAYOUT, SIZE, features
+from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.policy.features import FELT, LAYOUT, RECALLED, check_past_steps, features, remembered, size_with, with_past
 from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, MotionPlan
@@ -22,7 +23,8 @@ _TOLERANCE = 1e-6  # of a number that went through text
 class PolicyActor:
     """Plans for any batch of robots, with the interface of the scripted planner, by a file of `policy.training.export`.
 
-    One thread that sleeps between calls; a plan follows from one observation and one heightmap.
+    One thread that sleeps between calls. A plan follows from one observation, one heightmap, and, if the policy was
+    trained to recall them, from the calls before: see `past_steps`.
 
     Raises:
         ModelError: the file is unreadable or made for another robot, features or actions; the message names which.
@@ -33,14 +35,29 @@ class PolicyActor:
         self.model_id = file.model_id
         self._session = file.session
         _check(robot, file)
+        self.past_steps = _past_steps(file)
+        """Which earlier calls the policy recalls, 1 is the last one; none where it was trained without a past."""
+        self._bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
+        self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
+        self._latest = self._past[..., 0, :] if self.past_steps else self._past
 
-    def step(self, observation: Observation, heights: Floats) -> Action:
+    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
-        return action_from_values(self.values(features(observation, heights)))
+        vector = features(observation, heights)
+        if not self.past_steps:
+            return action_from_values(self.values(vector))
+        batch = vector.shape[:-1]
+        if self._latest.shape[:-1] != batch:  # others than before
+            fresh, self._latest = True, np.zeros((*batch, RECALLED))
+            self._past = np.zeros((*batch, *self._past.shape[-2:]))
+        self._past = remembered(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
+        values = self.values(with_past(vector, self._past, self.past_steps))
+        self._latest = np.concatenate([vector[..., :FELT], self._bounds.normalised(values)], axis=-1)
+        return action_from_values(values)
 
     def values(self, given: Floats) -> Floats:
-        """Values of `ACTIONS`, shape (..., 10), for `saltus.policy.features`, shape (..., SIZE)."""
-        flat = np.ascontiguousarray(given.reshape(-1, SIZE), dtype=np.float32)
+        """Values of `ACTIONS`, shape (..., 10), for vectors of `saltus.policy.features.with_past`, (..., some)."""
+        flat = np.ascontiguousarray(given.reshape(-1, size_with(self.past_steps)), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))
 
@@ -71,6 +88,16 @@ def _check(robot: Robot, file: ModelFile) -> None:
         )
     low, high = (_numbers(file, name, len(ACTIONS)) for name in ("low", "high"))
     _check_bounds(file.path, low, high)
+
+
+def _past_steps(file: ModelFile) -> tuple[int, ...]:
+    """What the policy recalls; files that do not say recall nothing."""
+    found = file.field("past_steps") if "past_steps" in file.metadata else []
+    try:
+        check_past_steps(tuple(found))
+    except (TypeError, ConfigError) as error:
+        raise ModelError(f"{file.path}: 'past_steps' is {found!r}: export the policy again") from error
+    return tuple(found)
 
 
 def _check_bounds(path: Path, low: Floats, high: Floats) -> None:

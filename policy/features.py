@@ -2,10 +2,15 @@
 
 Everything in it is known to a robot without its position: attitude from the IMU, velocity and height from the
 estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
+
+A policy may also recall instants of the past, from which it can tell late commands, slippery ground or soft soles: what
+the robot felt then, and the plan that it made.
 """
 
 from saltus.arrays import Array, namespace
+from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X
+from saltus.policy.bounds import ACTIONS
 from saltus.policy.observation import Observation
 
 LAYOUT: dict[str, int] = {
@@ -22,6 +27,11 @@ LAYOUT: dict[str, int] = {
 """Names of the parts of the vector, in order, and their lengths."""
 
 SIZE = sum(LAYOUT.values())
+FELT = SIZE - LAYOUT["heights"]
+"""Length of the vector without its heights, which come last."""
+RECALLED = FELT + len(ACTIONS)
+"""Length of what is recalled of one instant: the vector without its heights, and the plan as `ActionBounds` normalises
+it."""
 
 
 def features(observation: Observation, heights: Array) -> Array:
@@ -52,3 +62,49 @@ def read(vector: Array) -> tuple[Observation, Array]:
     heights, foot = parts.pop("heights"), parts.pop("foot")
     contact = parts.pop("contact") > 0.5
     return Observation(contact=contact, foot=foot.reshape((*foot.shape[:-1], 4, 3)), **parts), heights
+
+
+MOST_PAST_STEPS = 100
+"""A second: two jumps or more."""
+
+
+def check_past_steps(past_steps: tuple[int, ...]) -> None:
+    """Refuses instants that cannot be recalled: `ConfigError`."""
+    possible = {steps for steps in past_steps if isinstance(steps, int) and 1 <= steps <= MOST_PAST_STEPS}
+    if list(past_steps) != sorted(possible):
+        raise ConfigError(f"past_steps = {past_steps}: whole numbers from 1 to {MOST_PAST_STEPS}, ascending")
+
+
+def size_with(past_steps: tuple[int, ...]) -> int:
+    """Length of the vector of a policy that recalls the instants of so many steps ago."""
+    return SIZE + len(past_steps) * RECALLED
+
+
+def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
+    """What the network gets: the vector, shape (..., SIZE), and the instants that it recalls.
+
+    Args:
+        vector: Of now.
+        past: What is remembered, the latest first, shape (..., steps, RECALLED).
+        past_steps: How many steps ago the instants are, from 1.
+
+    Returns:
+        Shape (..., size_with(past_steps)).
+    """
+    return namespace(vector).concat([vector, *(past[..., steps - 1, :] for steps in past_steps)], axis=-1)
+
+
+def remembered(past: Array, latest: Array, vector: Array, fresh: Array) -> Array:
+    """The past one step later; robots that begin remember the present, and no plan.
+
+    Args:
+        past: What was remembered, the latest first, shape (..., steps, RECALLED).
+        latest: Of the step before, shape (..., RECALLED).
+        vector: Of now, shape (..., SIZE).
+        fresh: Robots that begin, bool, shape (...).
+    """
+    xp = namespace(vector)
+    felt = vector[..., :FELT]
+    begun = xp.concat([felt, xp.zeros_like(latest[..., FELT:])], axis=-1)
+    later = xp.concat([latest[..., None, :], past[..., :-1, :]], axis=-2)
+    return xp.where(fresh[..., None, None], begun[..., None, :], later)

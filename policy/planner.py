@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.action import Action
 from saltus.config import PlannerName
@@ -18,10 +19,16 @@ from saltus.wire.messages import Floats
 
 
 class Planner(Protocol):
-    """Plans for any batch of robots; keeps no state."""
+    """Plans for any batch of robots, always the same ones or such as begin."""
 
-    def step(self, observation: Observation, heights: Floats) -> Action:
-        """Plans the next 10 ms; heights are relative to the base [m], shape (..., 30)."""
+    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
+        """Plans the next 10 ms.
+
+        Args:
+            observation: Of the robots now.
+            heights: Relative to the base [m], shape (..., 30).
+            fresh: Robots that begin: what came before is forgotten; shape (...), or one for all.
+        """
         ...
 
 

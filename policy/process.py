@@ -98,5 +98,6 @@ class PlannerProcess:
         action = REST
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
-            action = self._planner.step(observe(state, self._legs), heights)
+            begins = self._plan is None or self._plan.status != PlanStatus.GO
+            action = self._planner.step(observe(state, self._legs), heights, begins)
         return plan_message(action, self._status, time_ns=state.time_ns, step=state.step, reason=self._reason)

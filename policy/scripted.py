@@ -151,8 +151,9 @@ class ScriptedPlanner:
         self._pitch_inertia, self._max_lift = float(robot.inertia[1]), 2.0 * float(robot.foot_force[1]) / robot.mass
         self._velocity_gain = VELOCITY_GAIN / size.time
 
-    def step(self, observation: Observation, heights: Array) -> Action:
-        """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
+    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Action:
+        """Plans the next 10 ms, within the bounds, from the present alone; see `saltus.policy.planner.Planner`."""
+        del fresh
         p = self.parameters
         ground = _filled(heights, observation.base_height)
         offset = self._offset(observation, ground)[..., None]

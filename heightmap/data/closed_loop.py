@@ -109,9 +109,11 @@ class MixedPlanner:
         self._speed = rng.uniform(*SPEED, count)
         self._frequency = rng.uniform(*RHYTHM, count)
 
-    def step(self, observation: Observation, heights: NDArray[np.floating]) -> Action:
-        """Plans the next 10 ms of all robots."""
-        rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights)
+    def step(
+        self, observation: Observation, heights: NDArray[np.floating], fresh: NDArray[np.bool_] | bool = False
+    ) -> Action:
+        """Plans the next 10 ms of all robots; see `saltus.policy.planner.Planner`."""
+        rules, policy = self._scripted.step(observation, heights), self._learned.step(observation, heights, fresh)
         policy = replace(
             policy,
             velocity_x=policy.velocity_x * self._speed,

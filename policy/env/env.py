@@ -84,7 +84,7 @@ class JumpEnv:
         profile = load_profile(config.profile, self.robot)
         kinds = kinds_of_robots(config.curriculum, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
-        self.memory = blank_memory(kinds, plans, self.device)
+        self.memory = blank_memory(kinds, plans, max(config.past_steps, default=0), self.device)
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self._generator = torch.Generator(self.device).manual_seed(seed)
@@ -160,7 +160,7 @@ class JumpEnv:
         self.episodes.draws.uniform_(generator=self._generator)
         everyone = torch.ones(self.count, dtype=torch.bool, device=self.device)
         self._reset(everyone)
-        self.views.observe(self.episodes.draws)
+        self.views.observe(self.episodes.draws, everyone)
         if prepare and self.device.type == "cuda":
             for stage in self.stages:
                 stage.prepare()  # which runs it
@@ -291,7 +291,7 @@ class JumpEnv:
         self.episodes.judge()
         self._reset(self.episodes.done)
         self.episodes.disturb()
-        self.views.observe(self.episodes.draws)
+        self.views.observe(self.episodes.draws, self.episodes.done | self.standing)
 
     def _reset(self, robots: Tensor) -> None:
         """Starts the next episode of `robots`, bool, shape (n,)."""

@@ -10,6 +10,7 @@ from torch import Tensor
 from saltus.effects.effect import map_arrays
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.rewards import TERMS
+from saltus.policy.features import RECALLED
 from saltus.terrain.batch import COLUMNS
 
 
@@ -31,6 +32,7 @@ class Memory:
     # the present action
     plan: Tensor  # (10,), values within bounds
     plans: Tensor  # (length, 10): the same, and those before it
+    past: Tensor  # (steps, RECALLED): what the policy remembers, see `saltus.policy.features.remembered`
     tick: Tensor  # physics steps since the plan
     excess: Tensor
     # the episode
@@ -87,10 +89,10 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
-def blank_memory(kinds: Iterable[int], plans: int, device: torch.device) -> Memory:
+def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.device) -> Memory:
     """Zeros for robots on the given kinds of terrain; every episode begins with a reset that fills them.
 
-    So many plans are remembered.
+    So many plans are kept, and so many steps of the past.
     """
     kind = torch.tensor(list(kinds), dtype=torch.int64, device=device)
     count = len(kind)
@@ -103,6 +105,7 @@ def blank_memory(kinds: Iterable[int], plans: int, device: torch.device) -> Memo
         else:
             tensors[f.name] = torch.zeros(count, *_ROWS.get(f.name, ()), device=device)
     tensors["plans"] = torch.zeros(count, plans, len(ACTIONS), device=device)
+    tensors["past"] = torch.zeros(count, past, RECALLED, device=device)
     tensors["kind"] = kind
     return Memory(**tensors)
 

@@ -11,6 +11,7 @@ from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.rewards import RewardConfig
+from saltus.policy.features import check_past_steps
 
 MOST_ROBOTS = 2**18
 """16 times what one GPU trains."""
@@ -47,8 +48,13 @@ class EnvConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    past_steps: tuple[int, ...] = ()
+    """Instants that the policy recalls, in steps of 10 ms before the present one, ascending."""
     profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
     """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+
+    def __post_init__(self) -> None:
+        check_past_steps(self.past_steps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +78,9 @@ class LearningConfig:
     learning_rate: float = 1e-3
     """At first; then adapted to `desired_kl`."""
     desired_kl: float = 0.01
-    """KL divergence between policies before and after an update that the learning rate is adapted to."""
+    """KL divergence between policies before and after an update that the learning rate is adapted to, at first."""
+    last_kl: float = 0.01
+    """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     max_grad_norm: float = 1.0
     """Longer gradients are shortened."""
     first_std: float = 0.4
@@ -87,12 +95,12 @@ class LearningConfig:
     last_entropy: float = 0.001
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     entropy_iterations: int = 1500
-    """Iterations until `last_entropy`."""
+    """Iterations until `last_entropy` and `last_kl`."""
 
     def __post_init__(self) -> None:
         count, above, share = (1, 10**6), (SMALLEST, LARGEST), (0.0, 1.0)
         check_between(self, hidden=count, horizon=count, epochs=count, minibatches=count, entropy_iterations=count)
-        check_between(self, gamma=share, lam=share, clip=share, learning_rate=above, desired_kl=above)
+        check_between(self, gamma=share, lam=share, clip=share, learning_rate=above, desired_kl=above, last_kl=above)
         check_between(self, max_grad_norm=above, first_std=above, first_lift_std=above, std_range=above)
         check_between(self, first_entropy=above, last_entropy=above)
         if not self.hidden:

@@ -9,7 +9,7 @@ from saltus.grid import LINE, HeightGrid
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.features import SIZE, features
+from saltus.policy.features import FELT, SIZE, features, remembered, size_with, with_past
 from saltus.policy.observation import observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -41,7 +41,7 @@ class Views:
         self._memory, self._config, self._states, self._qpos, self._qvel = memory, config, states, qpos, qvel
         count, device = len(memory.kind), memory.phase.device
         self.points = LINE.size
-        self.actor = torch.zeros(count, SIZE, device=device)
+        self.actor = torch.zeros(count, size_with(config.past_steps), device=device)
         self._has_wide = config.randomisation.wide.share > 0.0
         self._descends, self.family = descends(memory.kind), memory.kind - len(KINDS)
         self.is_own = self.family >= 0
@@ -81,8 +81,13 @@ class Views:
         goal_z = torch.where(descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
         store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
-    def observe(self, draws: Tensor) -> None:
-        """Writes what policy and critic see now; `draws` has the noise of the heights in its last columns."""
+    def observe(self, draws: Tensor, fresh: Tensor) -> None:
+        """Writes what policy and critic see now.
+
+        Args:
+            draws: Uniform in [0, 1); the last columns are the noise of the heights, shape (n, some).
+            fresh: Robots that begin, bool, shape (n,).
+        """
         memory = self._memory
         qpos = self._qpos.float()
         seen = observe(self._states(), self._legs)
@@ -94,10 +99,19 @@ class Views:
         shifted = courses.height_at(*places) - position[:, 2:] + shift[:, 1:]
         noise = self._config.randomisation.height_noise_m * (2.0 * draws[:, -self.points :] - 1.0)
         true = courses.height_at(*_WITH_FAR.points_in_world(position, yaw)) - position[:, 2:]
-        self.actor.copy_(torch.nan_to_num(features(seen, shifted + noise)))
+        self.actor.copy_(self._recalled(torch.nan_to_num(features(seen, shifted + noise)), fresh))
         exact = features(seen, true[:, : self.points])
         known = self._privileged(yaw, true)
         self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
+
+    def _recalled(self, vector: Tensor, fresh: Tensor) -> Tensor:
+        """The vector with the past; `actor` is still that of the step before."""
+        if not self._config.past_steps:
+            return vector
+        plan = self._config.bounds.normalised(self._memory.plan)
+        latest = torch.cat([self.actor[:, :FELT], plan], -1)
+        store(self._memory, past=remembered(self._memory.past, latest, vector, fresh))
+        return with_past(vector, self._memory.past, self._config.past_steps)
 
     def _privileged(self, yaw: Tensor, heights: Tensor) -> Tensor:
         """What the critic sees besides the policy's vector, each about of size 1. Shape (n, PRIVILEGED)."""

@@ -138,7 +138,8 @@ class Rollout:
         heights = self._heights.heights(states, truth, fresh)
 
         # 2. plan
-        action = self.planner.step(observe(states, self._legs), heights)
+        begins = fresh | (self._index <= self._stand_steps)  # the deployed planner begins when the robot may go
+        action = self.planner.step(observe(states, self._legs), heights, begins)
         self._plans.appendleft(plan_from_action(action, self._heading))
         running = np.array([outcome is None for outcome in self.outcomes])
 

@@ -13,7 +13,7 @@ from saltus.grid import HEIGHTMAP_X
 from saltus.onnx_export import write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.features import LAYOUT, SIZE
+from saltus.policy.features import LAYOUT, size_with
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
@@ -26,7 +26,9 @@ class DeployedPolicy(nn.Module):
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()
         config = config_of(checkpoint)
-        like = TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1])
+        self.past_steps = config.env.past_steps
+        self.size = size_with(self.past_steps)
+        like = TensorDict({"policy": torch.zeros(1, self.size)}, batch_size=[1])
         actor = make_actor(like, config.learning, config.env.bounds)
         try:
             actor.load_state_dict(checkpoint["actor_state_dict"])
@@ -38,7 +40,7 @@ class DeployedPolicy(nn.Module):
         """For which it was trained."""
 
     def forward(self, features: Tensor) -> Tensor:
-        """Values in the order of `ACTIONS`, shape (n, 10), for features of shape (n, SIZE)."""
+        """Values in the order of `ACTIONS`, shape (n, 10), for vectors of `with_past`, shape (n, size)."""
         return self.bounds.clipped(self.bounds.denormalised(self.network(features)))
 
 
@@ -55,7 +57,7 @@ def export(checkpoint: Path, path: Path) -> float:
     policy = DeployedPolicy(state)
     write_onnx(
         policy,
-        (torch.zeros(2, SIZE),),
+        (torch.zeros(2, policy.size),),
         path,
         inputs=("features",),
         outputs=("plan",),
@@ -71,6 +73,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
         "robot": policy.robot.name,
         "grid_m": HEIGHTMAP_X.tolist(),
         "features": LAYOUT,
+        "past_steps": list(policy.past_steps),
         "actions": list(ACTIONS),
         "low": list(policy.bounds.low),
         "high": list(policy.bounds.high),
@@ -86,7 +89,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, Any]) -> dict[str, Any]:
 def parity(policy: DeployedPolicy, path: Path, count: int = 1000) -> float:
     """Greatest difference between torch and the file, as a share of each action's range."""
     rng = np.random.default_rng(0)
-    given = rng.normal(size=(count, SIZE)).astype(np.float32)
+    given = rng.normal(size=(count, policy.size)).astype(np.float32)
     with torch.no_grad():
         expected = policy(torch.from_numpy(given)).numpy()
     span = np.array(policy.bounds.high) - np.array(policy.bounds.low)

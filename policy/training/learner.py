@@ -73,7 +73,9 @@ class Learner:
 
     def learn(self) -> dict[str, float]:
         """Updates the networks; returns the mean losses."""
-        self.ppo.entropy_coef = self._entropy_weight()
+        config = self._config
+        self.ppo.entropy_coef = self._settled(config.first_entropy, config.last_entropy)
+        self.ppo.desired_kl = self._settled(config.desired_kl, config.last_kl)
         losses = self.ppo.update()
         self.iteration += 1
         self._share_parameters()  # the statistics of the observations differ from process to process
@@ -117,9 +119,10 @@ class Learner:
         self._share_parameters()
         return state
 
-    def _entropy_weight(self) -> float:
+    def _settled(self, first: float, last: float) -> float:
+        """A number that falls geometrically until iteration `entropy_iterations`."""
         share = min(1.0, self.iteration / self._config.entropy_iterations)
-        return float(self._config.first_entropy ** (1.0 - share) * self._config.last_entropy**share)
+        return float(first ** (1.0 - share) * last**share)
 
     def _share_parameters(self) -> None:
         if self._together:

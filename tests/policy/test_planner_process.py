@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
+from saltus.action import Action
+from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X
+from saltus.policy.observation import Observation
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
@@ -142,3 +145,24 @@ def test_plans_name_the_state_that_they_answer() -> None:
         assert (plan.step, plan.time_ns) == (step, step * STEP_NS)
         assert plan.foot_residual_front.shape == plan.foot_residual_rear.shape == (3,)
         assert 0.5 <= plan.stepping_frequency_hz <= 4.0
+
+
+class Recalling(ScriptedPlanner):
+    """Says when it was told to forget."""
+
+    def __init__(self) -> None:
+        super().__init__(ROBOT)
+        self.begun: list[bool] = []
+
+    def step(self, observation: Observation, heights: Array, fresh: object = False) -> Action:
+        self.begun.append(bool(fresh))
+        return super().step(observation, heights)
+
+
+def test_the_planner_forgets_whenever_the_robot_begins_to_go() -> None:
+    planner, steps = Recalling(), STAND_NS // STEP_NS + 1
+    process = PlannerProcess(ROBOT, planner)
+    run([HeightmapStatus.OK] * steps, process, mode=ControllerMode.STAND)
+    run([HeightmapStatus.INVALID] + 3 * [HeightmapStatus.OK], process, first=steps, mode=ControllerMode.STAND)
+    run([HeightmapStatus.OK] * 3, process, first=steps + 4)
+    assert planner.begun == [True, True, *5 * [False]]

@@ -95,7 +95,8 @@ class LatePlanner:
         self._planner = ScriptedPlanner(ROBOT)
         self._said: deque[Action] = deque(maxlen=steps + 1)
 
-    def step(self, observation: Observation, heights: Floats) -> Action:
+    def step(self, observation: Observation, heights: Floats, fresh: object = False) -> Action:
+        del fresh
         self._said.append(self._planner.step(observation, heights))
         return self._said[0]
 

@@ -1,0 +1,122 @@
+"""What a policy recalls: the same in a training, in a rolled-out batch, and in the deployed planner."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from samples import ROBOT
+from torch import Tensor
+
+from saltus.config import TerrainConfig
+from saltus.errors import ConfigError, ModelError
+from saltus.policy.actor import PolicyActor
+from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
+from saltus.policy.evaluation.rollout import Rollout
+from saltus.policy.features import FELT, RECALLED, SIZE, read, size_with
+from saltus.policy.observation import observe
+from saltus.policy.training.export import export
+from saltus.policy.training.train import Rank, train
+from saltus.robots.legs import LegKinematics
+from saltus.sim.batch_engine import BatchEngine
+from saltus.terrain.batch import BOXES
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import Trial
+
+STEPS = (1, 2, 5)
+N = 6
+CONFIG = TrainConfig(
+    robots=16,
+    env=EnvConfig(past_steps=STEPS),
+    learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
+)
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy that recalls, trained for a moment, whose plans depend on the past."""
+    folder = tmp_path_factory.mktemp("training")
+    train(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
+    checkpoint = folder / "checkpoint.pt"
+    state = torch.load(checkpoint, weights_only=True)
+    last = [name for name in state["actor_state_dict"] if name.endswith("weight")][-1]
+    state["actor_state_dict"][last] *= 30.0  # an untrained network says nearly the same whatever it sees
+    torch.save(state, checkpoint)
+    assert export(checkpoint, folder / "policy.onnx") < 1e-4
+    return folder / "policy.onnx"
+
+
+def trained(outputs: Callable[[int, Tensor], Tensor], steps: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """What a training showed its policy, who began, and the plans, as shares of their ranges."""
+    engine = BatchEngine(ROBOT, N, BOXES, threads=1)
+    env = JumpEnv(engine, CONFIG.env, seed=0)
+    shown, fresh, plans = [env.transition().actor], [torch.ones(N, dtype=torch.bool)], []
+    for step in range(steps):
+        transition = env.step(outputs(step, shown[-1]))
+        plans.append(env.config.bounds.normalised(env.memory.plan))
+        shown.append(transition.actor)
+        fresh.append(transition.done)
+    return shown, fresh, plans
+
+
+def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
+    generator = torch.Generator().manual_seed(0)
+    shown, fresh, plans = trained(lambda *_: torch.randn(N, 10, generator=generator), 60)
+    assert shown[0].shape == (N, size_with(STEPS))
+    again = 0
+    for now, robot in np.ndindex(len(shown), N):
+        begun = max(k for k in range(now + 1) if fresh[k][robot])
+        again += begun > 0
+        for place, steps in enumerate(STEPS):
+            found = shown[now][robot, SIZE + place * RECALLED :][:RECALLED]
+            ago = max(now - steps, begun)
+            plan = plans[ago][robot] if now - steps >= begun else torch.zeros(10)
+            torch.testing.assert_close(found, torch.cat([shown[ago][robot, :FELT], plan]))
+    assert again > 20, "robots also began in the midst of the run"
+
+
+def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> None:
+    actor = PolicyActor(ROBOT, policy)
+    outputs = CONFIG.env.bounds.normalised
+    shown, fresh, plans = trained(
+        lambda _, vector: outputs(torch.as_tensor(actor.values(vector.numpy()), dtype=torch.float32)), 40
+    )
+    together, one = PolicyActor(ROBOT, policy), PolicyActor(ROBOT, policy)
+    for now, plan in enumerate(plans):
+        observation, heights = read(shown[now].double().numpy())
+        said = together.step(observation, heights, fresh[now].numpy())
+        alone = one.step(*read(shown[now][0].double().numpy()), bool(fresh[now][0]))
+        expected = CONFIG.env.bounds.denormalised(plan).numpy()
+        np.testing.assert_allclose(said.velocity_x, expected[:, 1], atol=1e-4)
+        np.testing.assert_allclose(said.foot_residual_rear, expected[:, 7:], atol=1e-4)
+        np.testing.assert_allclose(alone.pitch_rate, expected[0, 3], atol=1e-4)
+
+
+def test_the_past_begins_when_the_robot_may_go(policy: Path) -> None:
+    flat = [make_terrain(TerrainConfig(terrain="flat"))]
+    actor = PolicyActor(ROBOT, policy)
+    rollout = Rollout(ROBOT, flat, [Trial.draw(0)], actor, stand_steps=8)
+    for _ in range(9):
+        step = rollout.step()
+    blank = PolicyActor(ROBOT, policy)
+    first = blank.step(observe(step.states, LegKinematics(ROBOT)), step.heights)
+    np.testing.assert_array_equal(first.velocity_x, step.action.velocity_x)
+
+
+@pytest.mark.parametrize("steps", [(0,), (2, 1), (3, 3), (1, 101), (-1,)])
+def test_what_cannot_be_recalled_is_refused(steps: tuple[int, ...]) -> None:
+    with pytest.raises(ConfigError, match="past_steps"):
+        replace(CONFIG.env, past_steps=steps)
+
+
+def test_a_file_that_says_nonsense_of_its_past_is_refused(policy: Path, tmp_path: Path) -> None:
+    for text in ("[2, 1]", '"x"', "3", "[1.5]", "[[1]]"):
+        model = onnx.load(policy)
+        next(entry for entry in model.metadata_props if entry.key == "past_steps").value = text
+        onnx.save(model, tmp_path / "policy.onnx")
+        with pytest.raises(ModelError, match="past_steps"):
+            PolicyActor(ROBOT, tmp_path / "policy.onnx")
