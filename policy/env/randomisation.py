@@ -22,7 +22,8 @@ what makes it about 1 for the critic."""
 class WideConfig:
     """What some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
 
-    Each value is drawn between the robot's usual one and the one given here, or stays usual, for one episode.
+    Each value is drawn between the robot's usual one and the one given here, or stays usual, for one episode. The
+    density rises from nothing at the usual value.
     """
 
     share: float = 0.0
@@ -148,8 +149,8 @@ def draw_wide(
         draws: Uniform in [0, 1), shape (n, len(WIDE)).
     """
     wide, xp = config.wide, namespace(draws)
-    # below `share` a number is, stretched, another uniform one
-    strength = grown * xp.where(draws < wide.share, draws / wide.share, xp.zeros_like(draws))
+    # Below `share` a number is, stretched, another uniform one; its root makes the greater values the more frequent.
+    strength = grown * xp.where(draws < wide.share, xp.sqrt(draws / wide.share), xp.zeros_like(draws))
     part = {name: strength[:, k] for k, name in enumerate(WIDE)}
     return {
         "friction": usual_friction + (wide.friction - usual_friction) * part["friction"],

@@ -160,7 +160,7 @@ def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:
     ):
         value = effects[name].value(parameter, like)
         room = 0.1 * (high - low)
-        assert low - 1e-6 <= value.min() < low + room, name
+        assert low - 1e-6 <= value.min() < low + 3.0 * room, name  # small draws are rare
         assert high - room < value.max() <= high + 1e-6, name
 
 
