@@ -16,7 +16,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from pathlib import Path
 from saltus.config import from_table
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError
+from saltus.folders import whole_folder
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.inventory import merge, validate
 from saltus.heightmap.data.shards import (
@@ -153,7 +154,7 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
 def _started(folder: Path, start: Path, camera: DepthCamera) -> Path:
     """A folder like that of a round, made of the checkpoint to begin with."""
     if not folder.exists():
-        with _whole(folder) as partial_folder:
+        with whole_folder(folder) as partial_folder:
             shutil.copyfile(start, partial_folder / CHECKPOINT)
             model, training = load_checkpoint(start)
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
@@ -197,17 +198,7 @@ def _train(folder: Path, index: int, before: Path | None, config: DaggerConfig, 
     if before is not None:
         further = replace(further, learning_rate=FURTHER_RATE)
     data = folder.parent / "dataset"
-    with _whole(folder) as partial_folder:
+    with whole_folder(folder) as partial_folder:
         checkpoint = partial_folder / CHECKPOINT
         train(data, checkpoint, further, partial(observer.trained, index), start=before and before / CHECKPOINT)
         release(checkpoint, data, partial_folder / MODEL)
-
-
-@contextmanager
-def _whole(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which gets its name when that is done; what an interruption left of it is removed before."""
-    temporary = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    yield temporary
-    temporary.replace(folder)
