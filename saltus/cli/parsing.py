@@ -4,7 +4,7 @@ import contextlib
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import tyro
@@ -35,7 +35,8 @@ def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description:
 def _defaults_of(command: Any) -> Any:
     """The command with its method `defaults` applied, e.g. to the training that it resumes; None for others."""
     if hasattr(command, "defaults"):
-        return command.defaults()
+        # The command line is read once more: a flag that it turns on would be turned off where it is the default.
+        return replace(command.defaults(), **{f.name: False for f in fields(command) if f.default is False})
     inner = getattr(command, "command", None)
     found = None if inner is None else _defaults_of(inner)
     return None if found is None else replace(command, command=found)

@@ -5,6 +5,7 @@ import re
 import shlex
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,6 +42,12 @@ def test_every_command_has_examples_that_it_takes_and_defaults_that_are_none_of_
             with pytest.raises(SaltusError, match="No such file") if "--resume" in words else nullcontext():
                 command_of(words)
     assert leaves >= 30
+
+
+@pytest.mark.parametrize("words", ["heightmap collect gpu --json", "real2sim cycle --json --hidden robot.toml"])
+def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -> None:
+    group: Any = command_of(words.split()).command
+    assert getattr(group, "command", group).json is True
 
 
 def test_json_has_no_infinities() -> None:
