@@ -3,8 +3,9 @@
 The search sees the run logs only: it knows as much of the robot as the owner of a real one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from saltus.effects.stiction import Stiction
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.velocity_filter import VelocityFilter
 from saltus.errors import SaltusError
+from saltus.real2sim.cycle.finding import search_until_told
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
@@ -29,8 +31,6 @@ from saltus.recordings.run_log import write_run_log
 from saltus.robots.robot import Robot
 
 FIRST = "joint_tour"
-ROUNDS = 2
-"""Largest number of experiments: the first, and one that separates the effects of a set."""
 CALVES = np.arange(12) % 3 == 2
 KINDS = ("all joints", "hip", "thigh", "calf")
 
@@ -98,24 +98,20 @@ def demonstrate(robot: Robot, out: Path, *, seed: int = 0, progress: Progress | 
     """
     tell = progress or (lambda _stage, _share: None)
     hidden = hidden_robot(seed)
-    experiments = [experiment_named(FIRST)]
-    for _ in range(ROUNDS):
-        _record(experiments[-1], robot, hidden, seed, out, tell)
-        logs = [out / "logs" / experiment.name for experiment in experiments]
-        found = find(logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
-        proposed = found.verdict.next_experiment
-        if found.verdict.verdict != "set" or proposed is None or proposed.name == experiments[-1].name:
-            break
-        if len(experiments) < ROUNDS:
-            experiments.append(experiment_named(proposed.name))
+
+    def record(name: str) -> Path:
+        log = run(experiment_named(name), robot, hidden, seed=seed, progress=partial(tell, f"run {name}"))
+        write_run_log(log, out / "logs" / name, robot)
+        return out / "logs" / name
+
+    def look(logs: Sequence[Path]) -> Judgement:
+        return find(logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x))
+
+    found, logs = search_until_told([record(FIRST)], look, record)
     profile = found.patch.applied_to(IDEAL, robot)
     if profile == IDEAL:
         raise SaltusError(f"the demonstration with seed {seed} ends here: {found.verdict.verdict}, nothing to apply")
     (out / "profile.toml").write_text(profile_to_toml(profile))
     again = find(logs, out / "again", profile=profile, seed=seed, progress=lambda stage, x: tell(f"again: {stage}", x))
-    return Demonstration(hidden=hidden, experiments=tuple(experiments), found=found, profile=profile, again=again)
-
-
-def _record(experiment: Experiment, robot: Robot, hidden: Profile, seed: int, out: Path, tell: Progress) -> None:
-    log = run(experiment, robot, hidden, seed=seed, progress=lambda share: tell(f"run {experiment.name}", share))
-    write_run_log(log, out / "logs" / experiment.name, robot)
+    experiments = tuple(experiment_named(log.name) for log in logs)
+    return Demonstration(hidden=hidden, experiments=experiments, found=found, profile=profile, again=again)

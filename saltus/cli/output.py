@@ -38,6 +38,34 @@ def follow(stack: "Stack") -> Iterator[None]:
         yield
 
 
+class Bar:
+    """A progress bar whose text is the stage."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[None] | None = None
+
+    def __enter__(self) -> "Bar":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def say(self, line: str) -> None:
+        """Prints a line in place of the bar; the next stage brings another."""
+        self.__exit__()
+        self._bar = None
+        print(line, flush=True)
+
+    def at(self, stage: str, share: float) -> None:
+        """Shows a stage and the share that is done; the bar comes with the first."""
+        if self._bar is None:
+            shape = "{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}"
+            self._bar = tqdm(total=1.0, file=sys.stderr, bar_format=shape)
+        self._bar.set_description_str(stage, refresh=False)
+        self._bar.update(min(share, 1.0) - self._bar.n)
+
+
 def print_json(table: dict[str, Any]) -> None:
     """Prints one JSON object on one line; numbers that are not finite become null."""
     print(json.dumps(finite(table)), flush=True)

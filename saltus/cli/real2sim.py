@@ -1,14 +1,13 @@
 """`saltus real2sim`: what the simulator lacks, found in run logs, added to a profile, and shown to be gone."""
 
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from tqdm import tqdm
 
-from saltus.cli.output import print_json, run_directory
+from saltus.cli.cycle import Cycle
+from saltus.cli.output import Bar, print_json, run_directory
 from saltus.config import DEFAULT_ROBOT, load
 from saltus.errors import ConfigError, RecordingError
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
@@ -118,28 +117,6 @@ class Import:
         for log in imported.logs:
             print(log)
         return 0
-
-
-class Bar:
-    """A progress bar whose text is the stage."""
-
-    def __init__(self) -> None:
-        self._bar: tqdm[None] | None = None
-
-    def __enter__(self) -> "Bar":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def at(self, stage: str, share: float) -> None:
-        """Shows a stage and the share that is done; the bar comes with the first."""
-        if self._bar is None:
-            shape = "{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}"
-            self._bar = tqdm(total=1.0, file=sys.stderr, bar_format=shape)
-        self._bar.set_description_str(stage, refresh=False)
-        self._bar.update(min(share, 1.0) - self._bar.n)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,6 +297,6 @@ class Demo:
 
 @dataclass(frozen=True, kw_only=True)
 class Real2sim(Group):
-    """What the simulator lacks: find it in logs, apply it, run experiments that show it."""
+    """What the simulator lacks: find it in logs, apply it, run experiments that show it, train with it."""
 
-    command: Subcommands[Find | Import | Apply | Experiments | Demo]
+    command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]

@@ -1,0 +1,102 @@
+"""All stages of a cycle in their order; what is done is not repeated."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from saltus.models import ModelKind
+from saltus.real2sim.cycle import elsewhere, finding, measuring, training
+from saltus.real2sim.cycle.folder import MODELS, CycleFolder
+from saltus.real2sim.cycle.report import trained, write_cycle_report
+from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.reporting.words import sentence
+
+NO_GPU = "as shipped: there was no GPU to train it on"
+NOTHING_FOUND = "nothing was found that could be added: models are trained for what was known"
+
+
+class Observer(Protocol):
+    """Is told how far a cycle is."""
+
+    def say(self, line: str) -> None:
+        """What came of a stage."""
+        ...
+
+    def at(self, stage: str, share: float) -> None:
+        """Share of a stage that is done."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cycle:
+    """A cycle in its folder."""
+
+    folder: CycleFolder
+    settings: CycleSettings
+    observer: Observer
+
+    def run(self, export: Path | None = None, take: Path | None = None) -> None:
+        """Runs what is still missing and writes the report.
+
+        Args:
+            export: Folder to write the training into, which is then left to another machine.
+            take: Such a folder, with the models that were trained there.
+
+        Raises:
+            SaltusError: a stage cannot be done; what was done before is kept.
+        """
+        self._find()
+        if export is not None:
+            self._collect()
+            elsewhere.export_training(self.folder, self.settings, export)
+            self.observer.say(f"training is left to another machine: {export / 'README.md'}")
+        else:
+            self._train(take)
+            self._measure()
+        write_cycle_report(self.folder, self.settings)
+
+    def _find(self) -> None:
+        if self.folder.profile.exists():
+            self.observer.say("logs and search: done before")
+            return
+        logs = finding.record_logs(self.folder, self.settings, self.observer.at)
+        self.observer.say(f"logs: {', '.join(log.name for log in logs)}")
+        found, again = finding.find_effects(self.folder, self.settings, logs, self.observer.at)
+        self.observer.say(f"found: {sentence(found.verdict)}")
+        self.observer.say(NOTHING_FOUND if again is None else f"with what was found: {sentence(again.verdict)}")
+
+    def _collect(self) -> None:
+        if not self.folder.dataset.exists():
+            training.collect_data(self.folder, self.settings, self.observer.at)
+            self.observer.say(f"training data: {self.folder.dataset}")
+
+    def _train(self, take: Path | None) -> None:
+        if take is not None:
+            taken = elsewhere.take_training(self.folder, self.settings, take)
+            before = trained(self.folder) or dict.fromkeys(MODELS, "as shipped")
+            self._trained(before | dict.fromkeys(taken, "trained elsewhere"))
+        elif self.folder.trained.exists():
+            self.observer.say("training: done before")
+        else:
+            self._collect()
+            training.train_predictor(self.folder, self.settings, self.observer.at)
+            if has_gpu := training.has_gpu():
+                training.train_policy(self.folder, self.settings)
+            self._trained({"heightmap": "trained here", "policy": "trained here" if has_gpu else NO_GPU})
+
+    def _trained(self, became: dict[ModelKind, str]) -> None:
+        self.folder.trained.write_text(json.dumps(became))
+        for kind, what in became.items():
+            self.observer.say(f"{kind} model: {what}")
+
+    def _measure(self) -> None:
+        if not self.folder.hidden.exists():
+            self.observer.say(measuring.NOT_MEASURED)
+            return
+        for course in measuring.COURSES:
+            said = []
+            for when in measuring.MOMENTS:
+                done = measuring.measure(self.folder, self.settings, when, course, self.observer.at)
+                said.append(f"{done.successes} of {len(done.failures)} {when}")
+            self.observer.say(f"{course}: {', '.join(said)}")

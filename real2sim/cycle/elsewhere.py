@@ -1,0 +1,104 @@
+"""A training that is carried to another machine, and what comes back."""
+
+import shutil
+from pathlib import Path
+
+from saltus.config import DEFAULT_ROBOT, to_toml
+from saltus.depth_camera import load_camera
+from saltus.errors import ConfigError
+from saltus.folders import whole_folder
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.model_file import checksum_path
+from saltus.models import ModelKind
+from saltus.policy.planner import make_planner
+from saltus.real2sim.cycle.folder import MODELS, CycleFolder
+from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.cycle.training import shipped_checkpoint
+from saltus.robots.loading import load_robot
+
+PROFILE = "profile.toml"
+_SCRIPT = """#!/usr/bin/env bash
+# Trains the policy (needs a GPU) and the predictor further with profile.toml; after an interruption it goes on.
+set -euo pipefail
+cd "$(dirname "$0")"
+begin=policy/checkpoint.pt
+[ -e "$begin" ] || begin=policy.pt
+saltus policy train --resume "$begin" --profile profile.toml --seed {seed} --minutes {minutes:g} --out policy
+saltus policy export --checkpoint policy/checkpoint.pt --out policy
+saltus heightmap train --data dataset --start heightmap.pt --config predictor.toml --seed {seed} --out heightmap
+saltus heightmap export --data dataset --checkpoint heightmap/heightmap.pt --out heightmap
+"""
+_README = """# Training of a cycle
+
+Profile, data and checkpoints of `saltus real2sim cycle`, to be trained on a machine with a GPU:
+
+    pip install 'saltus[train,gpu]'
+    bash train.sh
+
+| file | what it is |
+|---|---|
+| profile.toml | the robot as it was found |
+| policy.pt, heightmap.pt | checkpoints to begin with |
+| dataset | what the predictor learns from, of robots with this profile |
+| predictor.toml | settings of its training |
+
+train.sh writes policy/policy.onnx and heightmap/heightmap.onnx. Bring this folder back and go on with
+
+    saltus real2sim cycle --out FOLDER_OF_THE_CYCLE --take-training THIS_FOLDER
+
+One of the two models is enough: the other then stays as shipped.
+"""
+
+
+def refuse(export: Path | None, take: Path | None) -> None:
+    """Says before the work that a training cannot be exported there, or taken from there: `ConfigError`."""
+    if export is not None and take is not None:
+        raise ConfigError(f"--export-training {export}: not together with --take-training")
+    if export is not None and export.exists():
+        raise ConfigError(f"--export-training {export}: there is a file or folder of this name already")
+    if take is not None and not (take / PROFILE).is_file():
+        raise ConfigError(f"--take-training {take}: {PROFILE} is missing: no folder that --export-training wrote")
+    if take is not None and not _models(take):
+        raise ConfigError(f"--take-training {take}: there is no policy.onnx and no heightmap.onnx: run its train.sh")
+
+
+def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> None:
+    """Writes a folder to carry away, of which `refuse` says nothing."""
+    with whole_folder(out) as made:
+        shutil.copytree(folder.dataset, made / "dataset")
+        shutil.copyfile(folder.profile, made / PROFILE)
+        for kind in MODELS:
+            shutil.copyfile(shipped_checkpoint(kind), made / f"{kind}.pt")
+        (made / "predictor.toml").write_text(to_toml(settings.predictor))
+        (made / "train.sh").write_text(_SCRIPT.format(seed=settings.seed, minutes=settings.policy_minutes))
+        (made / "README.md").write_text(_README)
+
+
+def take_training(folder: CycleFolder, settings: CycleSettings, given: Path) -> tuple[ModelKind, ...]:
+    """Checks the models that another machine has trained, and takes them; returns their kinds.
+
+    Raises:
+        ConfigError: they were trained for another profile.
+        ModelError: one is damaged, or not for this robot and camera.
+    """
+    if folder.read(given / PROFILE) != folder.read(folder.profile):
+        raise ConfigError(f"--take-training {given}: its {PROFILE} is not that of {folder.profile}")
+    models = _models(given)
+    robot = load_camera(settings.loop.camera).mounted_on(load_robot(DEFAULT_ROBOT))
+    if "heightmap" in models:
+        HeightmapNetwork(robot, models["heightmap"])
+    if "policy" in models:
+        make_planner("learned", robot, models["policy"])
+    for kind, model in models.items():
+        target = folder.root / kind
+        shutil.rmtree(target, ignore_errors=True)
+        with whole_folder(target) as made:
+            for file in (model, checksum_path(model)):
+                shutil.copyfile(file, made / file.name)
+    return tuple(models)
+
+
+def _models(given: Path) -> dict[ModelKind, Path]:
+    """Those that were trained."""
+    paths: dict[ModelKind, Path] = {kind: given / kind / f"{kind}.onnx" for kind in MODELS}
+    return {kind: path for kind, path in paths.items() if path.exists()}

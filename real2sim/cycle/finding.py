@@ -1,0 +1,111 @@
+"""What the simulator lacks, from the first log to the profile with the patch."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from saltus.config import DEFAULT_ROBOT, from_table
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile, profile_to_toml
+from saltus.errors import RecordingError
+from saltus.folders import whole_folder
+from saltus.real2sim.cycle.folder import CycleFolder
+from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.experiments.footage import Camera
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.real2sim.pipeline import find
+from saltus.real2sim.progress import Progress
+from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.results import Judgement
+from saltus.real2sim.search.findings import SignalGap
+from saltus.recordings.run_log import write_run_log
+from saltus.recordings.run_log_export import as_run_log
+from saltus.robots.loading import load_robot
+
+ROUNDS = 2
+"""Most searches: the first, and one with the experiment that separates the effects of a set."""
+_GAPS = "gaps.json"
+
+
+def search_until_told(
+    logs: Sequence[Path], look: Callable[[Sequence[Path]], Judgement], record: Callable[[str], Path] | None
+) -> tuple[Judgement, tuple[Path, ...]]:
+    """Looks at logs; where effects stay a set, adds the log of the experiment that separates them and looks again.
+
+    `record` runs an experiment by its name and returns its log; None where no experiment can be run. Returns the last
+    judgement, and its logs.
+    """
+    for _ in range(1, ROUNDS):
+        found = look(logs)
+        proposed = found.verdict.next_experiment
+        known = [log.name for log in logs]
+        if record is None or found.verdict.verdict != "set" or proposed is None or proposed.name in known:
+            return found, tuple(logs)
+        logs = [*logs, record(proposed.name)]
+    return look(logs), tuple(logs)
+
+
+def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> list[Path]:
+    """The logs to look at: one's own, or of experiments on the hidden robot; those there are stay."""
+    if settings.logs:
+        return [as_run_log(log, folder.logs / log.name) for log in settings.logs]
+    return [record(folder, settings, tell, name) for name in settings.experiments]
+
+
+def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: str) -> Path:
+    """Runs an experiment on the hidden robot, which claims the camera's latency that is known."""
+    log = folder.logs / name
+    if log.exists():
+        return log
+    robot, known = load_robot(DEFAULT_ROBOT), folder.read(folder.known)
+    latency = next((float(e.latency) for e in known.camera if isinstance(e, CameraLatency)), 0.0)
+    made = run(
+        experiment_named(name), robot, folder.read(folder.hidden), seed=settings.seed,
+        camera=Camera.on(robot, latency), progress=partial(tell, f"log {name}"),
+    )  # fmt: skip
+    with whole_folder(log) as partial_folder:
+        write_run_log(made, partial_folder, robot)
+    return log
+
+
+def find_effects(
+    folder: CycleFolder, settings: CycleSettings, logs: Sequence[Path], tell: Progress
+) -> tuple[Judgement, Judgement | None]:
+    """Searches the logs, adds what is found to what is known, and searches them again with it.
+
+    Returns both judgements; without the second where nothing was found that could be added.
+
+    Raises:
+        RecordingError: a log contradicts itself.
+    """
+    known = folder.read(folder.known)
+    recorded = None if settings.logs else partial(record, folder, settings, tell)
+    found, logs = search_until_told(logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded)
+    if found.verdict.verdict == "bad_log":
+        raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
+    patched = found.patch.applied_to(known, load_robot(DEFAULT_ROBOT))
+    again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
+    folder.profile.write_text(profile_to_toml(patched))
+    return found, again
+
+
+def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]) -> Judgement:
+    judged = find(logs, out, profile=profile, seed=seed, progress=lambda stage, share: tell(f"{name}: {stage}", share))
+    gaps = [
+        asdict(gap) | {"signal": f"{compared.problem.name}: {gap.signal}"}
+        for each in judged.examinations
+        for compared in each.comparisons
+        for gap in compared.findings.gaps
+    ]
+    (out / _GAPS).write_text(json.dumps(gaps))
+    return judged
+
+
+def gaps_of(found: Path) -> dict[str, SignalGap]:
+    """The gap of each sensor's signals by their names, as the search in this folder began; none where there is none."""
+    path = found / _GAPS
+    gaps = json.loads(path.read_text()) if path.exists() else []
+    return {gap["signal"]: from_table(SignalGap, gap) for gap in gaps}

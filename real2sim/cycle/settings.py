@@ -1,0 +1,55 @@
+"""What a cycle is told: the same dataclass is its TOML file and the flags of `saltus real2sim cycle`."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from saltus.config import check_between
+from saltus.effects.profile import SHIPPED
+from saltus.errors import ConfigError
+from saltus.flags import shown
+from saltus.heightmap.settings import FURTHER_RATE, MANY, ClosedLoop, TrainConfig
+
+EXPERIMENTS = ("joint_tour", "squat", "heave_and_pitch", "height_step")
+"""Drives on a stand, body, and the camera's time and place: each kind of sensor has its experiment."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleSettings:
+    """A cycle of the Go1. All but the trials stay as the folder was begun.
+
+    Raises:
+        ConfigError: a number that cannot be, or an experiment that there is not.
+    """
+
+    hidden: Annotated[Path | None, shown("PATH", "none: only logs are known of the robot")] = None
+    """Profile (TOML) that stands for the real robot: it is run and measured, and never shown to the search."""
+    profile: str = SHIPPED
+    """What is known of the robot: shipped, ideal, one of your own, or a TOML file. What is found is added to it."""
+    logs: Annotated[tuple[Path, ...], shown("[PATH [PATH ...]]", "none: experiments are run on the hidden robot")] = ()
+    """Run logs of your own, or runs of Saltus, in place of experiments."""
+    experiments: tuple[str, ...] = EXPERIMENTS
+    """What the hidden robot does for its logs, see saltus real2sim experiments."""
+    seed: int = 0
+    """Of the sensors' noise, data and training; the first trial has it, too."""
+    batches: int = 8
+    """Of training data, each of `loop.robots` robots."""
+    policy_minutes: float = 10.0
+    """Time of the policy's training, where there is a GPU."""
+    trials: int = 20
+    """On each course, with the models before and after; more may be asked for later, and add to those there are."""
+    loop: ClosedLoop = field(default_factory=ClosedLoop)
+    """How training data are collected. Its camera takes the images of the measurement, too."""
+    predictor: TrainConfig = field(default_factory=lambda: TrainConfig(learning_rate=FURTHER_RATE))
+    """The predictor's training, from the shipped checkpoint."""
+
+    def __post_init__(self) -> None:
+        check_between(self, seed=(0, 2**32), batches=(1, MANY), trials=(1, MANY))
+        if not 0.0 < self.policy_minutes < MANY:
+            raise ConfigError(f"policy_minutes = {self.policy_minutes:g}: it must be more than 0, and have an end")
+        if not self.experiments:
+            raise ConfigError("experiments = (): name at least one")
+        from saltus.real2sim.experiments.menu import experiment_named  # here, so that commands load without it
+
+        for name in self.experiments:
+            experiment_named(name)

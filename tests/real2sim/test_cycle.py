@@ -1,0 +1,119 @@
+"""The cycle: a hidden effect is found and trained with; what is done is not repeated; a training may be carried away."""
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from saltus.cli.main import command_of, main
+from saltus.policy.training import checkpoint
+from saltus.policy.training import train as policy_training
+from saltus.real2sim.cycle import finding, measuring, training
+
+HIDDEN = 0.4  # Nm
+GAP = "gap 0.80 m"
+TINY = (
+    "--experiments", "single_sine", "--batches", "1", "--loop.robots", "12", "--loop.courses", "1", "--loop.ticks",
+    "120", "--loop.camera", "ideal", "--predictor.updates", "2", "--predictor.batch", "2", "--policy-minutes", "0.02",
+    "--trials", "1",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small() -> Any:
+    """One course; a processor in place of a GPU, with few robots."""
+    law = checkpoint.config_of
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measuring, "COURSES", {GAP: measuring.COURSES[GAP]})
+        patch.setattr(training, "has_gpu", lambda: True)
+        patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
+        yield
+
+
+def cycle(out: Path, *more: str) -> int:
+    return main(["real2sim", "cycle", "--out", str(out), *more])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cycle of a robot whose joints have friction that nobody knows of."""
+    place = tmp_path_factory.mktemp("cycle")
+    (place / "hidden.toml").write_text(f"[actuator.coulomb_friction]\ntorque = {HIDDEN}\n")
+    assert cycle(place / "run", "--hidden", str(place / "hidden.toml"), "--profile", "ideal", *TINY) == 0
+    return place / "run"
+
+
+def results(out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+    """What a cycle that goes on prints."""
+    assert cycle(out, "--json", *more) == 0
+    table: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return table
+
+
+def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = results(run, capsys)
+    (row,) = said["effects"]
+    assert (row["effect"], row["known"], row["true"]) == ("coulomb_friction", 0.0, HIDDEN)
+    assert row["found"] == pytest.approx(HIDDEN, rel=0.05)
+    assert (said["found"]["verdict"], said["again"]["verdict"]) == ("named", "no_gap")
+    assert said["models"] == dict.fromkeys(("heightmap", "policy"), "trained here")
+    before, after = (said["courses"][GAP][when] for when in ("before", "after"))
+    assert before["trials"] == after["trials"] == 1
+    assert all(before["models"][kind] != after["models"][kind] for kind in ("heightmap", "policy"))
+    report = (run / "report.html").read_text()
+    assert report.count("data:image/jpeg") == 12
+    assert all(word in report for word in ("coulomb_friction", GAP, "1 of 1 hidden parameters found"))
+
+
+def test_what_is_done_is_not_repeated(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name in ((finding, "find_effects"), (training, "collect_data"), (training, "train_predictor")):
+        monkeypatch.setattr(module, name, None)  # cannot be called
+    kept = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.suffix in (".onnx", ".csv", ".json")}
+    capsys.readouterr()
+    results(run, capsys)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    first = measuring.measured(measuring.CycleFolder(run), "before", GAP)
+    assert results(run, capsys, "--trials", "2")["courses"][GAP]["before"]["trials"] == 2
+    second = measuring.measured(measuring.CycleFolder(run), "before", GAP)
+    assert first is not None
+    assert second is not None
+    assert second.failures.items() > first.failures.items()
+    assert cycle(run, "--batches", "3") == 2
+    assert "begun with batches = 1, not 3" in capsys.readouterr().err
+
+
+def test_logs_of_ones_own_are_trained_with_elsewhere(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine, away = tmp_path / "mine", tmp_path / "away"
+    logs = ("--logs", str(run / "logs" / "single_sine"), "--profile", str(run / "profile.toml"))
+    assert cycle(mine, *logs, *TINY, "--export-training", str(away)) == 0
+    assert "nothing was found that could be added" in capsys.readouterr().out
+    monkeypatch.chdir(away)
+    lines = [line for line in Path("train.sh").read_text().splitlines() if line.startswith("saltus")]
+    commands = [shlex.split(line.replace("$begin", "policy.pt"))[1:] for line in lines]
+    assert len([command_of(command) for command in commands]) == 4
+    assert cycle(mine, "--take-training", str(away)) == 2
+    assert "run its train.sh" in capsys.readouterr().err
+    assert [main(command) for command in commands[2:]] == [0, 0]
+    assert results(mine, capsys, "--take-training", str(away))["models"] == {
+        "heightmap": "trained elsewhere",
+        "policy": "as shipped",
+    }
+    assert "no profile of the robot was given" in (mine / "report.html").read_text()
+    Path("profile.toml").write_text("")
+    assert cycle(mine, "--take-training", str(away)) == 2
+    assert "is not that of" in capsys.readouterr().err
+
+
+def test_without_a_gpu_the_policy_stays_and_this_is_said(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "has_gpu", policy_training.has_gpu)
+    (run / "trained.json").unlink()
+    assert "no GPU" in results(run, capsys)["models"]["policy"]
