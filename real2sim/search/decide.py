@@ -89,6 +89,14 @@ class ModelComparison:
         held_out[:, self.split.fold == TEST] = 0.0
         return ScoredFit(fit=fit, held_out=held_out, structure=self.cells.structure(fit.residuals))
 
+    def cost(self, residuals: Floats) -> float:
+        """Sum of squares of the rows that fits see."""
+        return float(np.sum(residuals[:, self.split.is_fit] ** 2))
+
+    def is_gap(self, residuals: Floats) -> bool:
+        """Whether a segment and signal shows more structure than two correct simulators differ by."""
+        return self.cells.largest_rms(self.cells.structure(residuals)) > self.size
+
     def gain(self, before: ScoredFit, after: ScoredFit) -> float:
         """Held-out gain of one model over another [nats]."""
         return 0.5 * (before.total - after.total)
@@ -143,7 +151,7 @@ def _replaces(
 
 def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:
     """Whether a further effect explains everything that was left; it cannot explain the disagreement of simulators."""
-    return further >= WHOLE_SHARE and comparison.cells.largest_rms(rival.structure) <= comparison.size
+    return further >= WHOLE_SHARE and not comparison.is_gap(rival.fit.residuals)
 
 
 def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:

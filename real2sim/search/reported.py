@@ -50,7 +50,7 @@ def stated_model(
     )
     tried = [_TiedModel(problem, comparison, chosen.fit, way).fitted(evaluate) for way in ways]
     least = decide.explained_share(comparison, model)
-    lowest = min(_cost(comparison, one.residuals) for one in tried)
+    lowest = min(comparison.cost(one.residuals) for one in tried)
     for one in tried:
         closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
         if closed >= least and _is_as_good(comparison, one.residuals, lowest):
@@ -59,14 +59,9 @@ def stated_model(
     return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 
 
-def _cost(comparison: ModelComparison, residuals: Floats) -> float:
-    return float(np.sum(residuals[:, comparison.split.is_fit] ** 2))
-
-
 def _is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
     """Whether residuals show no gap, or hardly more than those of the best statement."""
-    left = comparison.cells.largest_rms(comparison.cells.structure(residuals))
-    return left <= comparison.size or _cost(comparison, residuals) <= AS_GOOD * lowest
+    return not comparison.is_gap(residuals) or comparison.cost(residuals) <= AS_GOOD * lowest
 
 
 class _TiedModel:
@@ -107,15 +102,15 @@ class _TiedModel:
         unknowns = self._unknowns(values)
         residuals = evaluate("reported values", unknowns[np.newaxis])[0]
         for _ in range(ITERATIONS):
-            if self._comparison.cells.largest_rms(self._comparison.cells.structure(residuals)) <= self._comparison.size:
+            if not self._comparison.is_gap(residuals):
                 break
             change = self._change(evaluate, values, unknowns, residuals)
             shares = 0.5 ** np.arange(1 + HALVINGS)
             trials = np.clip(values + shares[:, np.newaxis] * change, self._low, self._high)
             moved = np.array([self._unknowns(trial) for trial in trials])
             left = evaluate("reported values", moved)
-            best = int(np.argmin([_cost(self._comparison, each) for each in left]))
-            if _cost(self._comparison, left[best]) >= _cost(self._comparison, residuals):
+            best = int(np.argmin([self._comparison.cost(each) for each in left]))
+            if self._comparison.cost(left[best]) >= self._comparison.cost(residuals):
                 break
             values, unknowns, residuals = trials[best], moved[best], left[best]
         return StatedModel(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)

@@ -196,8 +196,7 @@ class _Search:
 
         A poorly fitting shape may still be a local minimum, in some blocks or in all.
         """
-        left = self._comparison.cells.structure(self._fits[model].residuals)
-        if self._comparison.cells.largest_rms(left) <= self._comparison.size:
+        if not self._comparison.is_gap(self._fits[model].residuals):
             return
         layout, here = self._layout, self._fits[model]
         points, moving = [], []
