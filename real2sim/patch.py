@@ -30,7 +30,7 @@ import tomli_w
 from saltus.config import read_file, read_toml
 from saltus.effects.battery_sag import BatterySag
 from saltus.effects.effect import Effect
-from saltus.effects.profile import PARTS, Profile
+from saltus.effects.profile import IDEAL, PARTS, Profile
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError, nearest_hint
@@ -119,12 +119,15 @@ def load_patch(path: Path) -> Patch:
     return read_file(path, patch_from_toml)
 
 
-def supported(effects: Sequence[FoundEffect]) -> tuple[FoundEffect, ...]:
-    """The effects that may go into a profile: with values within their bounds and intervals that exclude null."""
-    return tuple(effect for effect in effects if effect.name not in EFFECTS or _is_certain(effect))
+def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple[FoundEffect, ...]:
+    """The effects that may go into a profile: with values within their bounds and intervals that exclude null.
+
+    A value may be null where `profile` has the effect: it takes the place of another.
+    """
+    return tuple(e for e in effects if e.name not in EFFECTS or _is_certain(e, may_be_null=e.name in profile.effects))
 
 
-def _is_certain(found: FoundEffect) -> bool:
+def _is_certain(found: FoundEffect, *, may_be_null: bool) -> bool:
     known = {f.name: f.metadata for f in fields(EFFECTS[found.name])}
     crosses = []
     for name, interval in found.params.items():
@@ -135,7 +138,7 @@ def _is_certain(found: FoundEffect) -> bool:
             return False
         if null is not None:
             crosses.append(found.name not in AS_CLAIMED and low <= null <= high)
-    return not all(crosses)
+    return may_be_null or not all(crosses)
 
 
 def evidence_of(directory: Path) -> Evidence:

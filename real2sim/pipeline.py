@@ -65,7 +65,7 @@ def find(
     logs = load_rigs(runs)
     with _results_folder(out):
         examinations = examine(logs, profile=profile, seed=seed, progress=progress)
-        judgement = judge(examinations, tuple(evidence_of(run) for run in runs))
+        judgement = judge(examinations, tuple(evidence_of(run) for run in runs), profile)
         texts: dict[str, str | None] = dict(_texts(judgement))
         texts["report.html"] = None  # a report of an earlier call would not belong to this verdict
         if report:
@@ -179,7 +179,7 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile, without: Collection[st
     return NarrowedProblem(problem, without) if without else problem
 
 
-def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...]) -> Judgement:
+def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL) -> Judgement:
     """One verdict for all logs, and the patch; `RecordingError` if no sensor of any log could be compared."""
     bad = [fault.text for each in examinations for fault in each.faults if fault.is_fatal]
     remarks = [text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)]
@@ -202,7 +202,7 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...])
             next_experiment=next_experiment(_robot(examinations), verdict.sets, rivals, rigs),
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
-    patch = Patch(effects=supported(verdict.effects), evidence=evidence, range=_range(examinations))
+    patch = Patch(effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations))
     return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence)
 
 

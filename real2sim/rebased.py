@@ -7,14 +7,15 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
-from saltus.effects.profile import Profile
+from saltus.effects.profile import PARTS, Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import reference_robot
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Problem, WrappedProblem
+from saltus.real2sim.problem.problem import Candidate, Problem, WrappedProblem
 from saltus.robots.robot import JOINTS, Robot
 
+NOT_HELD = "the profile's values lie beyond what replays can hold: this search went on without them"
 FITS = 0.02
 """Largest relative error with which a candidate may represent a value of the profile: well below what a log shows."""
 
@@ -23,12 +24,16 @@ class RebasedProblem(WrappedProblem):
     """`inner`, whose simulator has no effects, with unknowns that are 0 at the values of a profile."""
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
+        self._bare, self._profile = inner, profile
         saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
         if saturation is not None and isinstance(inner, JointProblem):  # no candidate can represent a measured curve
             inner = _saturated(inner, saturation)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
         super().__init__(inner)
-        offsets = [_offset(inner, candidate, profile) for candidate in inner.candidates]
+        found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
+        lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}
+        self.untestable = inner.untestable | dict.fromkeys(lost, NOT_HELD)
+        offsets = [np.nan_to_num(offset) for offset in found]
         self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
         """Shape (blocks, unknowns)."""
         self.candidates = tuple(
@@ -38,6 +43,21 @@ class RebasedProblem(WrappedProblem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         return self._inner.residuals(unknowns + self._offset)
+
+    def leaner(self) -> dict[str, Problem]:
+        """See `Problem`."""
+        # what a profile says as the log claims it anyway, or as no replay can hold, is not there to be taken out
+        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem) else set()
+        there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in assumed}
+        parts = {part: getattr(self._profile, part) for part in PARTS.values()}
+        return {
+            gone.name: RebasedProblem(
+                self._bare, replace(self._profile, **{part: tuple(e for e in effects if e is not gone)})
+            )
+            for part, effects in parts.items()
+            for gone in effects
+            if gone.name in there
+        }
 
 
 def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
@@ -58,34 +78,28 @@ def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProb
 
 
 def _moved(candidate: Candidate, offset: Floats) -> Candidate:
-    """The candidate with unknowns that are 0 at `offset`, shape (blocks, its unknowns).
-
-    The verdict states one value for all blocks: it counts from the mean of the blocks that have the effect.
-    """
-    present = offset[np.any(offset != 0.0, axis=1)]
-    if not len(present):
+    """The candidate with unknowns that are 0 at `offset`, shape (blocks, its unknowns)."""
+    if not offset.any():
         return candidate
-    mean = present.mean(axis=0)
     # If the profile has the effect already, its shape matters from the start and is an unknown like the others.
     unknowns = tuple(
-        replace(u, low=u.low - float(own.min()), high=u.high - float(own.max()), is_shape=False, stated=None)
+        replace(
+            u,
+            low=u.low - float(own.min()),
+            high=u.high - float(own.max()),
+            is_shape=False,
+            stated=None if u.stated is None else 0.0,
+        )
         for u, own in zip(candidate.unknowns, offset.T, strict=True)
     )
-    return replace(
-        candidate,
-        unknowns=unknowns,
-        starts=((0.0,) * len(unknowns),),
-        coordinates=Coordinates(
-            parameters=lambda x: {name: found.value for name, found in candidate.parameters(x + mean).items()},
-            unknowns=lambda values: candidate.unknowns_of(values) - mean,
-        ),
-    )
+    base = tuple(map(tuple, offset.tolist()))
+    return replace(candidate, unknowns=unknowns, starts=((0.0,) * len(unknowns),), base=base)
 
 
 def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     """Unknowns at which the candidate is as the profile says, for each block; 0 where the profile lacks the effect.
 
-    0 as well where no unknowns within their bounds make such an effect.
+    NaN where no unknowns within their bounds make such an effect.
     """
     offset = np.zeros((len(problem.blocks), len(candidate.unknowns)))
     effect = _effect(profile, candidate.effect)
@@ -96,8 +110,8 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
         if np.isfinite(list(wanted.values())).all():
             unknowns = candidate.unknowns_of(wanted)
             found = candidate.parameters(unknowns)
-            if all(abs(found[name].value - value) <= FITS * abs(value) for name, value in wanted.items()):
-                offset[block] = unknowns
+            fits = all(abs(found[name].value - value) <= FITS * abs(value) for name, value in wanted.items())
+            offset[block] = unknowns if fits else np.nan
     return offset
 
 

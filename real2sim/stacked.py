@@ -6,6 +6,7 @@ are shared.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,16 @@ class StackedProblem(Problem):
                 values[end - len(problem.time_s) : end] = driver.values
                 found[driver.name] = replace(driver, values=values)
         return tuple(found.values())
+
+    def leaner(self) -> dict[str, Problem]:
+        """See `Problem`."""
+        each = [problem.leaner() for problem in self._problems]
+        found: dict[str, Problem] = {}
+        for name in dict.fromkeys(name for own in each for name in own):
+            other = copy(self)
+            other._problems = tuple(own.get(name, p) for own, p in zip(each, self._problems, strict=True))
+            found[name] = other
+        return found
 
     def _merge_candidates(self) -> None:
         self._alone = [_without_effects(problem) for problem in self._problems]

@@ -46,6 +46,8 @@ class Verdict:
     next_experiment: NextExperiment | None = None
     untestable: dict[str, str] = field(default_factory=dict)
     """Effects that these data cannot show, and why."""
+    misfits: tuple[str, ...] = ()
+    """Effects of the profile without which the simulator is much nearer to the log."""
     gap: Gap | None = None
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     log_faults: tuple[str, ...] = ()
@@ -58,6 +60,7 @@ class Verdict:
             "sets": [list(names) for names in self.sets],
             "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
             "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
+            "misfits": list(self.misfits),
             "gap": None if self.gap is None else {**vars(self.gap), "closed": self.gap.closed},
             "minimum_detectable": {
                 name: {"value": size.value, "unit": size.unit} for name, size in self.minimum_detectable.items()
@@ -87,6 +90,7 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
         effects=tuple(effect for each in findings for effect in each.effects),
         sets=tuple(sets),
         untestable={name: why for each in findings for name, why in each.untestable.items()},
+        misfits=tuple(name for each in findings for name in each.misfits),
         gap=_pool(findings),
         minimum_detectable={name: size for each in findings for name, size in each.minimum_detectable.items()},
     )

@@ -82,6 +82,8 @@ class Candidate:
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
     coordinates: Coordinates | None = None
     """None where the unknowns that are not `stated` are the parameters."""
+    base: tuple[tuple[float, ...], ...] = ()
+    """For each block, what the unknowns count from: those of a profile that the simulator has; empty where it is 0."""
 
     def __post_init__(self) -> None:
         if not self.starts:
@@ -92,8 +94,13 @@ class Candidate:
         """Unknowns without the effect: 0, shapes as in the first start; shape (its unknowns,)."""
         return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
 
-    def parameters(self, unknowns: Floats) -> dict[str, "Estimate"]:
-        """Parameters in the schema's names and units, of unknowns of shape (its unknowns,); nuisances have no units."""
+    def parameters(self, unknowns: Floats, block: int = 0) -> dict[str, "Estimate"]:
+        """Parameters in the schema's names and units, of unknowns of shape (its unknowns,); nuisances have no units.
+
+        `block` matters only where a profile has other values in each.
+        """
+        if self.base:
+            unknowns = unknowns + np.asarray(self.base[block])
         declared = fields(EFFECTS[self.effect]) if self.effect in EFFECTS else ()
         units = {field.name: field.metadata.get("unit", "") for field in declared}
         if self.coordinates is None:
@@ -179,6 +186,10 @@ class Problem(ABC):
     def drivers(self) -> tuple[Driver, ...]:
         """Quantities that may drive residuals, besides columns of the log: values of shape (m,), NaN where unknown."""
         return ()
+
+    def leaner(self) -> "dict[str, Problem]":
+        """By each effect of a profile that the simulator starts with, the problem without it; the unknowns stay."""
+        return {}
 
     @property
     def names(self) -> tuple[str, ...]:

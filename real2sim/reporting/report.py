@@ -31,7 +31,7 @@ def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     rivals = [rival for each in findings for rival in each.rivals]
-    parts = [text.headline(verdict), text.effects_table(verdict.effects, rivals)]
+    parts = [text.headline(verdict, profile), text.effects_table(verdict.effects, rivals)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
     parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]

@@ -19,7 +19,7 @@ from saltus.recordings.report import table
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
     "set": "A set: something is missing, but these data cannot tell which of these effects it is.",
-    "unexplained": "Unexplained: there is a gap that no effect of the library closes.",
+    "unexplained": "Unexplained: no effect of the library closes the gap.",
     "no_gap": "No gap: what the log differs by is within its noise.",
     "bad_log": "Bad log: it contradicts itself, and a fit to it would be wrong.",
 }
@@ -27,7 +27,7 @@ PACKAGES = ("saltus", "mujoco", "numpy", "scipy")
 NO_EXPERIMENT = {
     "named": "None is needed.",
     "set": "No experiment of the menu would tell them apart.",
-    "unexplained": "None is proposed: what is missing is not in the library, and these data are where to look.",
+    "unexplained": "None is proposed: these data are where to look.",
     "no_gap": "None is needed.",
     "bad_log": "The log must be mended first.",
 }
@@ -37,11 +37,11 @@ LEAST_NATS = 1.0
 LONG = 12  # length of a list in the claims; longer ones are cut
 
 
-def headline(verdict: Verdict) -> str:
-    """The verdict in a sentence, its meaning, and the faults of the log."""
+def headline(verdict: Verdict, profile: Profile) -> str:
+    """The verdict on a simulator with a profile in a sentence, its meaning, and the faults of the log."""
     kind = "good" if verdict.verdict in ("named", "no_gap") else "bad"
     meaning = IN_PART if verdict.verdict == "unexplained" and verdict.effects else MEANING[verdict.verdict]
-    said = sentence(verdict)
+    said = sentence(verdict, profile)
     faults = "".join(f'<p class="bad">{_text(fault)}</p>' for fault in verdict.log_faults)
     return f'<h1>{_text(said[0].upper() + said[1:])}</h1><p class="{kind}">{meaning}</p>{faults}'
 

@@ -1,6 +1,6 @@
 """From fitted models to findings: ruling, values and places, gap on test segments, smallest detectable effects."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from saltus.real2sim.search.findings import (
 )
 from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.layout import Model, model_of
+from saltus.real2sim.search.misfits import misfits_of, unseen_of
 from saltus.real2sim.search.quadratic import Quadratic
 from saltus.real2sim.search.reported import stated_model
 
@@ -50,6 +51,10 @@ def findings(
     final = model.residuals
     tested = Cells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
+    untestable = problem.untestable | unseen_of(problem, comparison, null.fit)
+    seen = problem.leaner().keys() - untestable.keys() if ruling != "no_gap" else set()
+    misfits = misfits_of(problem, comparison, [each.fit for each in scored], model, seen)
+    ruling = "unexplained" if misfits else ruling
     is_stated = ruling in ("named", "set")
     effects = {name: _state(problem, name, groups) for name, groups in model.groups.items()} if is_stated else {}
     return Findings(
@@ -71,9 +76,10 @@ def findings(
             effects=chosen.fit.model,
             is_test=~comparison.split.is_fit,
         ),
+        misfits=misfits,
         remainder=tested.largest_rms(tested.structure(final)),
-        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], dispersion),
-        untestable=problem.untestable,
+        minimum_detectable=_minimum_detectable(problem, comparison, library(()), fits[()], dispersion, untestable),
+        untestable=untestable,
         baselines=_baselines(comparison, around, scored),
         evaluations=evaluate.evaluations,
     )
@@ -89,7 +95,8 @@ def _dispersion(comparison: ModelComparison, scored: Sequence[ScoredFit]) -> flo
 
 def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
     total = len(problem.blocks) * sum(candidate.effect == effect for candidate in problem.candidates)
-    return [estimates.found_effect(problem, effect, group, total) for group in groups]
+    parts = [part for group in groups for part in estimates.stated_apart(problem, group)]
+    return [estimates.found_effect(problem, effect, part, total) for part in parts]
 
 
 def _instead(
@@ -158,9 +165,9 @@ def _ranking(comparison: ModelComparison, scored: Sequence[ScoredFit], null: Sco
 
 
 def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
-    """Gap of each signal; the floor is the remainder without structure."""
+    """Gap of each signal; the floor is what noise alone leaves of whitened residuals, or the model if that is less."""
     gaps = []
-    powers = (tested.power(before), tested.power(after), tested.power(after) - tested.structure(after))
+    powers = (tested.power(before), tested.power(after))
     for index, signal in enumerate(problem.signals):
         cells = np.flatnonzero(tested.signal == index)
         counts = tested.counts[cells]
@@ -173,14 +180,19 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
                 residuals=int(counts.sum()) * len(before),
                 before=means[0],
                 after=means[1],
-                floor=min(means[0], means[2]),
+                floor=min(1.0, means[1]),
             )
         )
     return tuple(gaps)
 
 
 def _minimum_detectable(
-    problem: Problem, comparison: ModelComparison, around: Quadratic, null: Fit, dispersion: float
+    problem: Problem,
+    comparison: ModelComparison,
+    around: Quadratic,
+    null: Fit,
+    dispersion: float,
+    untestable: Collection[str],
 ) -> dict[str, Estimate]:
     """Smallest size of each effect that would be found, at the place that shows it best.
 
@@ -192,7 +204,7 @@ def _minimum_detectable(
     segments = max(1, len(np.unique(comparison.split.segment)))
     sizes: dict[str, tuple[float, int]] = {}
     for index, candidate in enumerate(layout.candidates):
-        if candidate.is_nuisance or candidate.effect in problem.untestable:
+        if candidate.is_nuisance or candidate.effect in untestable:
             continue
         column = int(layout.of_candidate(index)[0])
         for block in range(len(null.residuals)):

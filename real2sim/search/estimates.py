@@ -17,6 +17,8 @@ SAME = 0.1
 friction or gain of equal drives scatter."""
 CONSISTENT = 1e-3
 """Significance level below which a pattern of places is rejected."""
+ROUNDING = 1e-12
+"""Share of a variance that rounding may take from it."""
 PRESENT = 3.0
 """Smallest size of an effect at a place where it is present, in standard errors."""
 PRESENT_SHARE = 0.1
@@ -138,6 +140,15 @@ def present_at(problem: Problem, places: list[Place], least: float) -> list[int]
     return found or [largest]
 
 
+def stated_apart(problem: Problem, one: Group) -> list[Group]:
+    """The group, in parts where its value means other parameters, as it counts from what a profile has there."""
+    parts: dict[tuple[float, ...], list[Place]] = {}
+    for place in one.places:
+        told = problem.candidates[place.candidate].parameters(one.value, place.block)
+        parts.setdefault(tuple(found.value for found in told.values()), []).append(place)
+    return [replace(one, places=tuple(places)) for places in parts.values()]
+
+
 def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
     """A group, of `total` places at which the effect could be, in the form of the verdict."""
     names = tuple(place.name for place in one.places)
@@ -151,11 +162,11 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
 
 def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     """Physical parameters with errors propagated by differences along the axes of the covariance."""
-    candidate = problem.candidates[one.places[0].candidate]
-    values = candidate.parameters(one.value)
+    candidate, block = problem.candidates[one.places[0].candidate], one.places[0].block
+    values = candidate.parameters(one.value, block)
     absent = np.where([unknown.is_shape for unknown in candidate.unknowns], one.value, 0.0)
     variance = {}
-    for name, null in candidate.parameters(absent).items():
+    for name, null in candidate.parameters(absent, block).items():
         distance = abs(values[name].value - null.value)
         size = min(abs(values[name].value), distance if distance > 0.0 else np.inf)  # a shape has no null value
         variance[name] = (candidate.model_error * size) ** 2
@@ -165,8 +176,8 @@ def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
     powers, axes = np.linalg.eigh(one.covariance)
     for power, axis in zip(powers, axes.T, strict=True):
         reach = np.sqrt(max(0.0, power)) * axis
-        above = candidate.parameters(np.clip(one.value + reach, low, high))
-        below = candidate.parameters(np.clip(one.value - reach, low, high))
+        above = candidate.parameters(np.clip(one.value + reach, low, high), block)
+        below = candidate.parameters(np.clip(one.value - reach, low, high), block)
         for name in variance:
             variance[name] += (0.5 * (above[name].value - below[name].value)) ** 2
     return {name: _interval(at, float(np.sqrt(variance[name]))) for name, at in values.items()}
@@ -183,10 +194,13 @@ def _sized(candidate: Candidate) -> Indices:
 
 
 def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
-    """Covariance in which unknowns without influence on residuals may be anywhere within their bounds."""
+    """Covariance in which unknowns without influence on residuals may be anywhere within their bounds.
+
+    It can be inverted, also where residuals tell only a sum of two unknowns.
+    """
     widths = np.array([(unknown.high - unknown.low) / 3.5 for unknown in candidate.unknowns])  # sigma of a uniform
-    unseen = np.diag(covariance) <= 0.0
-    return covariance + np.diag(np.where(unseen, widths**2, 0.0))
+    own = np.diag(covariance)
+    return covariance + np.diag(np.where(own <= 0.0, widths**2, ROUNDING * own))
 
 
 def _weights(places: list[Place], share: float) -> list[Floats]:

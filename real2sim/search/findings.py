@@ -118,6 +118,8 @@ class Findings:
     remainder: float = 0.0
     """RMS beyond noise after the chosen model, in the segment and signal that show it best [sigma]."""
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
+    misfits: tuple[str, ...] = ()
+    """Effects of the profile without which the simulator is much nearer to the log."""
     untestable: dict[str, str] = field(default_factory=dict)
     baselines: Baselines = field(default_factory=lambda: Baselines(threshold=(), lowest_training_error=()))
     evaluations: int = 0

@@ -53,13 +53,15 @@ def stated_model(
     lowest = min(comparison.cost(one.residuals) for one in tried)
     for one in tried:
         closed = comparison.closed(null, null, replace(chosen, structure=comparison.cells.structure(one.residuals)))
-        if closed >= least and _is_as_good(comparison, one.residuals, lowest):
+        if closed >= least and is_as_good(comparison, one.residuals, lowest):
             return one
+    if problem.leaner():  # added to a profile, a patch gives what is stated, not what was fitted
+        return min(tried, key=lambda one: comparison.cost(one.residuals))
     # no statement is as good as the fit: keep the fitted unknowns
     return StatedModel(groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals)
 
 
-def _is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
+def is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
     """Whether residuals show no gap, or hardly more than those of the best statement."""
     return not comparison.is_gap(residuals) or comparison.cost(residuals) <= AS_GOOD * lowest
 

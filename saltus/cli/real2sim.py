@@ -61,13 +61,15 @@ class Find:
         with Bar() as bar:
             judgement = find(runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
         verdict = judgement.verdict
-        print(sentence(verdict))
+        print(sentence(verdict, profile))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")
         for remark in verdict.log_faults if verdict.verdict != "bad_log" else ():
             print(f"note: {remark}")
         if lacking := judgement.not_compared:
             print("not compared: " + "; ".join(f"{sensor} ({why})" for sensor, why in lacking.items()))
+        if unseen := [name for name in profile.effects if name in verdict.untestable]:
+            print(f"not tested, of the profile: {', '.join(unseen)}")
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         if self.json:
             print_json(verdict.to_dict())
@@ -279,7 +281,7 @@ class Demo:
             shown = demonstrate(load_robot(self.robot), directory, seed=self.seed, progress=bar.at)
         print(f"hidden:\n{profile_to_toml(shown.hidden)}")
         print(f"found: {sentence(shown.found.verdict)}")
-        print(f"with the patch: {sentence(shown.again.verdict)}")
+        print(f"with the patch: {sentence(shown.again.verdict, shown.profile)}")
         print(f"{directory}: logs, found, again (each with report.html), profile.toml")
         if self.json:
             print_json(

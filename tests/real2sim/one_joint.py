@@ -1,15 +1,17 @@
 """Pendulums under PD control, simulated in numpy: a small problem with the effects that robots' joints have."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.real2sim.problem.joints.candidates import KINDS
 from saltus.real2sim.problem.problem import Candidate, Problem, Segment, Unknown
 
 KP, KD, INERTIA, GRAVITY = 20.0, 0.5, 0.02, 1.5  # a joint of a Go1's class
 STEP_S, ROWS_EVERY, WINDOW_S = 0.004, 4, 1.0
 NOISE_Q, NOISE_DQ = 0.001, 0.05
+STALL = 40.0  # Nm, of the pendulum that has a torque-speed limit
 WHERES = ("hip", "calf")
 
 
@@ -20,6 +22,12 @@ def _candidate(effect: str, where: str, high: float, scale: float, start: float,
         unknowns=(Unknown(name=effect, low=low, high=high, scale=scale),),
         starts=((start,),),
     )
+
+
+def _speed_limit(where: str) -> Candidate:
+    """As joints of robots have it; the pendulums reach 10 rad/s."""
+    kind = next(kind for kind in KINDS if kind.effect == "torque_speed_limit")
+    return replace(kind, where=where, starts=((1.0, 0.0, 12.0), (1.0, 5.0, 5.0)))
 
 
 def _library(where: str) -> tuple[Candidate, ...]:
@@ -71,7 +79,10 @@ SEGMENT_S = 4.0
 
 
 class OneJoint(Problem):
-    """Two legs of two joints that nothing couples; `hidden` maps (effect, where, block) to unknowns."""
+    """Two legs of two joints that nothing couples; `hidden` maps (effect, where, block) to unknowns.
+
+    The library has a torque-speed limit if `fast`.
+    """
 
     def __init__(
         self,
@@ -81,11 +92,13 @@ class OneJoint(Problem):
         colour: float = 0.0,
         without: tuple[str, ...] = (),
         ripple: float = 0.0,
+        fast: bool = False,
     ) -> None:
         self.name = "joints"
         self.blocks = ("FR", "FL")
         self.places = tuple({where: f"{block}_{where}" for where in WHERES} for block in self.blocks)
-        self._all = tuple(c for where in WHERES for c in _library(where))
+        self._all = tuple(c for w in WHERES for c in (*_library(w), *((_speed_limit(w),) if fast else ())))
+        self._fast = fast
         self.candidates = tuple(c for c in self._all if c.effect not in without)
         self.segments = tuple(
             Segment(name=m.name, start_s=i * SEGMENT_S, end_s=(i + 1) * SEGMENT_S, condition=m.condition)
@@ -142,6 +155,7 @@ class OneJoint(Problem):
                 ("armature", "armature", 0),
                 ("loss", "torque_saturation", 0),
                 ("knee", "torque_saturation", 1),
+                *((name, "torque_speed_limit", k) for k, name in enumerate(("weight", "corner", "span")) if self._fast),
             )
         }
         starts = np.arange(self._windows) * WINDOW_S
@@ -155,7 +169,14 @@ class OneJoint(Problem):
             goal = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
             told = KP * (goal - q) - KD * dq
             excess = np.maximum(np.abs(told) - value["knee"], 0.0) * value["loss"]
-            torque = torque + blend * ((1.0 + value["gain"]) * (told - np.sign(told) * excess) - torque)
+            given = told - np.sign(told) * excess
+            if self._fast:
+                share = np.clip(
+                    (value["corner"] + value["span"] - np.abs(dq)) / np.maximum(value["span"], 0.1), 0.0, 1.0
+                )
+                cut = np.maximum(0.0, np.sign(dq) * given - STALL * share)
+                given = given - value["weight"] * np.sign(dq) * cut
+            torque = torque + blend * ((1.0 + value["gain"]) * given - torque)
             friction = value["viscous"] * dq + value["coulomb"] * np.tanh(dq / 0.05)
             total = torque - friction - GRAVITY * np.sin(q) + ripple * np.sin(12.0 * q)
             dq = dq + STEP_S * total / (INERTIA + value["armature"])

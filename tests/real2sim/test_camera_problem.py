@@ -7,14 +7,31 @@ from typing import Any
 import numpy as np
 import open3d
 import pytest
-from camera_logs import FLAT, POST, STEP, WALL, Recipe, Truth, camera_log, chirp, corners, rocking, sine, still
+from camera_logs import (
+    FLAT,
+    LATENCY_S,
+    POST,
+    STEP,
+    WALL,
+    Recipe,
+    Truth,
+    camera_log,
+    chirp,
+    corners,
+    rocking,
+    sine,
+    still,
+)
 
 from saltus.arrays import Floats
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.edges import edge_counts
 from saltus.real2sim.problem.camera.frames import frames_of
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
+from saltus.real2sim.rebased import RebasedProblem
 from saltus.recordings.run_log import DepthTable
 
 STEP_SHARE = 0.1  # of an unknown's scale, for differences
@@ -255,3 +272,10 @@ def test_no_edge_counts_on_flat_ground() -> None:
     assert not edge_counts(np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0).frame.size
     assert claimed_scenes("flat")[0].has_ground
     assert FLAT == ()
+
+
+@pytest.mark.parametrize("latency_s", [LATENCY_S, 0.08])
+def test_a_profile_that_agrees_with_a_claim_has_nothing_to_be_taken_out(latency_s: float) -> None:
+    problem = CameraProblem(camera_log(Recipe(duration_s=2.0)))
+    leaner = RebasedProblem(problem, Profile(camera=(CameraLatency(latency=latency_s),))).leaner()
+    assert set(leaner) == (set() if latency_s == LATENCY_S else {"camera_latency"})

@@ -101,6 +101,16 @@ def test_what_is_no_size_reaches_no_patch() -> None:
     )
 
 
+def test_a_patch_takes_back_what_a_profile_has_and_a_log_does_not_show() -> None:
+    nothing = FoundEffect(
+        name="coulomb_friction", where="all", params={"torque": Interval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")}
+    )
+    rubbing = Profile(actuator=(CoulombFriction(torque=0.2),))
+    taken_back = supported((nothing,), rubbing)
+    assert patch(*taken_back).applied_to(rubbing, ROBOT) == Profile(actuator=(CoulombFriction(torque=0.0),))
+    assert not supported((nothing,))
+
+
 def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     """One for calves on a profile that has a knee at hips already: both are there afterwards, to the fourth digit."""
     before = TorqueSaturation(knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4).fitted(ROBOT)
