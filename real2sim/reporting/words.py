@@ -1,10 +1,11 @@
 """A verdict in a sentence."""
 
 from saltus.effects.profile import IDEAL, Profile
-from saltus.real2sim.search.findings import FoundEffect
+from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.verdict import Verdict
 
 CLOSED_FROM = 0.005  # smaller shares round to 0 %
+MOST_PLACES = 4  # one of each leg; more are counted
 
 
 def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
@@ -40,13 +41,23 @@ def _unexplained(verdict: Verdict) -> str:
 
 
 def _effects(verdict: Verdict, names: set[str]) -> str:
-    return " and ".join(_effect(effect) for effect in verdict.effects if effect.name in names)
+    alike: dict[str, list[FoundEffect]] = {}
+    for effect in verdict.effects:
+        if effect.name in names:
+            alike.setdefault(effect.name, []).append(effect)
+    return " and ".join(_effect(name, effects) for name, effects in alike.items())
 
 
-def _effect(effect: FoundEffect) -> str:
-    values = ", ".join(f"{name} {found.value:.3g} {found.unit}".rstrip() for name, found in effect.params.items())
-    where = effect.where if isinstance(effect.where, str) else ", ".join(effect.where)
-    return f"{effect.name} ({values}; {where})"
+def _effect(name: str, effects: list[FoundEffect]) -> str:
+    """An effect once, however many places have values of their own."""
+    values = ", ".join(_value(param, [effect.params[param] for effect in effects]) for param in effects[0].params)
+    places = [place for e in effects for place in ([e.where] if isinstance(e.where, str) else e.where)]
+    return f"{name} ({values}; {', '.join(places) if len(places) <= MOST_PLACES else f'{len(places)} joints'})"
+
+
+def _value(param: str, found: list[Interval]) -> str:
+    low, high = (f"{end(each.value for each in found):.3g}" for end in (min, max))
+    return f"{param} {low if low == high else f'{low} to {high}'} {found[0].unit}".rstrip()
 
 
 def _closed(verdict: Verdict, added: str = "it") -> str:

@@ -126,3 +126,17 @@ def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
     assert changed.startswith(
         "the profile's actuator_lag does not fit the log, while actuator_lag (time_constant 0.004"
     )
+
+
+def test_an_effect_is_said_once_however_many_joints_have_values_of_their_own() -> None:
+    effects = tuple(
+        FoundEffect(
+            name="torque_saturation", where=joint, params={"knee": Interval(value=8.0 + k, ci90=(7.0, 21.0), unit="Nm")}
+        )
+        for k, joint in enumerate(JOINTS)
+    )
+    assert sentence(Verdict(verdict="named", effects=effects)) == (
+        "the simulator lacks torque_saturation (knee 8 to 19 Nm; 12 joints)."
+    )
+    two = sentence(Verdict(verdict="named", effects=effects[:2]))
+    assert two == "the simulator lacks torque_saturation (knee 8 to 9 Nm; FR_hip, FR_thigh)."
