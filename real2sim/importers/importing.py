@@ -106,4 +106,4 @@ def _lacking(log: RunLog, description: Description) -> list[str]:
     notes = [f"not in the log: {', '.join(absent)}; what needs them will be untestable"] if absent else []
     if "base" not in description.claims:
         notes.append('the robot is taken to have moved freely: if it was held, say base = "fixed" in [claims]')
-    return notes
+    return [*notes, *(fault.text for fault in unit_faults(log))]

@@ -28,6 +28,11 @@ LEGS = 3  # smallest number of legs among which one can be the exception
 STANCE_OFF, STANCE_LIKE = 0.6, 0.25  # rad: different kinds of joints stand at least 0.9 apart
 RATIO_RANGE = (0.75, 1.33)  # slow response over slow command; gravity and gains off by 20 % stay within 0.85-1.15
 RATIO_MOVES = 0.4  # rad: friction of 0.8 Nm takes 0.04 rad at kp 20
+TURNS = 100  # parts of a log whose turns are compared, however long its rows are said to be
+ALIKE = 0.7  # correlation of turns and velocities from which they are of one motion; noise has none
+OTHER_UNIT = 240.0  # between degrees for rad (57) and ms for s (1000), the two errors that are made
+FASTEST = 100.0  # rad/s RMS over a log: three times what a drive of this class reaches at its best
+SLOWEST_ROW_S = 0.1  # a command that holds for longer steers no leg
 RATE_RANGE = (0.6, 1.6)  # ratio of dq to the rate of q
 TOO_FAST = 1.05  # same ratio: noise and filters only make dq smaller
 
@@ -116,7 +121,7 @@ def _frozen(joints: JointTable, names: list[str]) -> Iterator[Fault]:
 
 
 def unit_faults(log: RunLog) -> Iterator[Fault]:
-    """Faults of angles that no joint reaches."""
+    """Faults of angles that no joint reaches, and of times that do not go with the motion."""
     names = log.meta["joints"]
     for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
         if values is None:
@@ -128,6 +133,33 @@ def unit_faults(log: RunLog) -> Iterator[Fault]:
                 f"{signal} of {_list(names, wrong)} reaches {turns.max():.4g}: more than a full turn in rad; degrees?"
             )
             yield Fault(name="degrees", text=text)
+            return  # in rad, speeds would be others
+    yield from _time_unit(log.joints)
+
+
+def _time_unit(joints: JointTable) -> Iterator[Fault]:
+    """Times in another unit: joints then turn a thousand times too fast or too slow."""
+    rows = max(1, len(joints.time_s) // TURNS)
+    lasts = (joints.time_s[rows:] - joints.time_s[:-rows])[:, None]
+    if not lasts.all():
+        return  # stamps that stand still are a fault of their own
+    turned = joints.q[rows:] - joints.q[:-rows]
+    if joints.dq is not None:
+        expected = means(joints.dq, rows) * lasts
+        power, told = float(np.sum(turned**2)), float(np.sum(expected**2))
+        is_one_motion = np.sum(turned * expected) > ALIKE * np.sqrt(power * told) > 0.0
+        times = np.sqrt(told / power) if is_one_motion else 1.0
+        if not 1.0 / OTHER_UNIT < times < OTHER_UNIT:
+            text = f"by dq and t joints turn {times:.3g} times as far as q says: is t in seconds?"
+            yield Fault(name="time_unit", text=text)
+            return
+    speed = float(np.sqrt(np.mean((turned / lasts) ** 2)))
+    row_s = float(np.median(np.diff(joints.time_s)))
+    if speed > FASTEST:
+        yield Fault(name="time_unit", text=f"joints turn at {speed:.3g} rad/s on average: is t in seconds?")
+    elif row_s > SLOWEST_ROW_S:
+        text = f"rows of joints are {row_s:.3g} s apart: too slow to steer a leg; is t in seconds?"
+        yield Fault(name="time_unit", text=text, is_fatal=False)
 
 
 def _limits(log: RunLog) -> Iterator[Fault]:

@@ -282,6 +282,18 @@ def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
     assert not (tmp_path / "log").exists()
 
 
+def test_rows_too_far_apart_for_a_leg_are_noted(tmp_path: Path) -> None:
+    known = replace(DEGREES, kp=None, kd=None)
+    table = write_table(joints_log(seconds=0.5), tmp_path / "mine.csv", known)
+    said = {}
+    for rate_hz in (500.0, 5.0):
+        columns = replace(known, time=None, rate_hz=rate_hz)
+        given = Description(columns=columns, claims={"base": "fixed", "kp": 20.0, "kd": 0.5})
+        said[rate_hz] = " ".join(import_recording(table, tmp_path / f"{rate_hz}", given, ROBOT).notes)
+    assert "rows of joints are 0.2 s apart" in said[5.0]
+    assert "apart" not in said[500.0]
+
+
 def test_images_alone_are_for_another_command(tmp_path: Path) -> None:
     bag = write_realsense(tmp_path / "camera.bag", 2)
     with pytest.raises(RecordingError, match=r"`saltus render fit .*camera\.bag`"):

@@ -52,6 +52,22 @@ def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain() ->
     assert screen(replace(log, meta={**log.meta, "kp": rig.kp, "kd": rig.kd})) == []
 
 
+@pytest.mark.parametrize("row_s", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+@pytest.mark.parametrize("has_dq", [True, False], ids=["with dq", "without dq"])
+def test_times_in_another_unit_are_named_however_far_apart_rows_are(
+    log: RunLog, row_s: float, factor: float, has_dq: bool
+) -> None:
+    every = round(row_s / 0.002)
+    slow = _rows(log.joints, np.arange(0, len(log.joints.q), every))
+    joints = replace(slow, time_s=factor * slow.time_s, **({} if has_dq else {"dq": None}))
+    claims = {**log.meta, "control_dt": factor * row_s, "segments": []}
+    said = {fault.name: fault.is_fatal for fault in screen(RunLog(meta=claims, joints=joints))}
+    assert said["time_unit"] == (has_dq or factor < 1.0)
+    right = RunLog(meta={**claims, "control_dt": row_s}, joints=replace(joints, time_s=slow.time_s))
+    assert "time_unit" not in {fault.name for fault in screen(right)}
+
+
 def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(log: RunLog, body: RunLog) -> None:
     meta = {**log.meta, "control_dt": 0.004}
     assert screen(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2)))) == []
