@@ -56,6 +56,8 @@ class TerrainConfig:
     """Height of a single step up or down, or of a hurdle."""
     depth_m: float | None = None
     """Depth of a ditch."""
+    depth_max_m: float | None = None
+    """The depth of a ditch is drawn from depth_m to this."""
     slope_deg: float | None = None
     """Of a ramp."""
 

@@ -155,7 +155,7 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
     layout = 0 if kind in PAPER else int(rng.integers(2**31))
     course = TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=layout)
     if kind == "ditch":
-        return replace(course, depth_m=float(rng.uniform(*DITCH_M)))
+        return replace(course, depth_m=DITCH_M[0], depth_max_m=DITCH_M[1])
     if kind == "irregular" and rng.uniform() < 0.5:
         up = FAMILIES[kind].sizes["rise_m"].resolve("rise_m", None, difficulty)
         return replace(course, rise_m=-up)

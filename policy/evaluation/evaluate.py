@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from saltus.config import DEFAULT_ROBOT, TerrainConfig, check_between
-from saltus.effects.profile import load_profile
+from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights, shifted_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
@@ -17,6 +17,7 @@ from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
+from saltus.sim.scene import STIFF, Sole
 from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
@@ -28,6 +29,10 @@ TELL_STEPS = 25  # policy steps between two reports of progress
 MOST_TRIALS = 100_000
 MAX_PLAN_DELAY_S = 0.1
 """After which the leg controller takes the planner for lost."""
+MOST_FRICTION = 5.0
+"""Five times that of rubber on dry concrete."""
+MOST_PUSH_NS = 100.0
+"""A Go1 of 12 kg would fly off at 8 m/s."""
 
 HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exact_heights}
 """Sources of heights by name: true ones with each trial's shift, and without."""
@@ -43,17 +48,35 @@ class Evaluation:
     trials: int = 20
     seed: int = 0
     """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
-    profile: str = "shipped"
+    profile: str | Profile = "shipped"
+    """Name, TOML file, or the effects themselves."""
+    friction: float | None = None
+    """Of the ground in all trials, in place of what each draws."""
+    push_ns: float = 0.0
+    """Of a push from the side in each trial, see `saltus.policy.evaluation.pushes` [Ns]."""
+    sole: Sole = STIFF
+    """What the robots' shapes are made of."""
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what the computer of a real robot takes."""
 
     def __post_init__(self) -> None:
-        check_between(self, trials=(1, MOST_TRIALS), seed=(0, 2**32))
+        check_between(
+            self, trials=(1, MOST_TRIALS), seed=(0, 2**32), friction=(0.01, MOST_FRICTION), push_ns=(0.0, MOST_PUSH_NS)
+        )
         if not 0.0 <= self.plan_delay_s <= MAX_PLAN_DELAY_S:
             raise ConfigError(f"plan_delay_s = {self.plan_delay_s:g}: it must be from 0 to {MAX_PLAN_DELAY_S:g}")
         make_terrain(self.course)  # what is wrong with terrain or profile is said before anything runs
-        load_profile(self.profile, load_robot(self.robot))
+        self.hardware(load_robot(self.robot))
+
+    def hardware(self, robot: Robot) -> Profile:
+        """The effects of the robots; the errors of `load_profile`."""
+        return self.profile if isinstance(self.profile, Profile) else load_profile(self.profile, robot)
+
+    def trial(self, seed: int) -> Trial:
+        """The trial of a seed."""
+        trial = Trial.draw(seed)
+        return trial if self.friction is None else replace(trial, friction=self.friction)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,12 +155,14 @@ def run_batch(
     rollout = Rollout(
         robot,
         terrains,
-        [Trial.draw(seed) for seed in seeds],
+        [evaluation.trial(seed) for seed in seeds],
         planner(robot),
-        profile=load_profile(evaluation.profile, robot),
+        profile=evaluation.hardware(robot),
         heights=heights,
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,
+        push_ns=evaluation.push_ns,
+        sole=evaluation.sole,
     )
     traces = traces_of(list(_telling(rollout, terrains)))
     ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)

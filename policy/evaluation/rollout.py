@@ -22,11 +22,13 @@ from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
+from saltus.policy.evaluation.pushes import Pushes
 from saltus.policy.observation import observe
 from saltus.policy.planner import Planner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.sim.batch import BatchPlant
+from saltus.sim.scene import STIFF, Sole
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
 from saltus.terrain.stack import TerrainStack
@@ -69,6 +71,8 @@ class Rollout:
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
         plan_delay_s: From a state to its plan being obeyed, in whole physics steps.
+        push_ns: Of one push from the side [Ns], see `saltus.policy.evaluation.pushes`.
+        sole: What the robots' shapes are made of.
         threads: Of the physics.
     """
 
@@ -84,6 +88,8 @@ class Rollout:
         time_limit_s: float = TIME_LIMIT_S,
         stand_steps: int = STAND_STEPS,
         plan_delay_s: float = 0.0,
+        push_ns: float = 0.0,
+        sole: Sole = STIFF,
         threads: int = 1,
     ) -> None:
         profile = profile or load_profile(SHIPPED, robot)
@@ -105,12 +111,14 @@ class Rollout:
             chain=ActuatorChain(strengthened(profile.actuator, strength)),
             body=profile.body_chain,
             imu=profile.imu_chain,
+            sole=sole,
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)
         self._law, self._legs = LegController(robot), LegKinematics(robot)
         self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
+        self._pushes = Pushes(push_ns, terrains, trials)
         self._index = 0
         self._fresh = np.ones(self.count, dtype=np.bool_)
         self._first_running = self._fresh.copy()
@@ -146,6 +154,7 @@ class Rollout:
         # 3. track it
         mode = ControllerMode.STAND if self._index < self._stand_steps else ControllerMode.RUN
         touched = np.zeros(self.count, dtype=np.bool_)
+        self._plant.push(self._pushes.step(truth.position_base_in_world[:, 0]))
         for ago in self._plans_ago:
             touched |= self._substep(self._plans[min(ago, len(self._plans) - 1)], mode)
         self._index += 1

@@ -55,6 +55,10 @@ class Eval:
     """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+    friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
+    """Of the ground in all trials."""
+    push_ns: float = 0.0
+    """Of one push from the side in each trial, for 0.1 s at a place of the course that its seed draws [Ns]."""
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot takes."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
@@ -80,6 +84,8 @@ class Eval:
             trials=self.trials,
             seed=self.seed,
             profile=self.profile,
+            friction=self.friction,
+            push_ns=self.push_ns,
             plan_delay_s=self.plan_delay_s,
         )
         check_processes(self.processes)
@@ -196,6 +202,8 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "camera": command.camera if command.heightmap == "predicted" else None,
         "models": _models(command),
         "profile": command.profile,
+        "friction": command.friction,
+        "push_ns": command.push_ns,
         "plan_delay_s": command.plan_delay_s,
         "trials": len(result.trials),
         "seed": command.seed,

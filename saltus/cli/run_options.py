@@ -38,6 +38,7 @@ class Course(TerrainConfig):
     gap_max_m: Annotated[float | None, _shown("gap_max_m", "none, all are alike")] = None
     height_m: Annotated[float | None, _shown("height_m")] = None
     depth_m: Annotated[float | None, _shown("depth_m")] = None
+    depth_max_m: Annotated[float | None, _shown("depth_max_m", "none, depth_m")] = None
     slope_deg: Annotated[float | None, _shown("slope_deg")] = None
 
 

@@ -29,7 +29,8 @@ class BatchPlant(DrivenRobots):
 
     Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape (count,). Effects of
     the drives may hold one value per robot, shape (count, 1), those of bodies, ground and IMUs shape (count,).
-    `columns` is the number of terrain boxes, where later terrains may have more than the first.
+    `columns` is the number of terrain boxes, where later terrains may have more than the first. `sole` is what the
+    robot's shapes are made of.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class BatchPlant(DrivenRobots):
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
         columns: int | None = None,
+        sole: scene.Sole = scene.STIFF,
         threads: int = 0,
     ) -> None:
         super().__init__(robot, (count,), chain, imu)
@@ -54,7 +56,7 @@ class BatchPlant(DrivenRobots):
         self._columns = columns or self.terrains.widest
         longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
-        model = scene.build_spec(robot, longest, payload_kg=1.0, columns=self._columns).compile()
+        model = scene.build_spec(robot, longest, payload_kg=1.0, columns=self._columns, sole=sole).compile()
         self._engine = MujocoBatch(robot, model, count, threads=threads)
         self._qacc, self._sensors = (self._engine.batch.bind(name) for name in ("qacc", "sensordata"))
         self._body = body or BodyChain()
@@ -81,6 +83,10 @@ class BatchPlant(DrivenRobots):
         )
         self._engine.set_bodies(map_arrays(lambda values: values[indices], body), indices)
         self._engine.derive(indices)
+
+    def push(self, force: Floats) -> None:
+        """Pushes trunks sideways, along the world's y, until the next call [N], shape (count,)."""
+        self._engine.trunk_wrench[:, 1] = force
 
     def reset(
         self,

@@ -17,8 +17,6 @@ class BatchEngine(MujocoBatch, Engine):
         self.boxes = boxes
         self._qacc, self._sensors = self.batch.bind("qacc"), self.batch.bind("sensordata")
         self.qacc = self._qacc.copy()  # the engine's own array cannot be shared with torch: it must not be written
-        wrenches = self.batch.bind("xfrc_applied").reshape(count, self.model.nbody, 6)
-        self.trunk_wrench = wrenches[:, self.layout.trunk]
 
     def step(self) -> None:
         """Advances all robots by `PHYSICS_DT`."""

@@ -25,6 +25,7 @@ class MujocoBatch:
         qvel: Base velocity (world frame), angular velocity (base frame), joint velocities. Shape (count, 18).
         ctrl: Joint torques [Nm], shape (count, 12).
         warmstart: Where the contact solver starts from, shape (count, 18).
+        trunk_wrench: Force [N] and torque [Nm] on the trunk from outside, world frame, shape (count, 6).
     """
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, count: int, *, threads: int = 0) -> None:
@@ -33,6 +34,8 @@ class MujocoBatch:
         self.batch = Batch(model, nsim=count, nthread=threads)
         self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self.ctrl, self.warmstart = self.batch.bind("ctrl"), self.batch.bind("qacc_warmstart")
+        wrenches = self.batch.bind("xfrc_applied").reshape(count, model.nbody, 6)
+        self.trunk_wrench = wrenches[:, self.layout.trunk]
         # The tree of boxes that the engine looks up is made once; a model without middle phase does not use it.
         self._has_tree = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 

@@ -5,6 +5,7 @@ a drive does is an effect.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -45,6 +46,20 @@ TRUNK, PAYLOAD = plain_mjcf.TRUNK, plain_mjcf.PAYLOAD
 TERRAIN_GEOM = "terrain_{}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sole:
+    """What the robot's shapes are made of, but for sliding friction and time constant, which effects and trials set."""
+
+    impedance: tuple[float, float, float, float, float] = CONTACT_SOLIMP
+    """MuJoCo's `solimp`."""
+    torsion_m: float = 0.0
+    """Torsional friction, where any is given, with rolling friction."""
+    rolling_m: float = 0.0
+
+
+STIFF = Sole()
+
+
 def build_spec(
     robot: Robot,
     terrain: Terrain,
@@ -53,6 +68,7 @@ def build_spec(
     payload_kg: float = 0.0,
     com_shift: Sequence[float] = (0.0, 0.0, 0.0),
     columns: int | None = None,
+    sole: Sole = STIFF,
 ) -> mujoco.MjSpec:
     """Describes one robot on `terrain`.
 
@@ -63,6 +79,7 @@ def build_spec(
         payload_kg: Mass of a box on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
         columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
+        sole: What the robot's shapes are made of.
 
     Returns:
         A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `JOINTS`, and
@@ -70,7 +87,7 @@ def build_spec(
     """
     spec = mujoco.MjSpec.from_string(robot.mjcf)
     _options(spec)
-    _make_solid(spec, friction)
+    _make_solid(spec, friction, sole)
     add_boxes(spec, TerrainStack([terrain]).boxes(columns or len(terrain.boxes)).of_robot(0))
     trunk = spec.body(TRUNK)
     trunk.ipos = trunk.ipos + np.asarray(com_shift, dtype=np.float64)
@@ -110,11 +127,13 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _make_solid(spec: mujoco.MjSpec, friction: float) -> None:
+def _make_solid(spec: mujoco.MjSpec, friction: float, sole: Sole) -> None:
     """Shapes of the robot touch the terrain and nothing else; their contact parameters win over the terrain's."""
+    dimensions = 6 if sole.torsion_m or sole.rolling_m else 3
     for geom in spec.geoms:
-        geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 1, 3, 1
-        geom.friction[0], geom.solref, geom.solimp = friction, CONTACT_SOLREF, CONTACT_SOLIMP
+        geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 1, dimensions, 1
+        geom.friction = friction, sole.torsion_m, sole.rolling_m
+        geom.solref, geom.solimp = CONTACT_SOLREF, sole.impedance
         geom.group = ROBOT_GROUP
 
 

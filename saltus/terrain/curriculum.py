@@ -15,7 +15,7 @@ from saltus.terrain.own import OwnFamily, own_families
 from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
 
 FILE_SUFFIX = ".toml"
-SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m", "gap_max_m", "depth_m", "slope_deg")
+SIZES = ("steps", "rise_m", "run_m", "stone_m", "gap_m", "height_m", "gap_max_m", "depth_m", "depth_max_m", "slope_deg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +70,7 @@ class SizedFamily:
 _RISE = Size(default=0.15, low=0.0, high=0.3125, base=0.05, slope=0.20)
 _RUN = Size(default=0.25, low=0.1, high=2.0)
 _GAP = Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)
+_DEPTH = Size(default=TRENCH_DEPTH, low=0.01, high=1.25)
 _RAMP = {
     "slope_deg": Size(default=20.0, low=0.0, high=37.5, base=0.0, slope=30.0),
     "run_m": Size(default=3.0, low=0.1, high=20.0),
@@ -111,7 +112,9 @@ FAMILIES: dict[str, SizedFamily] = {
         height_m=Size(default=0.20, low=0.0, high=0.375, base=0.0, slope=0.30),
         run_m=Size(default=1.5, low=0.1, high=5.0),
     ),
-    "ditch": _level("ditch", gap_m=replace(_GAP, default=0.5), depth_m=Size(default=TRENCH_DEPTH, low=0.01, high=1.25)),
+    "ditch": replace(
+        _level("ditch", gap_m=replace(_GAP, default=0.5), depth_m=_DEPTH), greatest={"depth_max_m": _DEPTH}
+    ),
     "ramp_up": SizedFamily(make=partial(ramp.make, "ramp_up"), sizes=_RAMP),
     "ramp_down": SizedFamily(make=partial(ramp.make, "ramp_down"), sizes=_RAMP),
 }
@@ -158,7 +161,7 @@ def is_drawn(config: TerrainConfig) -> bool:
     if config.terrain.endswith(FILE_SUFFIX):
         return False
     family = FAMILIES.get(config.terrain)
-    return family is None or family.is_drawn or config.gap_max_m is not None
+    return family is None or family.is_drawn or any(getattr(config, n) is not None for n in family.greatest)
 
 
 def _refuse(config: TerrainConfig, given: dict[str, float], known: list[str]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.terrain.law import KINDS, shape
+from saltus.terrain.law import KINDS, between, shape
 from saltus.terrain.terrain import FINISH_AFTER_COURSE, FINISH_AFTER_SINGLE, TRENCH_DEPTH, Terrain, build
 
 SINGLE = ("step", "step_down", "gap", "ditch")
@@ -17,28 +17,25 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
 
     Args:
         kind: Its name.
-        rng: Source of what is drawn: the widths of trenches where `gap_max_m` is given, irregular stairs.
+        rng: Source of what is drawn: widths and depth of trenches where a greatest is given, irregular stairs.
         sizes: Those of `saltus.config.TerrainConfig` that the kind has, by their names [m].
 
     Raises:
-        ConfigError: `gap_max_m` is less than `gap_m`.
+        ConfigError: a greatest size is less than the least.
     """
     each, besides = _COLUMNS.get(kind, (1, 0))
     count = each * int(sizes.get("steps", 1)) + besides
     rise = sizes.get("rise_m", sizes.get("height_m", 0.0)) * (-1.0 if kind.endswith("_down") else 1.0)
-    least = sizes.get("gap_m", 0.0)
-    greatest = sizes.get("gap_max_m", least)
-    if greatest < least:
-        raise ConfigError(f"gap_max_m = {greatest}: it must be at least gap_m = {least}")
-    one = np.ones(1)
+    gap, depth = _bounds(sizes, "gap", 0.0), _bounds(sizes, "depth", TRENCH_DEPTH)
+    one, draws = np.ones(1), (rng or np.random.default_rng(0)).uniform(size=count + 1)
     columns = shape(
         np.array([KINDS.index(kind)]),
         count=count * one,
         rise=rise * one,
         length=sizes.get("run_m", sizes.get("stone_m", 0.0)) * one,
-        gap=(least * one, greatest * one),
-        depth=sizes.get("depth_m", TRENCH_DEPTH) * one,
-        draws=np.append(0.0, (rng or np.random.default_rng(0)).uniform(size=count))[None],
+        gap=(gap[0] * one, gap[1] * one),
+        depth=between(depth, draws[-1]) * one,
+        draws=np.append(0.0, draws[:-1])[None],
     )
     rows = zip(columns.gap[0, 1:], columns.length[0, 1:], columns.top[0, 1:], strict=True)
     parts = [part for gap, length, top in rows for part in ((gap, columns.floor[0]), (length, top))]
@@ -46,3 +43,12 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
         kind, sizes, parts[:-1], last_top=parts[-1][1],
         finish_behind=FINISH_AFTER_SINGLE if kind in SINGLE else FINISH_AFTER_COURSE,
     )  # fmt: skip
+
+
+def _bounds(sizes: dict[str, float], name: str, otherwise: float) -> tuple[float, float]:
+    """Least and greatest of a size; one number where no greatest is given."""
+    least = sizes.get(f"{name}_m", otherwise)
+    greatest = sizes.get(f"{name}_max_m", least)
+    if greatest < least:
+        raise ConfigError(f"{name}_max_m = {greatest}: it must be at least {name}_m = {least}")
+    return least, greatest

@@ -39,6 +39,10 @@ BAD = {
     "no training": ("training_curve nowhere", "nowhere"),
     "no dataset": ("restart nowhere", "nowhere"),
     "no truths": ("left_out nowhere nowhere", "nowhere"),
+    "no such row": ("hard_courses --rows stairs", "no row 'stairs'"),
+    "no policy": ("hard_courses --models nowhere", "nowhere"),
+    "no heightmap model": ("hard_courses --heightmap predicted --heightmap-model nowhere", "nowhere"),
+    "no trials": (f"hard_courses --out {Path(__file__)}", "holds no trials"),
     "no models": ("other_robots --models nowhere", "nowhere"),
     "no verdicts": ("hidden_effects score nowhere nowhere", "nowhere"),
 }

@@ -16,7 +16,7 @@ from saltus.errors import ConfigError
 from saltus.sim import scene
 from saltus.terrain import level
 from saltus.terrain.boxes import Box, Boxes
-from saltus.terrain.curriculum import FAMILIES, make_terrain
+from saltus.terrain.curriculum import FAMILIES, is_drawn, make_terrain
 from saltus.terrain.law import KINDS as LEVEL
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import WIDTH, Terrain, checked
@@ -301,6 +301,16 @@ def test_drawn_gaps_keep_their_range_and_their_seed() -> None:
     assert not np.array_equal(gaps(1), gaps(2))
     with pytest.raises(ConfigError, match="at least gap_m"):
         make_terrain(TerrainConfig(terrain="stepping_stones", gap_m=0.4, gap_max_m=0.1))
+
+
+def test_drawn_depths_of_ditches_keep_their_range_and_their_seed() -> None:
+    ditches = [TerrainConfig(terrain="ditch", depth_m=0.1, depth_max_m=0.9, layout_seed=seed) for seed in range(40)]
+    assert all(map(is_drawn, ditches))
+    depths = [-make_terrain(ditch).boxes[1].high[2] for ditch in ditches]
+    assert 0.1 <= min(depths) < 0.2 < 0.8 < max(depths) <= 0.9
+    assert depths == [-make_terrain(ditch).boxes[1].high[2] for ditch in ditches]
+    with pytest.raises(ConfigError, match="at least depth_m"):
+        make_terrain(TerrainConfig(terrain="ditch", depth_m=0.4, depth_max_m=0.1))
 
 
 @pytest.mark.parametrize("rise", [0.22, -0.22, 0.1])

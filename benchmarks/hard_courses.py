@@ -1,0 +1,225 @@
+"""How policies do on hard courses and on robots unlike the one they were trained on: one table, several models.
+
+The paper's courses with the model's armature and with that of Unitree's motors; stairs of 0.20 m with late commands, on
+slippery ground, with soft feet, with joints that resist, with a push from the side; ground that leads down, irregular
+stairs, ditches, hurdles and ramps. Trials go on where they were left when --out names a file that was begun before.
+
+    saltus bench hard_courses -- --models models/policy.onnx runs/mine/policy.onnx --trials 50 --out runs/hard.jsonl
+"""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks._command import Command
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.depth_camera import load_camera
+from saltus.effects.command_delay import CommandDelay
+from saltus.effects.effect import Effect
+from saltus.effects.offsets_and_factors import Armature, ContactCompliance, CoulombFriction, ViscousFriction
+from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile
+from saltus.errors import ConfigError, nearest_hint
+from saltus.flags import shown
+from saltus.folders import ask_for_room
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.models import model_id, model_path
+from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
+from saltus.policy.evaluation.rollout import HeightsFactory
+from saltus.policy.planner import make_planner
+from saltus.robots.loading import load_robot
+from saltus.sim.scene import STIFF, Sole
+from saltus.workers import in_order
+
+ARMATURE = np.tile([0.00448, 0.00448, 0.01008], 4)
+"""Of a Go1's joints [kg m^2]: rotors of 1.118e-4 kg m^2 behind gears of 6.33, 6.33 and 9.495."""
+RUBBER = Sole(impedance=(0.015, 1.0, 0.022, 0.5, 2.0), torsion_m=0.02, rolling_m=0.01)
+"""As of the feet of MuJoCo Menagerie's Go1."""
+RUBBER_S = 0.02
+"""Time constant of its contacts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table."""
+
+    course: TerrainConfig
+    effects: tuple[Effect[Any], ...] = ()
+    """Beyond those of the shipped profile."""
+    friction: float | None = None
+    push_ns: float = 0.0
+    sole: Sole = STIFF
+
+
+def _rows() -> dict[str, Row]:
+    added = np.maximum(ARMATURE - load_robot(DEFAULT_ROBOT).armature, 0.0)
+    armature = (Armature(added=tuple(added.tolist())),)
+    paper = {
+        "stairs 0.20": TerrainConfig(terrain="stairs", rise_m=0.20),
+        "stairs 0.25": TerrainConfig(terrain="stairs", rise_m=0.25),
+        "stones 0.1 to 0.5": TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5),
+        "gap 0.8": TerrainConfig(terrain="gap", gap_m=0.8),
+        "step 0.6": TerrainConfig(terrain="step", height_m=0.6),
+    }
+    stairs = paper["stairs 0.20"]
+    others = {
+        "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
+        "pyramid 0.15": TerrainConfig(terrain="pyramid", rise_m=0.15),
+        "step down 0.2": TerrainConfig(terrain="step_down", height_m=0.2),
+        "step down 0.4": TerrainConfig(terrain="step_down", height_m=0.4),
+        "step down 0.6": TerrainConfig(terrain="step_down", height_m=0.6),
+        "irregular 0.12 to 0.22": TerrainConfig(terrain="irregular", rise_m=0.22),
+        "ditch 0.5": TerrainConfig(terrain="ditch", gap_m=0.5, depth_m=0.15, depth_max_m=1.0),
+        "hurdles 0.2": TerrainConfig(terrain="hurdles", height_m=0.2),
+        "ramp up 20 deg": TerrainConfig(terrain="ramp_up", slope_deg=20.0),
+        "ramp down 20 deg": TerrainConfig(terrain="ramp_down", slope_deg=20.0),
+    }
+    return {
+        **{name: Row(course=course) for name, course in paper.items()},
+        **{f"{name}, corrected armature": Row(course=course, effects=armature) for name, course in paper.items()},
+        "stairs 0.20, commands 15 ms late": Row(course=stairs, effects=(CommandDelay(delay=0.015),)),
+        "stairs 0.20, friction 0.35": Row(course=stairs, friction=0.35),
+        "stairs 0.20, soft feet": Row(
+            course=stairs, effects=(ContactCompliance(time_constant=RUBBER_S),), sole=RUBBER
+        ),
+        "stairs 0.20, joints resist": Row(
+            course=stairs, effects=(ViscousFriction(coefficient=0.25), CoulombFriction(torque=0.3))
+        ),
+        "stairs 0.20, push 15 Ns": Row(course=stairs, push_ns=15.0),
+        **{name: Row(course=course, effects=armature) for name, course in others.items()},
+    }  # fmt: skip
+
+
+ROWS = _rows()
+POLICY, HEIGHTMAP = model_path("policy"), model_path("heightmap")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    models: Annotated[tuple[Path, ...], shown("PATH ...", "the shipped policy")] = (POLICY,)
+    """ONNX files of policies, side by side in the table."""
+    rows: tuple[str, ...] = tuple(ROWS)
+    """Which rows, by their names."""
+    trials: int = 20
+    """Of each model in each row."""
+    first_seed: int = 70_000
+    """Of the first trial; the others have the next ones."""
+    heightmap: Literal["true", "true-exact", "predicted"] = "true"
+    """What policies see, as in `saltus policy eval`; predicted: by the heightmap service."""
+    heightmap_model: Annotated[Path, shown("PATH", "the shipped model")] = HEIGHTMAP
+    """ONNX file of the heightmap service."""
+    camera: str = "d435i"
+    """Of the heightmap service: a name or a TOML file."""
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """How many share the trials."""
+    out: Annotated[Path | None, shown("FILE", "none")] = None
+    """File that keeps the trials, one a line; those that it holds are not run again."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for row in self.rows:
+            if row not in ROWS:
+                raise ConfigError(f"there is no row '{row}': {nearest_hint(row, ROWS)}")
+        robot = load_robot(DEFAULT_ROBOT)
+        for model in self.models:
+            make_planner("learned", robot, model)  # what is wrong with it is said at once
+        if self.heightmap == "predicted":
+            HeightmapNetwork(load_camera(self.camera).mounted_on(robot), self.heightmap_model)
+        if self.out is not None:
+            ask_for_room(self.out.parent)
+
+    def measure(self) -> dict[str, Any]:
+        """Runs the trials that --out lacks, and makes the table of all that were asked for."""
+        known = {} if self.out is None or not self.out.exists() else _read(self.out)
+        seeds = range(self.first_seed, self.first_seed + self.trials)
+        tasks = []
+        for row in self.rows:
+            for model in self.models:
+                missing = [seed for seed in seeds if (*self._key(model, row), seed) not in known]
+                tasks += [(model, row, missing[i : i + BATCH]) for i in range(0, len(missing), BATCH)]
+        with tqdm(total=sum(len(some) for *_, some in tasks), unit="trial", disable=None) as bar:
+            results = in_order(partial(run, self._heights()), tasks, self.processes, bar.update)
+            for (model, row, _), trials in zip(tasks, results, strict=True):
+                known |= {(*self._key(model, row), seed): trial for seed, trial in trials.items()}
+                if self.out is not None:
+                    _append(self.out, self._key(model, row), trials)
+        rows = {}
+        for row in self.rows:
+            of_models = [[known[*self._key(model, row), seed] for seed in seeds] for model in self.models]
+            rows[row] = _cells(of_models)
+        return {
+            "models": {str(i): f"{model} ({_id(model)})" for i, model in enumerate(self.models, 1)},
+            "trials": self.trials,
+            "first_seed": self.first_seed,
+            "heightmap": self.heightmap,
+            "rows": rows,
+        }
+
+    def _key(self, model: Path, row: str) -> tuple[str, ...]:
+        predicted = f" {_id(self.heightmap_model)} {self.camera}" if self.heightmap == "predicted" else ""
+        return _id(model), self.heightmap + predicted, row
+
+    def _heights(self) -> HeightsFactory:
+        if self.heightmap != "predicted":
+            return HEIGHTS[self.heightmap]
+        from saltus.heightmap.data.predicted import PredictedHeightsFactory  # needs a renderer
+
+        return PredictedHeightsFactory(model=self.heightmap_model, camera=self.camera)
+
+
+def run(heights: HeightsFactory, task: tuple[Path, str, Sequence[int]]) -> dict[int, dict[str, Any]]:
+    """How trials of a model in a row went, by their seeds."""
+    model, name, seeds = task
+    row = ROWS[name]
+    evaluation = Evaluation(
+        course=row.course,
+        profile=_with(load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), row.effects),
+        friction=row.friction,
+        push_ns=row.push_ns,
+        sole=row.sole,
+    )
+    results = run_batch(evaluation, heights, partial(make_planner, "learned", model=model), seeds)
+    return {seed: {"failure": r.failure, "time_s": r.outcome.time_s} for seed, r in results.items()}
+
+
+def _with(profile: Profile, effects: Sequence[Effect[Any]]) -> Profile:
+    for effect in effects:
+        part = PARTS[effect.site]
+        profile = replace(profile, **{part: (*getattr(profile, part), effect)})
+    return profile
+
+
+def _cells(models: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
+    """Successes, median time over them [s] and causes of failure of each model."""
+    cells: dict[str, Any] = {}
+    for i, trials in enumerate(models, 1):
+        times = [trial["time_s"] for trial in trials if not trial["failure"]]
+        cells[f"success {i}"] = len(times)
+        cells[f"time_s {i}"] = round(float(np.median(times)), 2) if times else None
+        cells[f"failures {i}"] = dict(Counter(trial["failure"] for trial in trials if trial["failure"]))
+    return cells
+
+
+def _id(model: Path) -> str:
+    return model_id(model.read_bytes())
+
+
+def _append(path: Path, key: tuple[str, ...], trials: dict[int, dict[str, Any]]) -> None:
+    lines = [json.dumps({"key": key, "seed": seed, **trial}) for seed, trial in trials.items()]
+    with path.open("a") as file:
+        file.write("".join(f"{line}\n" for line in lines))
+
+
+def _read(path: Path) -> dict[tuple[Any, ...], dict[str, Any]]:
+    """Trials by policy, heights, row and seed."""
+    try:
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        return {(*line.pop("key"), line.pop("seed")): line for line in lines}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(f"{path} holds no trials of this benchmark: name another file with --out") from error

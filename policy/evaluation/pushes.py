@@ -1,0 +1,39 @@
+"""Pushes from the side in evaluations: each robot gets one."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saltus.arrays import Floats
+from saltus.constants import POLICY_DT
+from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
+
+PUSH_STEPS = 10
+"""Policy steps that a push lasts: 0.1 s, about what a person's shove takes."""
+_STREAM = 9  # of a trial's seed: other numbers than those of the trial itself
+
+
+class Pushes:
+    """From the left or the right, when the trunk first passes a place of the timed part of the course.
+
+    Place and side follow from the seed of each trial, so that all policies get the same pushes.
+
+    Args:
+        impulse_ns: Of each push [Ns].
+        terrains: One for each trial.
+        trials: Whose seeds draw.
+    """
+
+    def __init__(self, impulse_ns: float, terrains: Sequence[Terrain], trials: Sequence[Trial]) -> None:
+        rngs = [np.random.default_rng([trial.seed, _STREAM]) for trial in trials]
+        ends = [(terrain.timing_x, terrain.finish_x) for terrain in terrains]
+        self._x = np.array([rng.uniform(*each) for rng, each in zip(rngs, ends, strict=True)])
+        self._force = impulse_ns / (PUSH_STEPS * POLICY_DT) * np.array([rng.choice((-1.0, 1.0)) for rng in rngs])
+        self._left = np.full(len(trials), PUSH_STEPS)
+
+    def step(self, trunk_x: Floats) -> Floats:
+        """Force along the world's y over the next policy step [N], of trunks at these x [m]; shapes (trials,)."""
+        pushed = (self._left > 0) & ((self._left < PUSH_STEPS) | (trunk_x >= self._x))
+        self._left -= pushed
+        return np.where(pushed, self._force, 0.0)
