@@ -22,7 +22,7 @@ def forces(impulse_ns: float) -> np.ndarray:
     return np.array([pushes.step(np.full(len(SEEDS), x)) for x in way])
 
 
-def test_each_robot_gets_its_impulse_once_from_either_side_within_the_timed_part() -> None:
+def test_each_robot_gets_its_impulse_once_from_either_side_on_the_course() -> None:
     force = forces(15.0)
     np.testing.assert_allclose(np.abs(force).sum(0) * POLICY_DT, 15.0)
     assert ((force != 0.0).sum(0) == PUSH_STEPS).all()
@@ -30,7 +30,7 @@ def test_each_robot_gets_its_impulse_once_from_either_side_within_the_timed_part
     assert 10 < (side > 0).sum() < 30
     begin = np.argmax(force != 0.0, axis=0) * POLICY_DT
     assert STAIRS.timing_x <= begin.min() < STAIRS.timing_x + 0.8
-    assert STAIRS.finish_x - 0.8 < begin.max() <= STAIRS.finish_x + POLICY_DT
+    assert STAIRS.edges_x[-1] - 0.8 < begin.max() <= STAIRS.edges_x[-1] + POLICY_DT
     np.testing.assert_array_equal(force, forces(15.0))
     assert not forces(0.0).any()
 
