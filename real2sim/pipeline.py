@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from saltus.config import DEFAULT_ROBOT
+from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError, SaltusError
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import Applicability, Evidence, Patch, applicability, evidence_of, supported
-from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, shifts_s
 from saltus.real2sim.problem.problem import Problem

@@ -4,14 +4,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.depth import D435I, Intrinsics
-from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
-from saltus.effects.signals import DepthImage
-from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import Mount, RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -109,29 +106,11 @@ def film(
     depth = renderer.render_batch(position, quaternion, joints).astype(np.float64)
     depth += AXIAL_NOISE * np.where(np.isfinite(depth), depth, 0.0) ** 2 * rng.standard_normal(depth.shape)
     depth[~(depth <= RANGE_MAX_M)] = 0.0
-    shown, arrival_s, kept = _through(to_images(profile, camera.intrinsics.fx), depth, capture_s, rng)
+    shown, arrival_s = to_images(profile, camera.intrinsics.fx).camera_chain.film(depth, capture_s, rng)
+    kept = np.isfinite(arrival_s)
     return DepthTable(
         arrival_s=arrival_s[kept],
         capture_s=None,
         frame_id=np.flatnonzero(kept).astype(np.int64),
         depth_mm=np.rint(1e3 * shown[kept]).astype(np.uint16),
     )
-
-
-def _through(
-    profile: Profile, depth: Floats, capture_s: Floats, rng: np.random.Generator
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Images through the camera's effects, when they arrive, and which of them do."""
-    arrival_s = capture_s.copy()
-    kept = np.ones(len(depth), dtype=bool)
-    for effect in profile.camera_chain.effects:
-        state = effect.init((), rng)
-        if isinstance(effect, CameraLatency):
-            arrival_s = np.asarray(effect.arrival_s(capture_s, state[0]))
-            continue
-        for i, captured in enumerate(capture_s):
-            signal = DepthImage(depth=depth[i], time_s=np.asarray(captured))
-            image, state = effect.apply(signal, float(captured), state)
-            kept[i] &= bool(image.time_s == captured)
-            depth[i] = image.depth
-    return depth, arrival_s, kept

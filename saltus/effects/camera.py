@@ -21,6 +21,7 @@ from saltus.effects.range_clip import RangeClip
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 from saltus.effects.temporal_smear import TemporalSmear
+from saltus.wire.messages import Floats
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 CameraState: TypeAlias = tuple[Any, ...]
@@ -53,6 +54,34 @@ class CameraChain(SignalChain):
         Robots that are `fresh`, bool, shape (...), have had no image before this one.
         """
         return super().step(signal, time_s, state if fresh is None else _forgotten(state, fresh))
+
+    @property
+    def taken(self) -> "CameraChain":
+        """All that happens to an image until the camera gives it out; then it travels."""
+        return CameraChain(tuple(effect for effect in self.effects if not isinstance(effect, CameraLatency)))
+
+    def film(self, depth: Floats, captured_s: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """What becomes of all images of one camera.
+
+        Args:
+            depth: As exposed, shape (n, height, width).
+            captured_s: When [s], ascending, shape (n,).
+            rng: Of what effects draw.
+
+        Returns:
+            The images as given out, and when they arrive [s], shape (n,): infinite for those that never do.
+        """
+        state, taken = self.init((), rng), self.taken
+        given, arrival_s, memory = depth.copy(), captured_s.copy(), state[: len(taken.effects)]
+        for i, time_s in enumerate(captured_s):
+            exposed = DepthImage(depth=depth[i], time_s=np.asarray(time_s))
+            image, memory = taken.step(exposed, time_s, memory)
+            given[i] = image.depth
+            if image.time_s != time_s:
+                arrival_s[i] = math.inf
+        for effect, (keys, _) in list(zip(self.effects, state, strict=True))[len(memory) :]:
+            arrival_s = effect.arrival_s(arrival_s, keys)
+        return given, arrival_s
 
     def next_arrival_s(self, time_s: float, state: CameraState) -> float:
         """When the next image arrives [s], for those who wait for it; infinite where none is under way."""

@@ -1,5 +1,6 @@
 """Some images never arrive."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +29,11 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
         """Returns the image, or the last one that was not lost."""
         del time_s
         keys, last = state
-        xp = namespace(signal.time_s)
-        kept = uniform(keys, signal.time_s) >= like(self.fraction, signal.time_s, xp)
+        kept = namespace(signal.time_s).isfinite(self.arrival_s(signal.time_s, keys))
         image = chosen(kept, signal, nothing_yet(signal) if last is None else last)
         return image, (keys, image)
+
+    def arrival_s(self, captured_s: Any, keys: Any) -> Any:
+        """When images that were captured at `captured_s` arrive [s], shape (...): at once, or never."""
+        xp = namespace(captured_s)
+        return xp.where(uniform(keys, captured_s) < like(self.fraction, captured_s, xp), math.inf, captured_s)

@@ -11,6 +11,7 @@ from saltus.depth import D435I
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.depth_noise import DepthNoise
 from saltus.effects.edge_holes import EdgeHoles
+from saltus.effects.image_pixels import to_images
 from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import IDEAL, Profile, profile_from_toml, profile_to_toml
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -19,7 +20,6 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations
 from saltus.real2sim.patch import Applicability, Evidence, Patch, evidence_of, patch_from_toml, supported
 from saltus.real2sim.pipeline import resolved
-from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.robots.robot import JOINTS
