@@ -10,6 +10,7 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
+from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.data.shards import Collection, Episode, collect_batches
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -33,8 +34,7 @@ def collect(
     """Adds a shard to a dataset; arguments and errors as those of `collect_batches` and `closed_loop_batches`."""
     keys = [(settings.seed, 0, batch) for batch in range(settings.batches)]
     table = round_table(settings.loop, settings.batches, 0, settings.model)
-    if settings.profile != SHIPPED:
-        table["profile"] = settings.profile
+    table |= hardware_table(settings.profile, load_camera(settings.loop.camera))
     made = closed_loop_batches(settings.loop, settings.model, keys, settings.profile, processes, cluster, listener)
     with closing(made):
         return collect_batches([(directory, table)], ([batch] for batch in made), done, seed=settings.seed)

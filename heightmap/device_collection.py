@@ -9,6 +9,7 @@ from typing import Any
 
 from saltus.depth_camera import load_camera
 from saltus.errors import SaltusError
+from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.shards import Collection, Episode, collect_batches
 from saltus.heightmap.settings import DeviceCollection
@@ -56,7 +57,9 @@ def collect(
     loop = replace(settings.loop, robots=-(-settings.episodes // settings.batches))
     policy, predictor = settings.policy or _shipped_policy(), settings.predictor
     model = None if predictor is None else load_checkpoint(predictor)[0]
-    rollouts = DeviceRollouts(loop, read_checkpoint(policy), model, device=device, seed=settings.seed)
+    rollouts = DeviceRollouts(
+        loop, read_checkpoint(policy), model, device=device, seed=settings.seed, profile=settings.profile
+    )
     table: dict[str, Any] = {"source": "device rollouts", "batches": settings.batches, **loop.table}
     table |= {"policy": _sha16(policy), "heights": "true" if predictor is None else _sha16(predictor)}
     began, moving_s = time.perf_counter(), 0.0
@@ -73,7 +76,9 @@ def collect(
         speed = DeviceSpeed(ticks=ticks, moving_s=moving_s, seconds=time.perf_counter() - began)
         done(speed, rollouts.crowded_share())
 
-    datasets = [(folder, {**table, "camera": load_camera(camera).record}) for camera, folder in outputs.items()]
+    cameras = {folder: load_camera(camera) for camera, folder in outputs.items()}
+    known = {folder: hardware_table(rollouts.profile, camera) for folder, camera in cameras.items()}
+    datasets = [(folder, {**table, "camera": cameras[folder].record, **known[folder]}) for folder in cameras]
     return collect_batches(datasets, batches(), tell, seed=settings.seed, code=code)
 
 

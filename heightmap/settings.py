@@ -242,6 +242,8 @@ class DeviceCollection:
         None
     )
     """Checkpoint of the predictor in the loop."""
+    profile: Annotated[str | None, tyro.conf.arg(help_behavior_hint="(default: that of the policy's training)")] = None
+    """Hardware of the robots and of their cameras: shipped, ideal, one of your own, or a TOML file."""
     device: Literal["cuda", "cpu"] = "cuda"
     """Where all of it runs."""
     loop: DeviceLoop = field(default_factory=DeviceLoop)

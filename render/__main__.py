@@ -2,6 +2,7 @@
 
 import sys
 
+from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
@@ -33,7 +34,7 @@ def build(context: ProcessContext) -> CameraProcess:
         )  # a camera that has died must be back soon: load what is needed
 
         exposure = StereoExposure(terrain, context.robot, camera, rng, view=profile.view_chain)
-    return CameraProcess(camera, exposure, profile.camera_chain, rng)
+    return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, rng)
 
 
 def body(context: ProcessContext) -> None:

@@ -83,7 +83,7 @@ class RobotCamera:
         return replace(
             self,
             intrinsics=replace(claimed, fx=claimed.fx / wider, fy=claimed.fy / wider),
-            mount=Mount(position=true.position, pitch=float(true.pitch)),
+            mount=Mount(position=true.position, pitch=true.pitch if true.pitch.ndim else float(true.pitch)),
         )
 
 

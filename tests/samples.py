@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.config import RunConfig
 from saltus.depth_camera import load_camera
-from saltus.effects.profile import load_profile
+from saltus.effects.profile import load_profile, profile_from_toml
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -20,6 +20,52 @@ ROBOT = load_robot("go1")
 KINEMATICS = LegKinematics(ROBOT)
 PROFILE = load_profile("go1", ROBOT)
 CURVE = next(effect.curve for effect in PROFILE.actuator if isinstance(effect, TorqueSaturation))
+EVERYTHING = profile_from_toml(
+    """
+[actuator]
+command_delay.delay = 0.0053
+feedforward_delay.delay = 0.0093
+encoder_bias.bias = 0.03
+encoder_quantisation.step = 0.01
+velocity_filter.time_constant = 0.01
+actuator_lag.time_constant = 0.006
+torque_speed_limit = {corner = 0.0, no_load = [15, 15, 10, 15, 15, 10, 15, 15, 10, 15, 15, 10]}
+torque_saturation.curve = [[5.0, 5.0], [15.0, 14.12], [25.0, 20.34], [35.0, 25.68]]
+torque_gain.gain = [0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1]
+battery_sag = {loss_at_end = 0.5, duration_s = 0.1}
+backlash.width = 0.02
+viscous_friction.coefficient = 0.3
+coulomb_friction.torque = 0.5
+stiction = {breakaway = 1.0, stribeck_velocity = 1.0}
+armature.added = 0.005
+
+[body]
+payload_mass.mass = 0.5
+com_offset.x = 0.01
+base_inertia.scale = 1.2
+foot_friction.coefficient = 0.6
+
+[imu]
+imu_bias = {gyro_x = 0.02, roll = 0.01}
+imu_latency.delay = 0.005
+
+[camera]
+camera_pitch.offset = 0.05
+camera_height.offset = 0.03
+camera_fov.scale = 1.05
+sample_and_hold.period = 0.05
+depth_scale.scale = 1.03
+depth_bias.bias = 0.02
+depth_noise.subpixel_sigma = 0.3
+edge_holes.width = 10
+range_clip.max = 1.0
+hole_fill.reach = 10
+frame_drop.fraction = 0.3
+temporal_smear.alpha = 0.4
+camera_latency.latency = 0.093
+"""
+)
+"""An example of every effect that robots and their cameras have."""
 
 
 def put_robot(folder: Path) -> Path:

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from samples import KINEMATICS, ROBOT
+from samples import KINEMATICS, PROFILE, ROBOT
 
 from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.rollouts import Trajectory, episode_of
+from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import proprioception
 from saltus.render.camera import RobotCamera
@@ -34,7 +34,8 @@ def gliding_episodes(
     """The same with true images, as a dataset keeps them."""
     rng = np.random.default_rng(seed)
     for trajectory in gliding_robots(rng, count, ticks=ticks, terrains=terrains):
-        yield episode_of(trajectory, replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"])
+        view, camera = replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)), SHIPPED["ideal"]
+        yield labelled(trajectory, true_images(trajectory, view, camera), camera, PROFILE, rng)
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:

@@ -13,13 +13,14 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, load_camera
-from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, Profile, load_profile
+from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras
-from saltus.heightmap.data.rollouts import Trajectory, episode_of, labelled
+from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
@@ -42,8 +43,6 @@ from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.workers import tell
 
-MAX_LOSS = 0.08  # greatest share of lost images, as in `saltus.heightmap.data.delivery.TRAINING`
-
 
 def closed_loop_episodes(
     loop: ClosedLoop, model: Path | None, key: Sequence[int], profile: str = SHIPPED
@@ -60,9 +59,10 @@ def closed_loop_episodes(
     claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
     views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
     if camera.ideal:
-        return [episode_of(*seen, camera) for seen in zip(trajectories, views, strict=True)]
-    images = stereo_images(trajectories, views, camera, rng)
-    return [labelled(*seen, camera) for seen in zip(trajectories, images, strict=True)]
+        images = [true_images(*seen, camera) for seen in zip(trajectories, views, strict=True)]
+    else:
+        images = stereo_images(trajectories, views, camera, rng)
+    return [labelled(*seen, camera, hardware, rng) for seen in zip(trajectories, images, strict=True)]
 
 
 def _trajectories(
@@ -86,7 +86,7 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
-        heights=_heights(robot, model, camera, profile, rng.uniform(0.0, MAX_LOSS)),
+        heights=_heights(robot, model, camera, profile, rng.uniform(0.0, TRAINING.loss)),
         time_limit_s=np.inf,
     )
     steps = []
@@ -131,7 +131,7 @@ def _heights(
 ) -> HeightsFactory | None:
     if model is None:
         return None
-    lossy = replace(profile, camera=(*profile.camera, FrameDrop(fraction=loss)))
+    lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
     return partial(_predicted, HeightmapNetwork(robot, model), camera, lossy)
 
 

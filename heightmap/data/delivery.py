@@ -1,26 +1,37 @@
 """Which image a robot uses at each tick, with latency, jitter and loss."""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.config import DEFAULT_ROBOT
+from saltus.constants import POLICY_DT
 from saltus.depth_camera import DepthCamera
+from saltus.effects.camera import CameraChain, drawn_around
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import SHIPPED, load_profile
+from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.settings import DeliveryName
+from saltus.robots.loading import load_robot
 from saltus.wire.topics import CAMERA_LATENCY_S
 
-TICK_S = 0.01
+TICK_S = POLICY_DT
 FRAME_TICKS = 2  # camera at 50 Hz
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeliveryModel:
-    """How images travel; the defaults are those of a run without faults."""
+    """How images travel; the defaults are those of a run without faults.
+
+    Latencies are those of a nominal camera: around another one's they move by the difference, as in a trial.
+    """
 
     latency_s: tuple[float, float] = (CAMERA_LATENCY_S, CAMERA_LATENCY_S)
-    """Exposure to arrival, drawn once an episode."""
+    """Exposure to arrival, drawn once an episode; at once for every camera where both are 0."""
     jitter_s: float = 0.0
     """Each image takes up to this much longer."""
     loss: float = 0.0
@@ -28,12 +39,30 @@ class DeliveryModel:
     burst: float = 0.0
     """Share of episodes in which the camera also pauses, once, for up to 0.1 s."""
 
-    def around(self, camera: DepthCamera) -> "DeliveryModel":
-        """The same about the latency of a camera, where it has one of its own."""
-        if camera.latency_s is None or self.latency_s == (0.0, 0.0):
-            return self
-        low, high = (max(0.0, latency_s + camera.latency_s - CAMERA_LATENCY_S) for latency_s in self.latency_s)
-        return replace(self, latency_s=(low, high))
+    def range_s(self, latency: CameraLatency) -> tuple[float, float]:
+        """Least and greatest latency that is drawn around that of a camera, without jitter [s]."""
+        if latency.is_null() or self.latency_s == (0.0, 0.0):
+            return 0.0, 0.0
+        low, high = (max(0.0, float(latency.latency) + limit_s - CAMERA_LATENCY_S) for limit_s in self.latency_s)
+        return low, high
+
+    def drawn(self, latency: CameraLatency, batch: tuple[int, ...], rng: np.random.Generator) -> CameraChain:
+        """What happens in one episode, but for pauses, to the images of cameras whose latency is known.
+
+        It may have a value for each camera of the batch.
+        """
+        spread_s = 0.5 * self.jitter_s
+        latency_s, loss = rng.uniform(*self.latency_s, batch) + spread_s, rng.uniform(0.0, self.loss, batch)
+        known = () if self.latency_s == (0.0, 0.0) else (latency,)
+        return CameraChain(drawn_around(known, latency_s=latency_s, jitter_s=spread_s, loss=loss))
+
+
+def hardware_table(profile: str, camera: DepthCamera) -> dict[str, Any]:
+    """What the manifest of a dataset says of robots and cameras that are not as shipped."""
+    if profile == SHIPPED:
+        return {}
+    known = camera.delivered(load_profile(profile, load_robot(DEFAULT_ROBOT)))
+    return {"profile": profile, "latency": asdict(known.camera_chain.latency)}
 
 
 # Original: 30 to 60 ms between exposure and use. The service forgets after a gap of more than 5 images.
@@ -47,7 +76,7 @@ DELIVERIES: dict[DeliveryName, DeliveryModel] = {
 
 
 class Delivery(NamedTuple):
-    """Per tick, each of shape (ticks,)."""
+    """Of each episode at each tick, up to the length of the longest; each of shape (episodes, ticks)."""
 
     frame: NDArray[np.int64]
     """Image in use; -1 before the first."""
@@ -56,25 +85,24 @@ class Delivery(NamedTuple):
     new: NDArray[np.bool_]
 
 
-def deliver(frame_tick: NDArray[np.int32], ticks: int, model: DeliveryModel, rng: np.random.Generator) -> Delivery:
-    """Draws the delivery of one episode.
-
-    Args:
-        frame_tick: Tick at which each image was taken, ascending, shape (frames,).
-        ticks: Length of the episode.
-        model: How images travel.
-        rng: Source of delays and losses.
-    """
-    taken_s = frame_tick * TICK_S
-    travel_s = rng.uniform(*model.latency_s) + rng.uniform(0.0, model.jitter_s, len(taken_s))
-    lost = rng.uniform(size=len(taken_s)) < rng.uniform(0.0, model.loss)
-    if rng.uniform() < model.burst:
-        begin = rng.uniform(0.0, ticks * TICK_S)
-        lost |= (taken_s >= begin) & (taken_s < begin + rng.uniform(0.02, 0.1))
-    arrival_tick = np.ceil((taken_s + travel_s) / TICK_S - 1e-6).astype(np.int64)
-    newest = np.full(ticks, -1, np.int64)
-    arrived = np.flatnonzero(~lost & (arrival_tick < ticks))
-    np.maximum.at(newest, arrival_tick[arrived], arrived)  # one that was overtaken has no effect
-    newest = np.maximum.accumulate(newest)
-    age_s = np.where(newest >= 0, (np.arange(ticks) - frame_tick[np.maximum(newest, 0)]) * TICK_S, np.inf)
-    return Delivery(newest, age_s, np.diff(newest, prepend=-1) != 0)
+def deliver(episodes: Sequence[Episode], model: DeliveryModel, rng: np.random.Generator) -> Delivery:
+    """Draws how the images of each episode travel, around the latency of its camera."""
+    count, ticks = len(episodes), np.array([[len(episode.height)] for episode in episodes])
+    taken_tick = np.full((count, max(len(episode.frame_tick) for episode in episodes)), np.inf)
+    for row, episode in zip(taken_tick, episodes, strict=True):
+        row[: len(episode.frame_tick)] = episode.frame_tick
+    taken_s = taken_tick * TICK_S
+    known = np.array([(episode.latency.latency, episode.latency.jitter) for episode in episodes])
+    chain = model.drawn(CameraLatency(latency=known[:, :1], jitter=known[:, 1:]), (count, 1), rng)
+    arrival_s = chain.arrival_s(taken_s, chain.init((count, 1), rng))
+    pauses, begins_s = rng.uniform(size=(count, 1)) < model.burst, rng.uniform(0.0, ticks * TICK_S)
+    ends_s = begins_s + rng.uniform(0.02, 0.1, (count, 1))
+    arrival_s[pauses & (taken_s >= begins_s) & (taken_s < ends_s)] = np.inf
+    arrival_tick = np.ceil(arrival_s / TICK_S - 1e-6)
+    now = np.arange(ticks.max())
+    newest = np.full((count, len(now)), -1)
+    row, frame = np.nonzero(arrival_tick < len(now))
+    np.maximum.at(newest, (row, arrival_tick[row, frame].astype(np.int64)), frame)  # one overtaken has no effect
+    newest = np.maximum.accumulate(newest, 1)
+    age_s = (now - np.take_along_axis(taken_tick, np.maximum(newest, 0), 1)) * TICK_S
+    return Delivery(newest, np.where(newest >= 0, age_s, np.inf), np.diff(newest, prepend=-1) != 0)

@@ -11,7 +11,9 @@ from torch import Tensor
 from saltus.arrays import Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
+from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -33,13 +35,16 @@ class RecordedBatch:
     """At which images are taken, shape (frames,)."""
     depth: Mapping[str, NDArray[np.uint16]]
     """Images of each camera [mm], shape (n, frames, 48, 16)."""
+    there: Mapping[str, NDArray[np.bool_]]
+    """Whether they were given out, shape (n, frames): some cameras hold or lose theirs."""
 
     def episodes(self, camera: str) -> Iterator[Episode]:
         """All runs from a start to the next that are long enough, with the images of one of the cameras."""
         taken = self.frame_tick
         for robot, starts in enumerate(self.starts):
             for run in runs(starts):
-                frames = slice(*np.searchsorted(taken, (run.start, run.stop)))
+                frames = np.arange(*np.searchsorted(taken, (run.start, run.stop)))
+                frames = frames[self.there[camera][robot, frames]]
                 yield Episode(
                     terrain=self.terrain[robot],
                     proprioception=self.proprioception[robot, run],
@@ -64,16 +69,19 @@ class DeviceRecording:
         self._starts = room(ticks, dtype=torch.bool)
         # The bits of 16 bits without a sign, which few operations of torch know.
         self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
+        self._there = {camera: room(frames[0], dtype=torch.bool) for camera in cameras}
 
     def add(
-        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[str, Tensor]
+        self, tick: int, proprioception: Tensor, height: Tensor, starts: Tensor, images: Mapping[str, DepthImage]
     ) -> None:
         """One tick of all robots; images [mm] where it is their time."""
+        frame = self._camera.taken_by(tick) - 1
         self._proprioception[:, tick] = proprioception
         self._height[:, tick] = height
         self._starts[:, tick] = starts
         for camera, image in images.items():
-            self._depth[camera][:, self._camera.taken_by(tick) - 1] = image.to(torch.int16)
+            self._depth[camera][:, frame] = image.depth.to(torch.int16)
+            self._there[camera][:, frame] = image.time_s == tick * TICK_S
 
     def to_host(self, terrain: Sequence[str]) -> RecordedBatch:
         """A copy of what is there, for robots on the given kinds of terrain."""
@@ -84,6 +92,7 @@ class DeviceRecording:
             height=_copied(self._height),
             frame_tick=self._frame_tick,
             depth={camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()},
+            there={camera: _copied(there) for camera, there in self._there.items()},
         )
 
 

@@ -13,11 +13,12 @@ from torch import Tensor
 
 from saltus.config import DEFAULT_ROBOT, from_toml
 from saltus.depth_camera import load_camera
+from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras
-from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
+from saltus.heightmap.data.device_heights import DeviceHeights, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.model import HeightmapModel
@@ -41,8 +42,8 @@ from saltus.terrain.law import KINDS
 class DeviceRollouts:
     """Robots, made ready once; every batch starts all of them anew.
 
-    `policy` is what `read_checkpoint` returns; its task, but for the courses, is theirs. Without a predictor in the
-    loop the policy sees what its training showed it.
+    `policy` is what `read_checkpoint` returns; its task, but for the courses, is theirs, and so is the profile that it
+    was trained with where none is given. Without a predictor in the loop the policy sees what its training showed it.
     """
 
     def __init__(
@@ -53,13 +54,16 @@ class DeviceRollouts:
         *,
         device: str,
         seed: int,
+        profile: str | None = None,
     ) -> None:
         self.loop = loop
         self._device = torch.device(device)
         self._rng = np.random.default_rng(seed)
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
         config = from_toml(TrainConfig, policy["config"]).env
-        config = replace(config, curriculum=_curriculum(loop))
+        self.profile = profile or config.profile
+        """Of all robots."""
+        config = replace(config, curriculum=_curriculum(loop), profile=self.profile)
         robot = load_robot(DEFAULT_ROBOT)
         engine = make_engine(robot, loop.robots, config.curriculum.boxes, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
@@ -67,8 +71,11 @@ class DeviceRollouts:
         self._policy = DeployedPolicy(policy).to(self._device)
         self._model = None if predictor is None else predictor.to(self._device).eval()
         cameras = {name: load_camera(name) for name in loop.cameras}
-        self._camera = cameras[loop.cameras[0]]
-        self._cameras = DeviceCameras(robot, self._env.courses(), cameras, device, self._rng)
+        known = load_profile(self.profile, robot)
+        first = cameras[loop.cameras[0]]
+        # no more images are under way than are taken meanwhile
+        self._latency = replace(first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz)
+        self._cameras = DeviceCameras(robot, self._env.courses(), cameras, known, device, self._rng)
         self._recording = DeviceRecording(loop.robots, loop.ticks, cameras, self._device)
 
     @torch.no_grad()
@@ -84,7 +91,7 @@ class DeviceRollouts:
         transition, fresh = env.transition(), torch.ones(self.loop.robots, dtype=torch.bool, device=self._device)
         for tick in range(self.loop.ticks):
             sensed, qpos = self.proprioception(), self._qpos.float()
-            images = self._cameras.expose(env.courses(), qpos, tick) if self._camera.exposes(tick) else {}
+            images = self._cameras.expose(env.courses(), qpos, tick, fresh)
             self._recording.add(tick, sensed, self.true_heights(), fresh, images)
             shown = transition.actor
             if heights is not None:
@@ -133,7 +140,8 @@ class DeviceRollouts:
     def _heights(self) -> DeviceHeights | None:
         if self._model is None:
             return None
-        return DeviceHeights(self._model, LateImages(self.loop.robots, TRAINING.around(self._camera), self._generator))
+        images = late_images(self.loop.robots, TRAINING, self._latency, self._rng, self._device)
+        return DeviceHeights(self._model, images)
 
     def _uniform(self) -> Tensor:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)

@@ -21,8 +21,8 @@ class LateImages:
         self._exposed = self.in_hand = nothing_yet(blank)
         """The newest images that have arrived."""
 
-    def step(self, exposed: Array | None, time_s: float, fresh: Array) -> Array:
-        """Takes the images that are exposed at `time_s` [s], None where it is not the time.
+    def step(self, exposed: DepthImage | None, time_s: float, fresh: Array) -> Array:
+        """Takes the newest images there are at `time_s` [s], None where they are those of before.
 
         Robots that are `fresh`, bool, shape (n,), have seen nothing before, and nothing is under way to them.
 
@@ -30,10 +30,6 @@ class LateImages:
             Whose image in hand has just come, bool, shape (n,).
         """
         now, before_s = self._exposed, self.in_hand.time_s
-        xp = namespace(before_s)
-        if exposed is None:
-            self._exposed = chosen(fresh, nothing_yet(now), now)
-        else:
-            self._exposed = DepthImage(depth=exposed, time_s=xp.full_like(now.time_s, time_s))
+        self._exposed = chosen(fresh, nothing_yet(now), now) if exposed is None else exposed
         self.in_hand, self._state = self._chain.step(self._exposed, time_s, self._state, fresh)
-        return self.in_hand.time_s > xp.where(fresh, -math.inf, before_s)
+        return self.in_hand.time_s > namespace(before_s).where(fresh, -math.inf, before_s)

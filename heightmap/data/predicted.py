@@ -13,6 +13,7 @@ from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_i
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import map_arrays
+from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile, load_profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
@@ -93,7 +94,9 @@ class PredictedHeights:
         self._forget(fresh)
         depth = self._cameras.expose(truth, states.time_s) if self._cameras.camera.exposes(states.step) else None
         self.depth = depth
-        new = self._images.step(depth, states.time_s, fresh)
+        time_s = np.full(len(fresh), float(states.time_s))
+        exposed = None if depth is None else DepthImage(depth=depth, time_s=time_s)
+        new = self._images.step(exposed, states.time_s, fresh)
         self.captured_s[:] = self._images.in_hand.time_s
         self._image[new] = _as_sent(self._images.in_hand.depth[new])
         features = proprioception_of_states(states, self._network.legs)
@@ -114,7 +117,7 @@ def _late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
     """Cameras as each trial draws them, with the random numbers of the camera process."""
     latency_s, jitter_s = np.array([(trial.camera_delay_s, trial.camera_jitter_s) for trial in trials]).T
     camera = drawn_around(profile.camera, latency_s=latency_s, jitter_s=jitter_s)
-    chain = replace(profile, camera=camera).camera_chain
+    chain = to_images(replace(profile, camera=camera), MODEL_CAMERA.fx).camera_chain
     states = [chain.init((), random_stream(trial.seed)) for trial in trials]
     state = map_arrays(lambda *keys: np.stack(keys), *states)
     depth = np.empty((len(trials), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)

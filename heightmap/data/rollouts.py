@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus import rotations
-from saltus.arrays import Floats
-from saltus.depth import depth_in_millimetres
+from saltus.arrays import Floats, Singles
+from saltus.depth import MODEL_CAMERA, depth_in_millimetres
 from saltus.depth_camera import DepthCamera
+from saltus.effects.image_pixels import to_images
+from saltus.effects.profile import Profile
 from saltus.grid import LINE, HeightGrid
+from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.shards import Episode
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
@@ -37,8 +40,8 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: H
     return terrain.height_at(*grid.points_in_world(position, yaw)) - position[..., 2:]
 
 
-def episode_of(trajectory: Trajectory, view: RobotCamera, camera: DepthCamera) -> Episode:
-    """Takes the pictures of one robot without errors, from where its camera really is, with the true heights."""
+def true_images(trajectory: Trajectory, view: RobotCamera, camera: DepthCamera) -> NDArray[np.float32]:
+    """What one robot's camera exposes, from where it really is, without errors [m], shape (frames, 48, 16)."""
     rows = camera.exposures(len(trajectory.joint_position))
     renderer = EmbreeRenderer(trajectory.terrain, view, threads=1)
     depth = renderer.render_batch(
@@ -46,16 +49,32 @@ def episode_of(trajectory: Trajectory, view: RobotCamera, camera: DepthCamera) -
         trajectory.quaternion_base_in_world[rows],
         trajectory.joint_position[rows],
     )
-    return labelled(trajectory, depth_in_millimetres(camera.for_model(depth)), camera)
+    seen: NDArray[np.float32] = camera.for_model(depth)
+    return seen
 
 
-def labelled(trajectory: Trajectory, depth: NDArray[np.uint16], camera: DepthCamera) -> Episode:
-    """An episode of the motion and the images [mm] of a robot, shape (frames, 48, 16), with the true heights."""
+def labelled(
+    trajectory: Trajectory, exposed: Singles, camera: DepthCamera, profile: Profile, rng: np.random.Generator
+) -> Episode:
+    """An episode of the motion of a robot, with the true heights, and of what its camera gives out.
+
+    Args:
+        trajectory: The motion.
+        exposed: What the camera exposes [m], shape (frames, 48, 16).
+        camera: Its rate.
+        profile: What the camera makes of that, and how long it travels.
+        rng: Of what effects draw.
+    """
     position, quaternion = trajectory.position_base_in_world, trajectory.quaternion_base_in_world
+    frame_tick = camera.exposures(len(position))
+    chain = to_images(profile, MODEL_CAMERA.fx).camera_chain
+    depth, given_s = chain.taken.film(exposed, TICK_S * frame_tick, rng)
+    there = np.isfinite(given_s)
     return Episode(
         terrain=trajectory.terrain.kind,
         proprioception=trajectory.proprioception.astype(np.float32),
         height=true_heights(trajectory.terrain, position, quaternion).astype(np.float32),
-        depth=depth,
-        frame_tick=camera.exposures(len(position)),
+        depth=depth_in_millimetres(depth[there]),
+        frame_tick=frame_tick[there],
+        latency=chain.latency,
     )

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Singles
 from saltus.config import from_table
+from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera, recorded
+from saltus.effects.camera import NOMINAL_LATENCY
+from saltus.effects.camera_latency import CameraLatency
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.shard_columns import ShardColumn, read_column
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.provenance import commit
@@ -32,7 +34,7 @@ _FORMAT = "saltus-heightmap-dataset-1"
 LAYOUT = "layout"
 PER_TICK = ("proprioception", "height")
 PER_FRAME = ("depth", "frame_tick")
-_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras")
+_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency")
 """Of a configuration, what leaves the motion of the first robots as it is."""
 
 
@@ -42,7 +44,10 @@ class DatasetError(SaltusError):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Episode:
-    """One robot, one run, without interruption, at 100 Hz. Images are as taken: delay and noise are added later."""
+    """One robot, one run, without interruption, at 100 Hz.
+
+    Images are as the camera gives them out: they travel later, when they are trained on.
+    """
 
     terrain: str
     proprioception: Singles
@@ -53,6 +58,8 @@ class Episode:
     """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
     frame_tick: NDArray[np.int32]
     """Tick at which each image was taken, ascending, shape (frames,)."""
+    latency: CameraLatency = NOMINAL_LATENCY
+    """How long images travel; a shard has one for all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +79,13 @@ class ShardRecord:
     def camera(self) -> DepthCamera:
         """That took its images; older shards do not name theirs."""
         return recorded(self.config.get("camera", "ideal"))
+
+    @property
+    def latency(self) -> CameraLatency:
+        """How long its images travel; where nothing is said, as long as that camera's or a nominal one's."""
+        own = self.camera.latency_s
+        known = NOMINAL_LATENCY if own is None else CameraLatency(latency=own)
+        return CameraLatency(**self.config.get("latency", vars(known)))
 
 
 class ShardWriter:
@@ -251,7 +265,12 @@ def write_manifest(directory: Path, records: Iterable[ShardRecord]) -> None:
 def layout() -> dict[str, Any]:
     """What the columns of the arrays mean; it is kept in each shard."""
     camera = asdict(MODEL_CAMERA)
-    return {"grid_m": HEIGHTMAP_X.tolist(), "proprioception": list(PROPRIOCEPTION), "camera": camera, "tick_s": TICK_S}
+    return {
+        "grid_m": HEIGHTMAP_X.tolist(),
+        "proprioception": list(PROPRIOCEPTION),
+        "camera": camera,
+        "tick_s": POLICY_DT,
+    }
 
 
 def read_manifest(directory: Path) -> list[ShardRecord]:
@@ -317,7 +336,8 @@ def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
         kinds = [kind.decode() for kind in file["terrain"][:]]
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
     parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
-    return [Episode(terrain=kind, **{name: parts[name][i] for name in parts}) for i, kind in enumerate(kinds)]
+    each = [{name: parts[name][i] for name in parts} for i in range(len(kinds))]
+    return [Episode(terrain=kind, latency=record.latency, **own) for kind, own in zip(kinds, each, strict=True)]
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

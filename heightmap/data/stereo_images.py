@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, depth_in_millimetres, sampled_model_camera
+from saltus.depth import MODEL_CAMERA, sampled_model_camera
 from saltus.depth_camera import DepthCamera
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.rollouts import Trajectory
@@ -22,13 +22,13 @@ CHUNK = 64  # robots that are worked on together: their arrays of 600 kB stay in
 
 def stereo_images(
     trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], camera: DepthCamera, rng: np.random.Generator
-) -> list[NDArray[np.uint16]]:
+) -> list[NDArray[np.float32]]:
     """Takes pictures of robots at a camera's rate; the generator draws the quality of each camera and its errors.
 
-    Each view is a camera as it really is, of the claimed resolution of `SAMPLED`. Returns depth of each robot [mm], 0
+    Each view is a camera as it really is, of the claimed resolution of `SAMPLED`. Returns depth of each robot [m], 0
     where invalid, shape (frames, 48, 16).
     """
-    images: list[NDArray[np.uint16]] = []
+    images: list[NDArray[np.float32]] = []
     for first in range(0, len(trajectories), CHUNK):
         part = slice(first, first + CHUNK)
         images += _chunk(trajectories[part], views[part], camera, rng)
@@ -37,7 +37,7 @@ def stereo_images(
 
 def _chunk(
     trajectories: Sequence[Trajectory], views: Sequence[RobotCamera], camera: DepthCamera, rng: np.random.Generator
-) -> list[NDArray[np.uint16]]:
+) -> list[NDArray[np.float32]]:
     """The same for as many robots as the arrays of one exposure fit into the cache."""
     optics = Optics.behind(SAMPLED, camera)
     seen = [_seen(trajectory, view, camera, optics) for trajectory, view in zip(trajectories, views, strict=True)]
@@ -45,12 +45,12 @@ def _chunk(
     stereo = StereoCamera(drawn_cameras(count, rng, StereoConfig.of(camera)), optics)
     state = stereo.init((count,), rng)
     times_s = TICK_S * camera.exposures(max(len(trajectory.joint_position) for trajectory in trajectories))
-    images = np.empty((count, max(frames), MODEL_CAMERA.height, MODEL_CAMERA.width), np.uint16)
+    images = np.empty((count, max(frames), MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
     for i, time_s in enumerate(times_s):
         # The camera of a robot whose run is over stands still; what it takes is not kept.
         depth, hidden = (np.stack([pair[kind][min(i, len(pair[kind]) - 1)] for pair in seen]) for kind in (0, 1))
         image, state = stereo.step(depth, hidden, np.full(count, time_s), state)
-        images[:, i] = depth_in_millimetres(camera.for_model(pooled(image.depth, ROWS, COLUMNS)))
+        images[:, i] = camera.for_model(pooled(image.depth, ROWS, COLUMNS))
     return [taken[:length] for taken, length in zip(images, frames, strict=True)]
 
 

@@ -19,11 +19,11 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_between
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.depth_camera import load_camera
-from saltus.effects.frame_drop import FrameDrop
+from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.data.closed_loop import random_course
-from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
 from saltus.heightmap.data.rollouts import true_heights
@@ -139,7 +139,8 @@ class HeldOutRuns:
     ) -> "_RecordedSource":
         camera = load_camera(self.camera)
         shipped = camera.delivered(load_profile(SHIPPED, network.robot))
-        profile = dataclasses.replace(shipped, camera=(*shipped.camera, FrameDrop(fraction=rng.uniform(0.0, 0.08))))
+        lossy = drawn_around(shipped.camera, loss=rng.uniform(0.0, TRAINING.loss))
+        profile = dataclasses.replace(shipped, camera=lossy)
         cameras: RobotCameras
         if camera.ideal:
             cameras = IdealCameras(camera, network.robot, terrains, profile)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from saltus.arrays import Indices
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.heightmap.data.delivery import DeliveryModel, deliver
 from saltus.heightmap.data.shards import Episode
@@ -106,25 +107,25 @@ class EpisodeStore:
         the windows that continue an episode, the share `forgets` begins with an empty hidden state all the same.
         """
         slots = _Slots(batch, int(self._lengths.max()))
-        for row in range(batch):
-            self._enter(slots, row, delivery, rng)
+        self._enter(slots, np.arange(batch), delivery, rng)
         generator = torch.Generator(self.device).manual_seed(int(rng.integers(2**62)))
         while True:
             window = self._cut(slots, length)
             yield window._replace(image=with_noise(window.image, noise, generator, window.true_depth))
             slots.position += length
             slots.starts[:] = rng.uniform(size=batch) < forgets if forgets else False  # none drawn for nothing
-            for finished in np.flatnonzero(slots.position >= self._lengths[slots.episode]):
-                self._enter(slots, int(finished), delivery, rng)
+            finished = np.flatnonzero(slots.position >= self._lengths[slots.episode])
+            if len(finished):
+                self._enter(slots, finished, delivery, rng)
 
-    def _enter(self, slots: "_Slots", row: int, model: DeliveryModel, rng: np.random.Generator) -> None:
-        """Sends a robot into another episode."""
-        chosen = int(np.searchsorted(self._share, rng.uniform(0.0, self._share[-1]), side="right"))
-        ticks = int(self._lengths[chosen])
-        begin = int(rng.integers(2)) * int(rng.integers(ticks))
-        drawn = deliver(self.episodes[chosen].frame_tick, ticks, model, rng)
-        slots.episode[row], slots.position[row], slots.starts[row] = chosen, begin, True
-        slots.frame[row, :ticks], slots.age_s[row, :ticks], slots.new[row, :ticks] = drawn
+    def _enter(self, slots: "_Slots", rows: Indices, model: DeliveryModel, rng: np.random.Generator) -> None:
+        """Sends robots into other episodes."""
+        chosen = np.searchsorted(self._share, rng.uniform(0.0, self._share[-1], len(rows)), side="right")
+        begin = rng.integers(2, size=len(rows)) * rng.integers(self._lengths[chosen])
+        drawn = deliver([self.episodes[i] for i in chosen], model, rng)
+        slots.episode[rows], slots.position[rows], slots.starts[rows] = chosen, begin, True
+        ticks = drawn.frame.shape[1]
+        slots.frame[rows, :ticks], slots.age_s[rows, :ticks], slots.new[rows, :ticks] = drawn
 
     def _together(self, arrays: Sequence[np.ndarray], kind: torch.dtype) -> Tensor:
         """All rows on the device, images up to the range; some at a time, as large copies on the host take long."""

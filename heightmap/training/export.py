@@ -28,6 +28,8 @@ class Origin:
 
     camera: DepthCamera
     """Whose images it was trained on."""
+    latency_s: float = CAMERA_LATENCY_S
+    """How late these are."""
     warmup_frames: int
     """Measured, see `saltus.heightmap.training.validate.warmup_frames`."""
     dataset: str
@@ -71,7 +73,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
         "camera": camera_metadata(robot),
         "depth_camera": origin.camera.record,
         "proprioception": list(PROPRIOCEPTION),
-        "nominal_delay_s": CAMERA_LATENCY_S if origin.camera.latency_s is None else origin.camera.latency_s,
+        "nominal_delay_s": origin.latency_s,
         "warmup_frames": origin.warmup_frames,
         "normalisation": normalisation,
         "dataset": origin.dataset,

@@ -10,7 +10,7 @@ from typing import Any
 from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import DepthCamera
 from saltus.errors import ModelError
-from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
+from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
@@ -87,8 +87,10 @@ def release(
     begun()
     camera = camera_of(data, records)
     robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
-    nominal, late = DeliveryModel().around(camera), TRAINING.around(camera)
-    origin = Origin(camera=camera, warmup_frames=1, dataset=dataset_hash(records), seed=int(training["config"]["seed"]))
+    origin = Origin(
+        camera=camera, latency_s=float(records[0].latency.latency), warmup_frames=1, dataset=dataset_hash(records),
+        seed=int(training["config"]["seed"]),
+    )  # fmt: skip
     model_path.parent.mkdir(parents=True, exist_ok=True)
     # Until all is measured the model that may be there stays.
     with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:
@@ -98,7 +100,7 @@ def release(
         warmup = warmup_frames(HeightmapNetwork(robot, candidate), held_out)
         export(model, candidate, replace(origin, warmup_frames=warmup))
         network = HeightmapNetwork(robot, candidate)
-        inputs = (tick for episode in held_out for tick in episode_inputs(episode, late))
+        inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
         difference = parity(model, network, islice(inputs, PARITY_STEPS))
         if not difference <= MAX_DIFFERENCE_M:
             raise ModelError(
@@ -110,8 +112,8 @@ def release(
             model_id=network.model_id,
             warmup_frames=warmup,
             parity=difference,
-            clean=accuracy(network, held_out, nominal),
-            faulty=accuracy(network, held_out, late),
+            clean=accuracy(network, held_out),
+            faulty=accuracy(network, held_out, TRAINING),
         )
         put_model(candidate, model_path)
     card_path(model_path).write_text(
@@ -154,9 +156,8 @@ def _card(
         f"| {r.sha256[:16]} |"
         for r in records
     )
-    latency, soonest, latest = (
-        1e3 * seconds for seconds in (DeliveryModel().around(camera).latency_s[0], *TRAINING.around(camera).latency_s)
-    )
+    late = records[0].latency
+    latency, soonest, latest = (1e3 * seconds for seconds in (late.latency, *TRAINING.range_s(late)))
     start = training["start"]
     begun = f"with a network of {start['update']} updates on dataset {start['dataset']}" if start else "from nothing"
     forgets = 100 * config.get("forgets", 0.0)  # older checkpoints do not name it
@@ -171,7 +172,7 @@ Depth image (48 x 16, with its valid pixels and age) and proprioception in; 30 t
 with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
 simulation only. For the robot {robot.name} and its camera: it is refused for others.
 
-{interface(robot, camera, sizes["hidden"])}
+{interface(robot, camera, late, sizes["hidden"])}
 ## Errors and training
 
 Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error [mm]:

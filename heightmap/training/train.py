@@ -17,7 +17,6 @@ from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
-    camera_of,
     dataset_hash,
     file_sha256,
     read_dataset,
@@ -93,7 +92,7 @@ def train(
         model.load_state_dict(begun["model"])
         optimiser.load_state_dict(begun["optimiser"])
         first = int(begun["update"])
-    delivery = DELIVERIES[config.delivery].around(camera_of(data, records))
+    delivery = DELIVERIES[config.delivery]
     updates = _updates(model, optimiser, store, config, delivery, first)
     began = saved = told = time.monotonic()
     update = kept = first

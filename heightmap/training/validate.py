@@ -115,6 +115,7 @@ def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[Inputs
     images = np.stack([seen.depth, seen.valid], 1).astype(np.float32)
     blank = np.zeros_like(images[0])
     blank[0] = 1.0
-    delivered = deliver(episode.frame_tick, len(episode.height), delivery, np.random.default_rng(0))
-    for features, frame, age_s, new in zip(episode.proprioception, *delivered, strict=True):
+    delivered = deliver([episode], delivery, np.random.default_rng(0))
+    ((frames, ages_s, news),) = zip(*delivered, strict=True)
+    for features, frame, age_s, new in zip(episode.proprioception, frames, ages_s, news, strict=True):
         yield Inputs(images[frame] if frame >= 0 else blank, float(age_s), bool(new), features)

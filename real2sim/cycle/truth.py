@@ -10,11 +10,11 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.effect import Effect
+from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.registry import EFFECTS
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.patch import load_patch
-from saltus.real2sim.problem.camera.image_pixels import to_images
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.robots.robot import JOINTS
 

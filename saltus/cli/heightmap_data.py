@@ -15,7 +15,7 @@ from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packag
 from saltus.cli.output import print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.config import DEFAULT_ROBOT
-from saltus.effects.profile import load_profile
+from saltus.effects.profile import SHIPPED, load_profile
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
 from saltus.robots.loading import load_robot
@@ -96,6 +96,7 @@ class OnDevice(SettingsCommand):
             from saltus.heightmap.device_collection import collect
 
         loop, speeds, robot = self.settings.loop, list["DeviceSpeed"](), load_robot(DEFAULT_ROBOT)
+        load_profile(self.settings.profile or SHIPPED, robot)
         names = [mounted_camera(camera, robot)[0].name for camera in loop.cameras]
         outputs = {
             camera: self.out.with_name(f"{self.out.name}-{names[number]}") if number else self.out

@@ -21,9 +21,10 @@ from saltus.effects.range_clip import RangeClip
 from saltus.effects.sample_and_hold import SampleAndHold
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 from saltus.effects.temporal_smear import TemporalSmear
-from saltus.wire.messages import Floats
 from saltus.wire.topics import CAMERA_LATENCY_S
 
+NOMINAL_LATENCY = CameraLatency(latency=CAMERA_LATENCY_S)
+"""That of a D435i (paper)."""
 CameraState: TypeAlias = tuple[Any, ...]
 """States of the effects, in the order of the chain."""
 
@@ -60,7 +61,12 @@ class CameraChain(SignalChain):
         """All that happens to an image until the camera gives it out; then it travels."""
         return CameraChain(tuple(effect for effect in self.effects if not isinstance(effect, CameraLatency)))
 
-    def film(self, depth: Floats, captured_s: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    @property
+    def latency(self) -> CameraLatency:
+        """How long it travels then."""
+        return next((effect for effect in self.effects if isinstance(effect, CameraLatency)), CameraLatency())
+
+    def film(self, depth: Array, captured_s: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """What becomes of all images of one camera.
 
         Args:
@@ -79,9 +85,14 @@ class CameraChain(SignalChain):
             given[i] = image.depth
             if image.time_s != time_s:
                 arrival_s[i] = math.inf
-        for effect, (keys, _) in list(zip(self.effects, state, strict=True))[len(memory) :]:
-            arrival_s = effect.arrival_s(arrival_s, keys)
-        return given, arrival_s
+        return given, self.arrival_s(arrival_s, state)
+
+    def arrival_s(self, captured_s: Array, state: CameraState) -> Array:
+        """When images that were captured at `captured_s` arrive [s], shape (n,): infinite for those that are lost."""
+        for effect, memory in zip(self.effects, state, strict=True):
+            if isinstance(effect, FrameDrop | CameraLatency):
+                captured_s = effect.arrival_s(captured_s, memory[0])
+        return captured_s
 
     def next_arrival_s(self, time_s: float, state: CameraState) -> float:
         """When the next image arrives [s], for those who wait for it; infinite where none is under way."""
@@ -100,7 +111,11 @@ def _forgotten(memory: Any, robots: Array) -> Any:
 
 
 def drawn_around(
-    effects: tuple[Effect[Any], ...], *, latency_s: PerRobot, jitter_s: PerRobot, loss: PerRobot = 0.0
+    effects: tuple[Effect[Any], ...],
+    *,
+    latency_s: PerRobot = CAMERA_LATENCY_S,
+    jitter_s: PerRobot = 0.0,
+    loss: PerRobot = 0.0,
 ) -> tuple[Effect[Any], ...]:
     """The effects of cameras of which something is drawn, each one number or one a robot, shape (n,).
 
@@ -112,6 +127,13 @@ def drawn_around(
     """
     if np.any(loss) and not any(isinstance(effect, FrameDrop) for effect in effects):
         effects = (*effects, FrameDrop())
-    late = {"latency": latency_s - CAMERA_LATENCY_S, "jitter": jitter_s}
-    moves = {CameraLatency.name: late, FrameDrop.name: {"fraction": loss}}
-    return tuple(effect.moved(**moves.get(effect.name, {})) for effect in effects)
+    return tuple(_moved(effect, latency_s - CAMERA_LATENCY_S, jitter_s, loss) for effect in effects)
+
+
+def _moved(effect: Effect[Any], latency_s: PerRobot, jitter_s: PerRobot, loss: PerRobot) -> Effect[Any]:
+    if isinstance(effect, FrameDrop):
+        return effect.moved(fraction=loss)
+    if isinstance(effect, CameraLatency):
+        comes_late = np.not_equal(effect.latency, 0.0) | np.not_equal(effect.jitter, 0.0)
+        return effect.moved(latency=comes_late * latency_s, jitter=comes_late * jitter_s)
+    return effect

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from saltus.arrays import namespace
+from saltus.arrays import Array, namespace
 from saltus.wire.messages import Floats
 
 
@@ -44,9 +44,9 @@ class Resistance:
 class DepthImage:
     """The newest depth image that there is at some point between exposure and arrival. Site "depth"."""
 
-    depth: Floats
+    depth: Array
     """Shape (..., height, width), any unit; 0 is invalid."""
-    time_s: Floats
+    time_s: Array
     """Capture time in the run's clock [s], float64, shape (...); -inf where there is no image yet."""
 
 

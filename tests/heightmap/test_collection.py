@@ -6,18 +6,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import PROFILE
+from samples import EVERYTHING, PROFILE, ROBOT
 
 from saltus.cli.main import main
+from saltus.depth_camera import load_camera
+from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.offsets_and_factors import CameraPitch
 from saltus.effects.profile import profile_to_toml
 from saltus.heightmap import collection as heightmap_collection
+from saltus.heightmap.data.delivery import hardware_table
+from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.policy.evaluation.rollout import STAND_STEPS
+from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
+from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
+from saltus.policy.scripted import ScriptedPlanner
+from saltus.policy.training.checkpoint import read_checkpoint
+from saltus.terrain import flat
+from saltus.trial import Trial
 
 ROBOTS, TICKS = 2, STAND_STEPS + 8
+POLICY = Path(__file__).resolve().parents[2] / "models" / "checkpoints" / "policy.pt"
 
 
 def command(out: Path, camera: str, *more: str) -> list[str]:
@@ -48,6 +58,26 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
         np.testing.assert_array_equal(one.proprioception, other.proprioception)
         nearer = np.minimum(other.depth, 3000).mean() / np.minimum(one.depth, 3000).mean()
         assert nearer < 0.97  # it looks further down
+
+
+def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(tmp_path: Path) -> None:
+    path, said = tmp_path / "everything.toml", {effect.name for effect in EVERYTHING.effects.values()}
+    path.write_text(profile_to_toml(EVERYTHING))
+    plant = Rollout(ROBOT, [flat.make()], [Trial()], ScriptedPlanner(ROBOT), profile=EVERYTHING)._plant
+    held = (*plant._chain.effects, *plant._body.effects, *plant._imu_chain.effects)
+    assert {effect.name for effect in (*held, *EVERYTHING.camera)} == said
+    episodes = collected(tmp_path / "cpu", "ideal", "--profile", str(path))
+
+    loop, policy = DeviceLoop(robots=2, ticks=MIN_TICKS, cameras=("ideal",)), read_checkpoint(POLICY)
+    device = DeviceRollouts(loop, policy, None, device="cpu", seed=0, profile=str(path))
+    env, cameras = device._env, device._cameras
+    held = (*env._drives.effects, *env._imu.effects, *env.episodes._body.effects, *cameras._view.effects)
+    assert {effect.name for effect in (*held, *cameras._chain.effects, device._latency)} == said
+    episodes += device.batch().episodes("ideal")
+    for episode in episodes:
+        assert len(episode.frame_tick) < 0.3 * len(episode.height), "the camera holds images and loses some"
+    known = hardware_table(str(path), load_camera("ideal"))
+    assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[: 2 * ROBOTS]} == {EVERYTHING.camera[-1]}
 
 
 @pytest.mark.parametrize("interrupted_at", [1, 2])

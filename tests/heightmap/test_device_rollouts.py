@@ -10,9 +10,11 @@ import torch
 from samples import ROBOT
 
 from saltus.cli.main import main as saltus
+from saltus.effects.camera import NOMINAL_LATENCY
+from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
-from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel, deliver
-from saltus.heightmap.data.device_heights import DeviceHeights, LateImages
+from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
+from saltus.heightmap.data.device_heights import DeviceHeights, late_images
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
@@ -107,34 +109,14 @@ def test_robots_are_led_by_whom_the_share_says(
     assert len(rhythm[0, ~varies].unique()) == int((~varies).sum())  # each has a rhythm of its own
 
 
-@pytest.mark.parametrize("latency_ms", [30.0, 37.0, 40.0, 52.0, 60.0])
-def test_images_come_when_they_come_elsewhere(latency_ms: float) -> None:
-    model = DeliveryModel(latency_s=(1e-3 * latency_ms, 1e-3 * latency_ms))
-    taken = np.arange(0, 80, FRAME_TICKS, dtype=np.int32)
-    expected = deliver(taken, 80, model, np.random.default_rng(0))
-    images = LateImages(3, model, torch.Generator().manual_seed(0))
-    for tick in range(80):
-        if tick % FRAME_TICKS == 0:
-            images.send(torch.full((3, 48, 16), tick + 1), tick)
-        image, age_s, new = images.receive(tick)
-        assert (new == bool(expected.new[tick])).all()
-        if expected.frame[tick] >= 0:
-            np.testing.assert_allclose(age_s, expected.age_s[tick], atol=1e-6)
-            np.testing.assert_allclose(image[:, 0], (taken[expected.frame[tick]] + 1) / 3000.0, rtol=1e-5)
-        else:
-            assert (image[:, 0] == 1.0).all()
-            assert (image[:, 1] == 0.0).all()
-
-
 def test_late_and_lost_images_never_go_back_in_time() -> None:
-    images = LateImages(400, TRAINING, torch.Generator().manual_seed(1))
-    ages, fresh = [], []
+    images = late_images(400, TRAINING, NOMINAL_LATENCY, np.random.default_rng(1), "cpu")
+    nobody, ages, fresh = torch.zeros(400, dtype=torch.bool), [], []
     for tick in range(200):
-        if tick % FRAME_TICKS == 0:
-            images.send(torch.full((400, 48, 16), 1000), tick)
-        _, age_s, new = images.receive(tick)
-        ages.append(age_s)
-        fresh.append(new)
+        now_s = torch.full((400,), TICK_S * tick, dtype=torch.float64)
+        exposed = DepthImage(depth=torch.full((400, 48, 16), 1000), time_s=now_s) if tick % FRAME_TICKS == 0 else None
+        fresh.append(images.step(exposed, TICK_S * tick, nobody))
+        ages.append(now_s - images.in_hand.time_s)
     age, new = torch.stack(ages)[20:], torch.stack(fresh)[20:]
     step = age[1:] - age[:-1]
     torch.testing.assert_close(step[~new[1:]], torch.full_like(step[~new[1:]], TICK_S), atol=1e-5, rtol=0.0)
@@ -143,12 +125,11 @@ def test_late_and_lost_images_never_go_back_in_time() -> None:
     arrived = FRAME_TICKS * new.float().mean(0)
     assert 1.0 - TRAINING.loss < arrived.mean() < 1.0
     forgotten = torch.arange(400) < 7
-    images.forget(forgotten)
-    image, age_s, new = images.receive(200)
-    assert (image[:7, 1] == 0.0).all()
-    assert (image[7:, 1] == 1.0).all()
+    new = images.step(None, 2.0, forgotten)
+    assert (images.in_hand.depth[:7] == 0.0).all()
+    assert (images.in_hand.depth[7:] > 0.0).all()
     assert not new[:7].any()
-    assert (age_s[:7] > 1e3).all()
+    assert torch.isinf(images.in_hand.time_s[:7]).all()
 
 
 def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_path: Path) -> None:
@@ -163,13 +144,14 @@ def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_
         frame_tick=np.arange(0, ticks, FRAME_TICKS, dtype=np.int32),
     )
     expected, _ = run_episode(HeightmapNetwork(ROBOT, model_path), episode, latency)
-    images = LateImages(2, latency, torch.Generator().manual_seed(0))
-    heights = DeviceHeights(model, images)
+    heights = DeviceHeights(model, late_images(2, latency, NOMINAL_LATENCY, np.random.default_rng(0), "cpu"))
     for tick in range(2 * ticks):
         k = tick % ticks
-        image = torch.tensor(episode.depth[k // 2].astype(np.int32)).expand(2, 48, 16) if k % FRAME_TICKS == 0 else None
+        image = torch.tensor(episode.depth[k // 2].astype(np.int32))
+        now_s = torch.full((2,), TICK_S * tick, dtype=torch.float64)
+        exposed = DepthImage(depth=image.expand(2, 48, 16), time_s=now_s) if k % FRAME_TICKS == 0 else None
         features = torch.tensor(episode.proprioception[k]).expand(2, -1)
-        found = heights.step(image, tick, features, torch.full((2,), k == 0))
+        found = heights.step(exposed, tick, features, torch.full((2,), k == 0))
         np.testing.assert_allclose(found, np.tile(expected[k], (2, 1)), atol=1e-4)
 
 

@@ -14,7 +14,7 @@ from saltus.effects.profile import Profile
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.robot_cameras import IdealCameras, StereoCameras
-from saltus.heightmap.data.rollouts import Trajectory, episode_of
+from saltus.heightmap.data.rollouts import Trajectory, true_images
 from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.settings import ClosedLoop
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
@@ -42,12 +42,12 @@ def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajecto
     images, again = (stereo_images(motion, views, D435I, np.random.default_rng(2)) for _ in range(2))
     off_mm = []
     for trajectory, view, image, same in zip(motion, views, images, again, strict=True):
-        true = episode_of(trajectory, replace(view, intrinsics=MODEL_CAMERA), D435I).depth
+        true = true_images(trajectory, replace(view, intrinsics=MODEL_CAMERA), D435I)
         assert image.shape == true.shape == (-(-len(trajectory.joint_position) // 2), 48, 16)  # 50 Hz
         np.testing.assert_array_equal(image, same)
         assert (image == 0).mean() < 0.1
-        near = (true < 1000) & (image > 0)
-        off_mm.append(np.abs(image.astype(np.float64) - true)[near])
+        near = (true < 1.0) & (image > 0.0)
+        off_mm.append(1e3 * np.abs(image - true)[near])
     assert 0.3 < np.median(np.concatenate(off_mm)) < 10.0  # D435i: 1.9 mm a pixel at 0.5 m, 7.6 mm at 1 m
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from samples import PROFILE, ROBOT
+from samples import EVERYTHING, PROFILE, ROBOT
 
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
@@ -17,7 +17,7 @@ from saltus.effects.offsets_and_factors import (
     ContactCompliance,
     TorqueGain,
 )
-from saltus.effects.profile import Profile, profile_from_toml, profile_to_toml
+from saltus.effects.profile import Profile, profile_to_toml
 from saltus.errors import ConfigError
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
@@ -32,36 +32,6 @@ from saltus.terrain.batch import BOXES
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 from saltus.wire.messages import JointCommand
 
-EVERYTHING = profile_from_toml(
-    """
-[actuator]
-command_delay.delay = 0.0053
-feedforward_delay.delay = 0.0093
-encoder_bias.bias = 0.03
-encoder_quantisation.step = 0.01
-velocity_filter.time_constant = 0.01
-actuator_lag.time_constant = 0.006
-torque_speed_limit = {corner = 0.0, no_load = [15, 15, 10, 15, 15, 10, 15, 15, 10, 15, 15, 10]}
-torque_saturation.curve = [[5.0, 5.0], [15.0, 14.12], [25.0, 20.34], [35.0, 25.68]]
-torque_gain.gain = [0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1]
-battery_sag = {loss_at_end = 0.5, duration_s = 0.1}
-backlash.width = 0.02
-viscous_friction.coefficient = 0.3
-coulomb_friction.torque = 0.5
-stiction = {breakaway = 1.0, stribeck_velocity = 1.0}
-armature.added = 0.005
-
-[body]
-payload_mass.mass = 0.5
-com_offset.x = 0.01
-base_inertia.scale = 1.2
-foot_friction.coefficient = 0.6
-
-[imu]
-imu_bias = {gyro_x = 0.02, roll = 0.01}
-imu_latency.delay = 0.005
-"""
-)
 ACTUATOR = EVERYTHING.actuator
 STEPS = 80
 HIGH = 2.0  # above the ground [m]: the robot falls for longer

@@ -15,6 +15,7 @@ from samples import ROBOT
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
+from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.heightmap.training.interface import frames_and_feet, interface
 from saltus.recordings.recording import Recording, read_recording
 from saltus.resources import resource
@@ -89,5 +90,5 @@ def test_the_example_needs_no_saltus_and_runs() -> None:
 def test_the_cards_say_what_the_code_does() -> None:
     heightmap, policy = (resource(f"models/{name}.md").read_text() for name in MODELS)
     hidden = onnxruntime.InferenceSession(MODELS["heightmap"]).get_inputs()[-1].shape[1]
-    assert interface(ROBOT, load_camera("d435i"), hidden) in heightmap
+    assert interface(ROBOT, load_camera("d435i"), NOMINAL_LATENCY, hidden) in heightmap
     assert frames_and_feet(ROBOT) in policy
