@@ -83,7 +83,8 @@ def _hidden(folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple
                 found = _finding(effects, name, field.name, places)
                 interval = None if found is None else found.params[field.name]
                 yield Row(
-                    effect=name, parameter=field.name, unit=field.metadata["unit"], where=_names(places) if field.metadata["per_joint"] else "",
+                    effect=name, parameter=field.name, unit=field.metadata["unit"],
+                    where=_names(places) if field.metadata["per_joint"] else "",
                     known=float(np.mean(before[places])), true=float(value),
                     found=None if interval is None else interval.value,
                     ci90=None if interval is None else interval.ci90,
@@ -107,6 +108,8 @@ def _why_not(folder: CycleFolder, name: str) -> str:
     untestable = {each["name"]: each["why"] for each in verdict["untestable"]}
     if name in untestable:
         return f"not found: these logs cannot show it: {untestable[name]}"
+    if verdict["misfits"]:
+        return f"not found: what is known does not fit these logs: {', '.join(verdict['misfits'])}"
     if sets := [names for names in verdict["sets"] if name in names]:
         return f"not found alone: it is {' or '.join(sets[0])}, which these logs cannot tell apart"
     if verdict["verdict"] == "unexplained":

@@ -1,4 +1,4 @@
-"""The cycle: a hidden effect is found and trained with; what is done is not repeated; a training may be carried away."""
+"""The cycle: a hidden effect is found and trained with, nothing is done twice, a training may be carried away."""
 
 import json
 import shlex
