@@ -156,7 +156,8 @@ def course_title(terrain: Terrain) -> str:
 def _size(name: str, value: float) -> str:
     if isinstance(value, int):
         return f"{value} {name}"
-    return f"{name[:-2]} {value:g} m" if name.endswith("_m") else f"{name} {value:g}"
+    size, _, unit = name.rpartition("_")
+    return f"{size.replace('_', ' ')} {value:g} {unit}" if unit in ("m", "deg") and size else f"{name} {value:g}"
 
 
 def _numbers(summary: RunSummary) -> str:

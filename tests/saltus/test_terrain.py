@@ -13,6 +13,7 @@ from samples import ROBOT
 
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
+from saltus.recordings.report import course_title
 from saltus.sim import scene
 from saltus.terrain import level
 from saltus.terrain.boxes import Box, Boxes
@@ -369,3 +370,12 @@ def test_a_file_without_a_course_is_refused(
 def test_a_terrain_that_nobody_knows_is_refused() -> None:
     with pytest.raises(ConfigError, match="did you mean 'stairs'"):
         make_terrain(TerrainConfig(terrain="stiars"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_title_names_each_size_with_its_unit(kind: str) -> None:
+    sizes = course_title(make_terrain(TerrainConfig(terrain=kind))).partition(" (")[2].rstrip(")").split(", ")
+    assert [size.split()[-1] for size in sizes if size] == [
+        {"steps": "steps", "slope_deg": "deg"}.get(name, "m") for name in FAMILIES[kind].sizes
+    ]
+    assert "_" not in "".join(sizes)
