@@ -96,11 +96,7 @@ class CameraChain(SignalChain):
 
     def next_arrival_s(self, time_s: float, state: CameraState) -> float:
         """When the next image arrives [s], for those who wait for it; infinite where none is under way."""
-        pairs = zip(self.effects, state, strict=True)
-        arrivals = [
-            effect.next_arrival_s(time_s, memory) for effect, memory in pairs if isinstance(effect, CameraLatency)
-        ]
-        return min(arrivals, default=math.inf)
+        return math.inf if self.latency.is_null() else self.latency.next_arrival_s(time_s, state[-1])
 
 
 def _forgotten(memory: Any, robots: Array) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys, uniform
-from saltus.effects.effect import Effect, PerRobot, like, parameter, period
+from saltus.effects.effect import Effect, PerRobot, parameter, period
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
@@ -36,10 +36,10 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     def arrival_s(self, captured_s: Any, keys: Any) -> Any:
         """When images that were captured at `captured_s` arrive [s], shape (...)."""
         xp = namespace(captured_s)
-        latency = like(self.latency, captured_s, xp)
+        latency = self.value("latency", captured_s)
         if np.all(np.equal(self.jitter, 0.0)):
             return captured_s + latency
-        delay = latency + like(self.jitter, captured_s, xp) * (2.0 * uniform(keys, captured_s) - 1.0)
+        delay = latency + self.value("jitter", captured_s) * (2.0 * uniform(keys, captured_s) - 1.0)
         return captured_s + xp.where(delay > 0.0, delay, 0.0)
 
     def apply(self, signal: DepthImage, time_s: float, state: Memory) -> tuple[DepthImage, Memory]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.arrays import namespace
 from saltus.effects.draws import draw_keys, uniform
-from saltus.effects.effect import Effect, PerRobot, like, parameter
+from saltus.effects.effect import Effect, PerRobot, parameter
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 
@@ -36,4 +36,4 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
     def arrival_s(self, captured_s: Any, keys: Any) -> Any:
         """When images that were captured at `captured_s` arrive [s], shape (...): at once, or never."""
         xp = namespace(captured_s)
-        return xp.where(uniform(keys, captured_s) < like(self.fraction, captured_s, xp), math.inf, captured_s)
+        return xp.where(uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s)
