@@ -30,6 +30,7 @@ NATIVE_PIXELS = 5
 """Of a D435i at 424x240, in each direction, for one pixel of the model."""
 _ROUNDING = 1e-9
 _LARGEST = 4096  # of an image's sides [px]
+_VIEWS = ("image", "sensor")  # tables that are named as a whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +78,8 @@ class DepthCamera(Value):
     def from_toml(cls, text: str) -> Self:
         """Reads what `to_toml` writes, or a part of it: what is not named is as in d435i.
 
-        An image is named as a whole: width, height, and fx and fy or fov_deg (two angles [deg]); cx and cy are its
-        centre where they are not given.
+        An image, and likewise a sensor, is named as a whole: width, height, and fx and fy or fov_deg (two angles
+        [deg]); cx and cy are its centre where they are not given.
         """
         return cast("Self", recorded(read_toml(text)))
 
@@ -161,25 +162,27 @@ def recorded(record: str | dict[str, Any]) -> DepthCamera:
     """The camera of `DepthCamera.record`; what a table does not name is as in d435i."""
     if isinstance(record, str):
         return SHIPPED[record]
+    views = {table: _whole(table, view) for table in _VIEWS if isinstance(view := record.get(table), dict)}
     base = SHIPPED["d435i"]
-    if not isinstance(record.get("image"), dict):
-        return changed(base, record)
-    return changed(replace(base, sensor=None), {**record, "image": _whole(record["image"])})
+    return changed(replace(base, sensor=None) if views else base, {**record, **views})
 
 
-def _whole(image: dict[str, Any]) -> dict[str, Any]:
-    """An image with its focal lengths and centre."""
-    given, angles = dict(image), image.get("fov_deg")
-    if not {"width", "height"} <= given.keys() or (angles is None) == (not {"fx", "fy"} <= given.keys()):
-        raise ConfigError("[image] must name width, height, and either fov_deg or fx and fy")
+def _whole(table: str, view: dict[str, Any]) -> dict[str, Any]:
+    """A table of pixels with its focal lengths and centre."""
+    given, angles = dict(view), view.get("fov_deg")
+    wanted = ("width", "height") if angles is not None else ("width", "height", "fx", "fy")
+    missing = [name for name in wanted if name not in given]
+    if missing or (angles is not None and given.keys() & {"fx", "fy"}):
+        lacks = f"; it lacks {', '.join(missing)}" if missing else ""
+        raise ConfigError(f"[{table}] must name width, height, and either fov_deg or fx and fy{lacks}")
     sides = {"x": given["width"], "y": given["height"]}
     if not all(isinstance(side, int) and not isinstance(side, bool) for side in sides.values()):
-        raise ConfigError(f"[image] width = {sides['x']!r}, height = {sides['y']!r}: they must be whole numbers")
+        raise ConfigError(f"[{table}] width = {sides['x']!r}, height = {sides['y']!r}: they must be whole numbers")
     if angles is not None:
         given.pop("fov_deg")
         numbers = isinstance(angles, list) and len(angles) == 2 and all(isinstance(a, int | float) for a in angles)
         if not numbers or not all(0.0 < angle < 180.0 for angle in angles):
-            raise ConfigError(f"[image] fov_deg = {angles!r}: it must be two angles between 0 and 180")
+            raise ConfigError(f"[{table}] fov_deg = {angles!r}: it must be two angles between 0 and 180")
         for (axis, side), angle in zip(sides.items(), angles, strict=True):
             given[f"f{axis}"] = 0.5 * side / math.tan(0.5 * math.radians(angle))
     return {"cx": 0.5 * sides["x"], "cy": 0.5 * sides["y"], **given}

@@ -82,6 +82,20 @@ def test_what_is_wrong_in_a_file_is_said_in_words_of_people(tmp_path: Path) -> N
             assert not re.search(r"\b(int|float|bool|str|tuple|dict|list\[|None|numpy|saltus|type|class)\b", message)
 
 
+@pytest.mark.parametrize("table", ["image", "sensor"])
+def test_an_image_and_a_sensor_are_named_as_a_whole(table: str, tmp_path: Path) -> None:
+    whole, path = {"width": 640, "height": 480, "fx": 600.0, "fy": 590.0}, tmp_path / "own.toml"
+    angles = [float(np.degrees(2.0 * np.arctan(0.5 * n / f))) for n, f in ((640, 600.0), (480, 590.0))]
+    for name in whole:
+        path.write_text(f"[{table}]\n" + "".join(f"{key} = {whole[key]}\n" for key in whole if key != name))
+        with pytest.raises(ConfigError, match=rf"\[{table}\] must name .*; it lacks {name}$"):
+            load_camera(str(path))
+    for given in (whole, {"width": 640, "height": 480, "fov_deg": angles}):
+        path.write_text(f"[{table}]\n" + "".join(f"{key} = {value}\n" for key, value in given.items()))
+        named = vars(getattr(load_camera(str(path)), table))
+        assert named == pytest.approx({**whole, "cx": 320.0, "cy": 240.0})
+
+
 def test_it_sits_where_it_says_and_else_where_the_robot_has_its_own() -> None:
     assert SHIPPED["d435i"].mounted_on(ROBOT) is ROBOT
     own = EXAMPLE.mounted_on(ROBOT)
