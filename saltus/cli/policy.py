@@ -17,7 +17,6 @@ from saltus.flags import Flag, Group, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.models import model_id, model_path
 from saltus.policy.training.command import TRAINING, Train
-from saltus.terrain.terrain import TIMED
 from saltus.workers import check_processes
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
@@ -93,8 +92,8 @@ class Eval:
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
             result = collect(evaluate(evaluation, heights, planner, self.processes, bar.update))
-        _print_table(result)
         table = _as_table(self, result)
+        _print_table(result, table["timed"])
         if directory is not None:
             from saltus.policy.evaluation.report import write_evaluation_report
 
@@ -169,7 +168,7 @@ class Policy(Group):
     command: Subcommands[Train | Export | Eval | Serve]
 
 
-def _print_table(result: "EvaluationResult") -> None:
+def _print_table(result: "EvaluationResult", start: str) -> None:
     rows = []
     for seed, trial in zip(result.seeds, result.trials, strict=True):
         outcome = trial.outcome
@@ -178,7 +177,7 @@ def _print_table(result: "EvaluationResult") -> None:
         rows.append((f"seed {seed}", cells))
     print(*table_lines(rows), sep="\n")
     failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
-    speed = f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {TIMED}" if result.successes else ""
+    speed = f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {start}" if result.successes else ""
     print(f"{result.successes} of {len(result.trials)} succeeded{speed}{'; failed: ' + failures if failures else ''}")
 
 
@@ -197,6 +196,7 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
     return {
         "terrain": terrain.kind,
         "params": dict(terrain.params),
+        "timed": terrain.timed,
         "planner": command.planner,
         "heightmap": command.heightmap,
         "camera": command.camera if command.heightmap == "predicted" else None,

@@ -15,7 +15,7 @@ from saltus.provenance import commit
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import RunSummary, shown
 from saltus.robots.robot import LEGS
-from saltus.terrain.terrain import TIMED, Terrain
+from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import (
     ControllerMode,
     Event,
@@ -164,7 +164,7 @@ def _numbers(summary: RunSummary) -> str:
     rows = {
         "outcome": "success" if summary.success else "failure",
         "distance from the start": shown(summary.distance_m, 2, "m"),
-        f"time {TIMED}": shown(summary.time_s, 2, "s"),
+        f"time {summary.timed}": shown(summary.time_s, 2, "s"),
         "mean speed in that time": shown(summary.mean_speed_mps, 2, "m/s"),
         "heightmap, mean absolute error while running": shown(100 * summary.heightmap_mae_m, 1, "cm"),
         "messages rejected": str(sum(summary.rejected.values())),

@@ -9,7 +9,6 @@ import numpy as np
 
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording, digest, rates_and_ages
-from saltus.terrain.terrain import TIMED
 from saltus.wire.messages import (
     ControllerMode,
     Event,
@@ -44,6 +43,8 @@ class RunSummary:
     explanation: str
     """The same for a person: what began it, what followed from it, and last the cause; empty after success."""
     distance_m: float
+    timed: str
+    """From where, in words, time and speed are measured."""
     time_s: float
     mean_speed_mps: float
     heightmap_mae_m: float
@@ -80,6 +81,7 @@ def summarise(recording: Recording) -> RunSummary:
         cause=cause,
         explanation="" if success else "; then ".join([*_troubles(recording), cause.replace("_", " ")]),
         distance_m=float(outcome["distance_m"]) if outcome else _way(recording),
+        timed=recording.terrain.timed,
         time_s=float(outcome.get("time_s", np.nan)),
         mean_speed_mps=float(outcome.get("mean_speed_mps", np.nan)),
         heightmap_mae_m=heightmap_error(recording),
@@ -95,9 +97,9 @@ def summarise(recording: Recording) -> RunSummary:
 def sentence(summary: RunSummary) -> str:
     """How a run went, for people."""
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
-    way, time = shown(summary.distance_m, 2, "m"), shown(summary.time_s, 2, "s")
-    speed, error = shown(summary.mean_speed_mps, 2, "m/s"), shown(100 * summary.heightmap_mae_m, 1, "cm")
-    return f"{verdict} {summary.terrain}: {way} from the start; {time} at {speed} {TIMED}; heightmap error {error}"
+    way, error = shown(summary.distance_m, 2, "m"), shown(100 * summary.heightmap_mae_m, 1, "cm")
+    time = f"{shown(summary.time_s, 2, 's')} at {shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
+    return f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}"
 
 
 def _way(recording: Recording) -> float:

@@ -19,9 +19,7 @@ FIRST_EDGE_X = 1.5  # beyond the camera's reach of 0.5 m from the start, and roo
 RUN_OUT = 4.0  # ground behind the finish [m]: a robot at 2 m/s lands and stops on it
 FINISH_AFTER_COURSE = 0.5  # definition of success: this far behind the last edge of a course
 FINISH_AFTER_SINGLE = 1.0  # the same behind a single step or gap
-TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here
-TIMED = f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge"
-"""What times and speeds are of; on flat ground from the start (`Terrain.timing_x`)."""
+TIMING_BEFORE_FIRST_EDGE = 0.5  # time runs from here; on flat ground from the start (`Terrain.timing_x`)
 WIDTH = 4.0
 BOTTOM = -1.0  # lower end of all columns, where none of them is low
 THICKNESS = 0.6  # of the lowest column, at least: nothing falls through
@@ -82,6 +80,11 @@ class Terrain(Value):
     def timing_x(self) -> float:
         """Where the time of a trial starts to run: 0.5 m before the first edge; the start on flat ground [m]."""
         return self.first_edge_x - TIMING_BEFORE_FIRST_EDGE if self.edges_x.size else self.start_x
+
+    @property
+    def timed(self) -> str:
+        """From where that is, in words."""
+        return f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge" if self.edges_x.size else "from the start"
 
     @cached_property
     def arrays(self) -> Boxes:

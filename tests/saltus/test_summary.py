@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from samples import ROBOT
 
-from saltus.config import RunConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
+from saltus.recordings.report import write_report
 from saltus.recordings.summary import sentence, summarise
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Outcome
@@ -66,3 +67,17 @@ def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bo
     summary = summarise(read_recording(tmp_path / "run.mcap"))
     assert summary.explanation == explanation
     assert f"did not cross ({explanation}) stairs" in sentence(summary)
+
+
+@pytest.mark.parametrize("kind", ["flat", "stairs"])
+def test_times_are_said_to_run_from_where_they_run(kind: str, tmp_path: Path) -> None:
+    config = RunConfig(terrain=TerrainConfig(terrain=kind))
+    terrain = make_terrain(config.terrain)
+    with Recorder(tmp_path / "run.mcap", config, ROBOT, terrain, SHIPPED["ideal"]) as file:
+        file.write(recorded(FELL))
+    recording = read_recording(tmp_path / "run.mcap")
+    summary = summarise(recording)
+    write_report(recording, summary, tmp_path / "report.html")
+    for said in (sentence(summary), (tmp_path / "report.html").read_text()):
+        assert ("before the first edge" in said) == (kind == "stairs")
+        assert terrain.timed in said

@@ -118,9 +118,11 @@ def test_edges_are_where_the_height_changes_and_belong_to_the_higher_side(config
     assert np.all(np.diff(terrain.edges_x) > 0.0)
     for x in terrain.edges_x:
         assert terrain.height_at(x, 0.0) == max(terrain.height_at(x - 1e-9, 0.0), terrain.height_at(x + 1e-9, 0.0))
-    if terrain.edges_x.size:
+    if terrain.edges_x.size == 0:
+        assert (terrain.timing_x, terrain.timed) == (terrain.start_x, "from the start")
+    else:
         assert terrain.first_edge_x == 1.5
-        assert terrain.timing_x == 1.0
+        assert (terrain.timing_x, terrain.timed) == (1.0, "from 0.5 m before the first edge")
         assert terrain.finish_x - terrain.edges_x[-1] == pytest.approx(1.0 if config.terrain in SINGLE else 0.5)
 
 
