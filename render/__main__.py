@@ -23,7 +23,6 @@ def build(context: ProcessContext) -> CameraProcess:
     terrain = context.terrain
     nominal = camera.delivered(load_profile(config.profile, context.robot))
     profile = Trial.draw(config.seed).applied_to(nominal)
-    rng = random_stream(config.seed)
     exposure: Exposure
     if camera.ideal:
         view = RobotCamera.on(context.robot, camera.image).moved(profile.view_chain)
@@ -33,8 +32,8 @@ def build(context: ProcessContext) -> CameraProcess:
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
-        exposure = StereoExposure(terrain, context.robot, camera, rng, view=profile.view_chain)
-    return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, rng)
+        exposure = StereoExposure(terrain, context.robot, camera, random_stream(config.seed), view=profile.view_chain)
+    return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, random_stream(config.seed))
 
 
 def body(context: ProcessContext) -> None:
