@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 from saltus.config import RunConfig
 from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
-from saltus.runtime.stack import Stack
+from saltus.runtime.stack import SUPERVISOR, Stack
 from saltus.wire.bus import Latest
 from saltus.wire.messages import (
     ControllerMode,
@@ -19,14 +19,16 @@ from saltus.wire.messages import (
     GroundTruth,
     Heightmap,
     HeightmapStatus,
+    Message,
     MotionPlan,
     PlanStatus,
     RobotState,
 )
 
 RUN_TIMEOUT_S = 20.0
-SETTLE_S = 4.0
-"""Watched after the kill: a landing (1.1 s at most), a restart (2 s at most), and a second of standing."""
+BACK_S, LANDED_S = 2.0, 2.0
+"""Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or never will."""
+STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
@@ -55,20 +57,23 @@ class FaultResult:
 
 
 def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: float) -> Recording:
-    """Starts a real-time run, kills a process `after_s` after the robot has begun to run, and goes on watching.
+    """Starts a real-time run and kills a process `after_s` after the robot has begun to run.
 
-    All times are in the clock of the run.
+    It goes on watching until the process is back, the robot has landed, and a second has gone by. All times are in the
+    clock of the run.
 
     Raises:
         StackError: the robot did not begin to run, or the run could not go on.
     """
     with Stack(config, directory) as stack:
-        states = stack.latest("controller/state")
-        if not _until_running(stack, states):
+        states, events = stack.latest("controller/state"), stack.latest("event", SUPERVISOR)
+        if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
             raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
         stack.wait(after_s)
         os.kill(stack.pid(process), signal.SIGKILL)
-        stack.wait(SETTLE_S)
+        _until(stack, BACK_S, lambda: _is_back(events, process))
+        _until(stack, LANDED_S, lambda: _mode(states) == ControllerMode.STOPPED)
+        stack.wait(STANDING_S)
     return read_recording(directory / "recording.mcap")
 
 
@@ -91,26 +96,38 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     )
 
 
-def _until_running(stack: Stack, states: Latest) -> bool:
-    """Polls until the robot runs."""
+def _until(stack: Stack, timeout_s: float, seen: Callable[[], bool]) -> bool:
+    """Polls until something is seen; False where the time or the run is over first."""
     period_s = 0.02 * stack.config.speed
-    for _ in range(round(RUN_TIMEOUT_S / period_s)):
+    for _ in range(round(timeout_s / period_s)):
         if stack.wait(period_s):
             return False
-        sample = states.take()
-        if sample is not None and isinstance(sample.message, RobotState) and sample.message.mode == ControllerMode.RUN:
+        if seen():
             return True
     return False
+
+
+def _mode(states: Latest) -> ControllerMode | None:
+    sample = states.take()
+    return None if sample is None or not isinstance(sample.message, RobotState) else ControllerMode(sample.message.mode)
+
+
+def _is_back(events: Latest, process: str) -> bool:
+    sample = events.take()
+    return sample is not None and _says(sample.message, "process_ready", process)
+
+
+def _says(event: Message, code: str, process: str) -> bool:
+    """Whether it is an event of the supervisor about this process."""
+    return isinstance(event, Event) and event.code == code and event.detail.startswith(f"{process}:")
 
 
 def _death_and_return(recording: Recording, process: str) -> tuple[int, int | None]:
     died_ns: int | None = None
     for arrival, _, event in recording.messages("event/supervisor"):
-        if not isinstance(event, Event) or not event.detail.startswith(f"{process}:"):
-            continue
-        if event.code == "process_died":
+        if _says(event, "process_died", process):
             died_ns = arrival
-        elif event.code == "process_ready" and died_ns is not None:
+        elif _says(event, "process_ready", process) and died_ns is not None:
             return died_ns, arrival
     if died_ns is None:
         raise StackError(f"the recording does not show that {process} died")
