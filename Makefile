@@ -22,7 +22,7 @@ imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
 # Two workers for two cores, in the order of folders: the quick files of tests/saltus come last, so that neither waits
-# long for the other's last one. Then, alone, the tests that run the real processes in real time.
+# long for the other's last one. Then, alone, the tests of processes in real time; runs in lockstep need no such peace.
 # Tests start processes by the dozen: the project is compiled once, whatever the environment says.
 unit: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development

@@ -1,5 +1,9 @@
-"""What a viewer shows of a recording: with plain readers of MCAP and ROS 2 alone, images lie on the terrain."""
+"""A course of one's own: it is crossed, and a viewer of the recording sees images that lie on it.
 
+The viewer is plain readers of MCAP and ROS 2 alone.
+"""
+
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +13,12 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
 from saltus.cli.main import main
+from saltus.config import load
+from saltus.recordings.recording import read_recording
+from saltus.recordings.summary import summarise
+from saltus.terrain.terrain import Terrain
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "course.toml"
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CLOSE_M = 0.005
 LEGS_REACH_M = 0.6  # from the camera: nearer may be the robot itself
@@ -31,13 +40,28 @@ def pose_of(transform: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array([t.x, t.y, t.z]), rotation(transform.transform.rotation)
 
 
-@pytest.mark.parametrize("course", ["stairs", "examples/course.toml"])
-def test_depth_images_lie_on_the_terrain(course: str, tmp_path: Path) -> None:
-    place = str(Path(__file__).parents[2] / course) if "/" in course else course
-    flags = ["--camera", "ideal", "--time-limit-s", "2.5", "--no-video", "--out", str(tmp_path)]
-    main(["demo", "--terrain", place, *flags])
+@pytest.fixture(scope="module")
+def crossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of a run over the course, whose file is gone by now."""
+    folder = tmp_path_factory.mktemp("run")
+    course = folder / "course.toml"
+    shutil.copy(EXAMPLE, course)
+    assert main(["demo", "--terrain", str(course), "--camera", "ideal", "--no-video", "--out", str(folder)]) == 0
+    course.unlink()
+    return folder / "recording.mcap"
+
+
+def test_a_course_is_crossed_from_its_file_alone_and_the_recording_has_it(crossed: Path) -> None:
+    recording = read_recording(crossed)
+    assert recording.terrain == load(Terrain, EXAMPLE)
+    assert summarise(recording).terrain == recording.terrain.kind
+    heights = recording.terrain.height_at(np.array([1.0, 2.0, 3.0, 4.2, 6.2465, 8.0]), 0.0)
+    np.testing.assert_allclose(heights, [0.0, 0.2, 0.4, 0.1, 0.6, 0.8], atol=1e-3)
+
+
+def test_depth_images_lie_on_the_terrain(crossed: Path) -> None:
     read: dict[str, list[Any]] = {}
-    with (tmp_path / "recording.mcap").open("rb") as file:
+    with crossed.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             if schema is not None and channel.topic.startswith("/viewer/"):
                 read.setdefault(channel.topic, []).append(STORE.deserialize_cdr(message.data, schema.name))

@@ -61,7 +61,9 @@ def test_all_of_it_runs_together_to_a_verdict_and_report_and_recording_say_what_
     assert table["camera"] == f"camera {camera.fingerprint}"
     assert table["terrain"] == recording.terrain.kind
     report = (folder / "run" / "report.html").read_text()
-    for said in (*table["models"].values(), table["camera"], CAMERA, COURSE):
+    assert recording.models == table["models"]
+    models_named = [f"{kind} model = {name}" for kind, name in table["models"].items()]
+    for said in (*models_named, table["camera"], CAMERA, COURSE):
         assert said in report
     assert recording.camera == camera
     assert recording.robot.camera_position.tolist() == list(camera.camera_position or ())

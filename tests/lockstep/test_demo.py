@@ -1,22 +1,26 @@
-"""The whole stack: it repeats to the bit in lockstep, leaves readable files behind, and can be replayed."""
+"""The whole stack: it repeats to the bit in lockstep, leaves readable files behind, can be replayed and ended."""
 
+import contextlib
 import json
 import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from saltus.cli.main import main
+from saltus.config import RunConfig, load
 from saltus.recordings.recording import read_recording
-from saltus.wire.messages import RobotState
+from saltus.wire.messages import ControllerMode, RobotState
 
-FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "3", "--no-video", "--json", "--camera", "ideal"]
+FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "2.5", "--no-video", "--json", "--camera", "ideal"]
 REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_m", "digest")
+PATIENCE_S = 60.0
 
 
 def demo(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
@@ -38,6 +42,8 @@ def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     other = demo(capsys, "--seed", "4", "--out", str(tmp_path / "other"))
     assert [first[name] for name in REPEATED] == [second[name] for name in REPEATED]
     assert other["digest"] != first["digest"]
+    assert load(RunConfig, folder / "run.toml").planner == "learned"
+    assert first["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
     assert first["rejected"] == {}
     rates = {"camera/depth": 50, "controller/state": 100, "heightmap/heightmap": 100, "policy/plan": 100}
     assert {topic: pytest.approx(rate, rel=0.02) for topic, rate in rates.items()} == {
@@ -73,15 +79,37 @@ def test_up_says_how_it_went(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert recording == f"recording {tmp_path / 'recording.mcap'}"
 
 
-def test_up_that_is_interrupted_says_how_far_it_came(tmp_path: Path) -> None:
-    command = [sys.executable, "-P", "-m", "saltus.cli.main", "up", "--pace", "lockstep", "--terrain", "flat"]
-    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as up:
-        assert up.stdout is not None
-        assert "Ctrl-C ends it" in up.stdout.readline()
-        recording = tmp_path / "recording.mcap"
-        while recording.stat().st_size < 400_000:  # some seconds of the run
+@contextlib.contextmanager
+def running(folder: Path, *command: str) -> Iterator[subprocess.Popen[str]]:
+    """A command that has recorded some of its run."""
+    saltus = [sys.executable, "-P", "-m", "saltus.cli.main", *command, "--terrain", "flat", "--out", str(folder)]
+    with subprocess.Popen(saltus, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        recording, deadline_s = folder / "recording.mcap", time.monotonic() + PATIENCE_S
+        while not recording.exists() or recording.stat().st_size < 400_000:
+            assert time.monotonic() < deadline_s, "there is no run"
             time.sleep(0.05)
+        yield process
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM), (signal.SIGHUP, -signal.SIGHUP)]
+)
+def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(
+    number: signal.Signals, code: int, tmp_path: Path
+) -> None:
+    with running(tmp_path, "demo", "--no-video") as demo:
+        demo.send_signal(number)
+        assert demo.wait(PATIENCE_S) == code
+    recording = read_recording(tmp_path / "recording.mcap")
+    assert recording.complete
+    assert recording.of(RobotState)[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
+
+
+def test_up_that_is_interrupted_says_how_far_it_came(tmp_path: Path) -> None:
+    with running(tmp_path, "up", "--pace", "lockstep") as up:
         up.send_signal(signal.SIGINT)
-        verdict = up.stdout.readline()
-        assert up.wait(60.0) == 130
+        assert up.stdout is not None
+        begun, verdict, _ = up.stdout
+        assert up.wait(PATIENCE_S) == 130
+    assert "Ctrl-C ends it" in begun
     assert re.match(r"did not cross \(the run was cut off.*\) flat: [0-9]\.\d\d m", verdict)
