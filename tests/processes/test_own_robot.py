@@ -34,20 +34,21 @@ def running(*command: str) -> Iterator[subprocess.Popen[str]]:
         assert process.wait(PATIENCE_S) == -signal.SIGTERM
 
 
-@pytest.fixture
-def run_dir(tmp_path: Path) -> Iterator[Path]:
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of a router with a heightmap service."""
+    folder = tmp_path_factory.mktemp("run")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    with running("router", "--out", str(tmp_path), "--endpoint", endpoint) as router:
+    with running("router", "--out", str(folder), "--endpoint", endpoint) as router:
         assert router.stdout is not None
         assert router.stdout.readline().startswith(f"router at {endpoint}")
-        with ZenohBus(endpoint_of(tmp_path), "robot/0") as bus:
+        with ZenohBus(endpoint_of(folder), "robot/0") as bus:
             status = bus.latest("status", "heightmap")
-            with running("heightmap", "serve", "--run-dir", str(tmp_path)):
+            with running("heightmap", "serve", "--run-dir", str(folder)):
                 assert status.wait(PATIENCE_S) is not None
-                yield tmp_path
+                yield folder
 
 
 def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> None:
