@@ -84,7 +84,7 @@ def of_training(effects: tuple[Effect[Any], ...], path: Any) -> np.ndarray:
     env = env_of(Profile(actuator=effects), path)
     env.memory.first_time_s.zero_()
     env.memory.time_s.zero_()
-    engine, law = env._engine, env._law
+    engine, law, others = env._engine, env._law, []
     start = Plant(ROBOT, flat.make())
     start.reset(clearance=HIGH)
     engine.qpos[:], engine.qvel[:] = start.data.qpos, 0.0
@@ -93,8 +93,11 @@ def of_training(effects: tuple[Effect[Any], ...], path: Any) -> np.ndarray:
     for told in commands():
 
         class Told:
+            """The law is asked once: its gait and state, which are not looked at, stay those of the start."""
+
             def step(self, *now: Any) -> Any:
-                return each(told, lambda a: torch.tensor(np.stack([a, a])).float()), *law.step(*now)[1:]  # noqa: B023
+                others.extend([] if others else law.step(*now)[1:])
+                return each(told, lambda a: torch.tensor(np.stack([a, a])).float()), *others  # noqa: B023
 
         env._law = Told()  # type: ignore[assignment]
         env._control()
