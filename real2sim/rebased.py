@@ -36,6 +36,7 @@ class RebasedProblem(WrappedProblem):
         offsets = [np.nan_to_num(offset) for offset in found]
         self._offset = np.concatenate(offsets, axis=1) if offsets else np.zeros((len(inner.blocks), 0))
         """Shape (blocks, unknowns)."""
+        self.likely = None if inner.likely is None else inner.likely - self._offset.mean(axis=0)
         self.candidates = tuple(
             _moved(candidate, offset) for candidate, offset in zip(inner.candidates, offsets, strict=True)
         )

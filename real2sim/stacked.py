@@ -44,6 +44,10 @@ class StackedProblem(Problem):
         }
         self._merge_candidates()
         self._merge_rows(shifts_s)
+        for problem, columns in zip(self._problems, self._columns, strict=True):
+            if problem.likely is not None:  # of what several logs show, the last one tells
+                self.likely = np.zeros(len(self.absent)) if self.likely is None else self.likely
+                self.likely[columns] = problem.likely
 
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""

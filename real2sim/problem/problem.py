@@ -175,6 +175,10 @@ class Problem(ABC):
     collinear: float = 0.95
     """Cosine from which two effects form a set although one of them explains more (schema of run logs)."""
 
+    likely: Floats | None = None
+    """Unknowns near which the problem itself sees that the truth lies, shape (unknowns,); nuisances do not count. None
+    where slopes at the absence of all effects lead there."""
+
     @abstractmethod
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, measured minus simulated, for several sets of unknowns at once.

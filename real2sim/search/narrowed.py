@@ -17,6 +17,7 @@ class NarrowedProblem(WrappedProblem):
         self.candidates = tuple(c for c in inner.candidates if c.effect not in without)
         is_kept = [c.effect not in without for c in inner.candidates for _ in c.unknowns]
         self._kept = np.flatnonzero(is_kept)
+        self.likely = None if inner.likely is None else inner.likely[self._kept]
 
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""

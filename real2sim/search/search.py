@@ -148,6 +148,25 @@ class _Search:
         best = sorted(fits, key=self._cost)[:REFITTED]
         self._refit([each.model for each in best], "single effects")
         self._restart(self._best(1), "single effects")
+        self._fit_likely()
+
+    def _fit_likely(self) -> None:
+        """Fits the model that the problem itself sees, and its parts; from none of its effects slopes lead there."""
+        likely, layout, null = self._problem.likely, self._layout, self._fits[()]
+        if likely is None:
+            return
+        model = model_of([effect for effect in layout.effects if likely[layout.of_effects([effect])].any()])[:LARGEST]
+        columns, own = layout.of_model(model), layout.of_effects(model)
+        unknowns = null.unknowns.copy()
+        unknowns[:, own] = np.clip(likely[own], layout.low[own], layout.high[own])
+        residuals = self._evaluate("single effects", unknowns[np.newaxis])[0]
+        jacobian = fit.slopes(self._evaluate, layout, unknowns, residuals, columns, "single effects")
+        self._fits[model] = Fit(model=model, columns=columns, unknowns=unknowns, residuals=residuals, jacobian=jacobian)
+        self._refit([model], "single effects")
+        while len(model) > 1:
+            self._eliminate(model)
+            parts = [model_of(set(model) - {effect}) for effect in model]
+            model = min(parts, key=lambda part: self._cost(self._fits[part]))
 
     def _refit(self, models: list[Model], stage: str) -> None:
         """Renews derivatives of fits and continues them."""

@@ -9,7 +9,7 @@ from scipy.special import rel_entr
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import FLOOR, CameraEffects
-from saltus.real2sim.problem.camera.data import AS_CLAIMED, WHOLE, CameraData, owners
+from saltus.real2sim.problem.camera.data import WHOLE, CameraData, owners
 from saltus.real2sim.problem.camera.edges import MOST_HOLES, edge_counts
 from saltus.real2sim.problem.camera.fills import FEW_HOLES, SURE, filled, plain_pixels, reach_px
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
@@ -141,7 +141,7 @@ def _dense_view(data: CameraData) -> DenseView:
     model = replace(data.model, tangents=data.camera.tangents(grid[0].ravel(), grid[1].ravel()))
     return DenseView(
         owner=data.owner[looked],
-        predicted_m=model.predict(AS_CLAIMED, data.kept[looked]).reshape(len(looked), len(row), width),
+        predicted_m=model.predict(data.view, data.kept[looked]).reshape(len(looked), len(row), width),
         measured_mm=data.images_mm[np.ix_(looked, row)],
         range_m=WHOLE * data.camera.range_m,
         clip_mm=np.inf if data.clip_m is None else 1e3 * data.clip_m,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
+from saltus.real2sim.problem.camera.alignment import WHOLE, aligned, misfit
 from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.frames import Frames, frames_of
 from saltus.real2sim.problem.camera.model import DepthModel
@@ -20,8 +21,6 @@ from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
 MAX_FRAMES = 300  # looked at of a log: more say little that these do not, and cost as much
-WHOLE = 0.95  # of an end of the range: noise of 1 % of depth is not cut there
-GROSS = 0.5  # relative error of depth: another surface
 AS_CLAIMED = CameraEffects()
 
 
@@ -43,8 +42,10 @@ class CameraData:
     model: DepthModel
     measured: Floats
     """At the grid [m], 0 invalid, shape (kept, pixels)."""
+    view: CameraEffects
+    """From where and when edges are told: as claimed, or where a camera that is far off seems to be."""
     predicted: Floats
-    """Without effects [m], shape (kept, pixels)."""
+    """Of that view [m], shape (kept, pixels)."""
     noise: DepthNoise
     difference: Floats
     """Second differences of measured less predicted depth along rows of the grid [m], NaN where edges or holes are,
@@ -66,10 +67,11 @@ def camera_data(log: RunLog) -> CameraData:
     measured = 1e-3 * grid.of_images(images).astype(np.float64)
     model = _likeliest(claimed_scenes(log.meta.get("terrain")), camera, motion, frames, grid, kept, measured)
     model = replace(model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0)
-    predicted = model.predict(AS_CLAIMED, kept)
+    view = aligned(model, kept, measured)
+    predicted = model.predict(view, kept)
     # at the end of the range noise is cut
     known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
-    known &= ~_edge_of_scene(model, camera, grid, kept, predicted)
+    known &= ~_edge_of_scene(model, camera, grid, kept, predicted, view)
     clip_m = clip_guess(images, camera.range_m)
     whole = np.ones_like(known) if clip_m is None else np.maximum(predicted, measured) < WHOLE * clip_m
     noise = fitted_noise(_middle(grid, predicted), _difference(grid, measured - predicted, known & whole))
@@ -85,6 +87,7 @@ def camera_data(log: RunLog) -> CameraData:
         grid=grid,
         model=model,
         measured=measured,
+        view=view,
         predicted=predicted,
         noise=noise,
         difference=_difference(grid, measured - predicted, known & whole),
@@ -138,25 +141,22 @@ def _likeliest(
     ]
     if len(models) == 1:
         return models[0]
-    return min(models, key=lambda model: _misfit(model.predict(AS_CLAIMED, kept), measured, camera.range_m))
-
-
-def _misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
-    """Mean relative error, at most `GROSS`; a pixel that is invalid should be out of range, but may be a hole."""
-    valid = measured > 0.0
-    error = np.minimum(np.abs(predicted - measured) / np.where(valid, measured, 1.0), GROSS)
-    return float(np.mean(np.where(valid, error, 0.1 * GROSS * (predicted < WHOLE * range_m))))
+    return min(models, key=lambda model: misfit(model.predict(AS_CLAIMED, kept), measured, camera.range_m))
 
 
 def _edge_of_scene(
-    model: DepthModel, camera: ClaimedCamera, grid: PixelGrid, kept: Indices, predicted: Floats
+    model: DepthModel,
+    camera: ClaimedCamera,
+    grid: PixelGrid,
+    kept: Indices,
+    predicted: Floats,
+    view: CameraEffects,
 ) -> NDArray[np.bool_]:
     """Pixels near an edge of the predicted scene, shape (kept, pixels)."""
     broken = np.zeros(predicted.shape, dtype=bool)
     for one, other in grid.around():
         before, after = (
-            replace(model, tangents=camera.tangents(side.row, side.column)).predict(AS_CLAIMED, kept)
-            for side in (one, other)
+            replace(model, tangents=camera.tangents(side.row, side.column)).predict(view, kept) for side in (one, other)
         )
         broken |= is_broken(predicted, before, after, np.zeros_like(predicted))
     return broken

@@ -6,7 +6,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects
-from saltus.real2sim.problem.camera.data import AS_CLAIMED, CameraData
+from saltus.real2sim.problem.camera.data import CameraData
 from saltus.real2sim.problem.camera.model import DepthModel
 
 PIXELS = 60  # at most: a quarter of those that are compared elsewhere
@@ -76,7 +76,7 @@ def _near_jump(data: CameraData, row: Indices, column: Indices) -> np.ndarray:
         line = []
         for k in range(-reach, reach + 1):
             tangents = data.camera.tangents(row + k * rows, column + k * columns)
-            line.append(replace(data.model, tangents=tangents).predict(AS_CLAIMED, data.kept))
+            line.append(replace(data.model, tangents=tangents).predict(data.view, data.kept))
         slope = np.diff(np.log(np.stack(line)), axis=0)
         here = slope[1:-1]
         for other in (slope[:-2], slope[2:]):  # a slope is like its neighbour on one side at least

@@ -43,7 +43,7 @@ class CameraProblem(Problem):
         self._at = np.nonzero(data.known)
         self._sigma = np.where(data.known, data.noise.sigma(data.predicted), np.inf)
         self._end = end_of_range(data)
-        self._shake = shake_of(data.model, data.kept, self._sigma)
+        self._shake = shake_of(data.model, data.view, data.kept, self._sigma)
         frame = self._at[0]
         if self._end is not None:
             frame = np.concatenate([frame, self._end.at[0]])
@@ -57,7 +57,8 @@ class CameraProblem(Problem):
 
     def _set_candidates(self) -> None:
         data = self._data
-        later = data.model.predict(replace(AS_CLAIMED, camera_latency=PROBE_S), data.kept)
+        latency_s = data.view.camera_latency + PROBE_S
+        later = data.model.predict(replace(data.view, camera_latency=latency_s), data.kept)
         shift = self._depth_residuals(later) - self._depth_residuals(data.predicted)
         self.untestable = untestable_effects(data, self._counts, shift)
         farthest_m = float(np.max(data.predicted[self._at], initial=1.0))
@@ -68,6 +69,9 @@ class CameraProblem(Problem):
             without.add("arrival_jitter")
         every = camera_candidates(data.camera.latency_s, data.camera.fx, self._ends_m)
         self.candidates = tuple(c for c in every if c.effect not in without)
+        if data.view != AS_CLAIMED:
+            likely = [getattr(data.view, name.partition(".")[0], 0.0) for name in self.names]
+            self.likely = np.array(likely)
 
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`; shape (n, 1, m)."""

@@ -31,18 +31,17 @@ class Shake:
         return np.asarray(residual - np.einsum("fpk,fk->fp", self.basis, self.cut * along))
 
 
-def shake_of(model: DepthModel, kept: Indices, sigma: Floats) -> Shake:
-    """The shared noise of the images `kept` of `model`, whose motion knows how well it was measured.
+def shake_of(model: DepthModel, view: CameraEffects, kept: Indices, sigma: Floats) -> Shake:
+    """The shared noise of the images `kept` of `model` from this view; its motion knows how well it was measured.
 
     `sigma` is the noise of each pixel [m], infinite where it is not looked at, shape (kept, pixels).
     """
-    claimed = CameraEffects()
-    still = model.predict(claimed, kept)
+    still = model.predict(view, kept)
     columns = []
     for axis in range(6):
         step = np.zeros(6)
         step[axis] = STEP
-        moved = replace(model, shift_m=step[:3], turn_rad=step[3:]).predict(claimed, kept)
+        moved = replace(model, shift_m=step[:3], turn_rad=step[3:]).predict(view, kept)
         deviation = model.motion.noise_m if axis < 3 else model.motion.noise_rad
         columns.append(np.clip((moved - still) * (deviation / STEP) / sigma, -MOST, MOST))
     basis, size, _ = np.linalg.svd(np.stack(columns, axis=-1), full_matrices=False)
