@@ -242,7 +242,9 @@ class DeviceCollection:
         None
     )
     """Checkpoint of the predictor in the loop."""
-    profile: Annotated[str | None, tyro.conf.arg(help_behavior_hint="(default: that of the policy's training)")] = None
+    profile: Annotated[
+        str | None, tyro.conf.arg(metavar="STR", help_behavior_hint="(default: that of the policy's training)")
+    ] = None
     """Hardware of the robots and of their cameras: shipped, ideal, one of your own, or a TOML file."""
     device: Literal["cuda", "cpu"] = "cuda"
     """Where all of it runs."""

@@ -48,7 +48,7 @@ class EnvConfig:
     randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
-    past_steps: tuple[int, ...] = ()
+    past_steps: Annotated[tuple[int, ...], tyro.conf.arg(help_behavior_hint="(default: none)")] = ()
     """Instants that the policy recalls, in steps of 10 ms before the present one, ascending."""
     profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
     """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML file."""
