@@ -80,7 +80,10 @@ def test_the_table_has_the_four_processes_and_the_robot_comes_last() -> None:
     assert [p.restart for p in PROGRAMS] == [True, True, True, False]
 
 
-def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(speed: float, tmp_path: Path) -> None:
+def test_the_dead_and_the_hung_come_back_and_the_end_of_the_robot_is_the_end(
+    speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "SPARE_AFTER_S", 0.5)  # no robot lands meanwhile
     run_dir = tmp_path / "run"
     with (
         pytest.raises(StackError, match=r"states died .signal SIGKILL"),
