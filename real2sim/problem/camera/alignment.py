@@ -48,8 +48,12 @@ def aligned(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects
     start = min(((0.0, pitch, height) for pitch, height in product(PITCHES, HEIGHTS)), key=cost)
     start = min((start, *((latency, *start[1:]) for latency in LATENCIES)), key=cost)
     simplex = np.vstack([start, np.asarray(start) + 0.3 * np.eye(3)])
-    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6}
-    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    best = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-6},
+    )
     return _effects(best.x) if best.fun < LEFT * claimed else CameraEffects()
 
 
