@@ -8,6 +8,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     # training takes several times as long. Both read it when they are imported, as do the processes that tests start.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell starts so what runs in its background; processes that a test starts and interrupts would inherit it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A shell starts so what runs in its background, and nohup; processes that a test starts and ends would inherit it
+for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, usual)

@@ -197,9 +197,13 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
         count = max(1, round((end - start) / BLOCK_S))
         edges = list(itertools.pairwise(np.linspace(start, end, count + 1).tolist()))
     stretches = [_motion(joints)[(joints.time_s >= start) & (joints.time_s < end)] for start, end in edges]
+    first_rows = np.array([rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches])
     cut: list[Segment] = []
     for i, (start, end) in enumerate(edges):
-        same = next((j for j in range(i) if _is_repeat(stretches[i], stretches[j])), i)
+        # Repeats differ by no more than this in any one value, by which thousands of motions are told apart at once.
+        most = SAME_COMMAND * np.sqrt(stretches[i].size)
+        near = np.flatnonzero(np.max(np.abs(first_rows[:i] - first_rows[i]), axis=1) < most)
+        same = next((int(j) for j in near if _is_repeat(stretches[i], stretches[j])), i)
         cut.append(Segment(name=f"part{i}", start_s=start, end_s=end, condition=f"part{same}"))
     return tuple(cut)
 

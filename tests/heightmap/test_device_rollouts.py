@@ -106,7 +106,9 @@ def test_robots_are_led_by_whom_the_share_says(
     assert rhythm.shape == (TICKS, ROBOTS)
     varies = rhythm.std(0) > 1e-6
     assert robots[0] <= int(varies.sum()) <= robots[1]
-    assert len(rhythm[0, ~varies].unique()) == int((~varies).sum())  # each has a rhythm of its own
+    scripted = rhythm[0, ~varies]
+    scripted = scripted[scripted < 1.0]  # some would be faster than an action can be
+    assert len(scripted.unique()) == len(scripted)  # each has a rhythm of its own
 
 
 def test_late_and_lost_images_never_go_back_in_time() -> None:

@@ -149,7 +149,7 @@ def test_fit_of_images_that_are_cut_off(tmp_path: Path, capsys: pytest.CaptureFi
     ("camera", "said"),
     [
         ("camera_position = [0, 0, 0]", "inside the robot"),
-        ("sensor.fx = 0.0", "fx = 0.0"),
+        ("sensor = {width = 640, height = 480, fx = 0.0, fy = 400.0}", "fx = 0.0"),
         ("stereo.edge_holes.fraction = 2.0", "edge_holes.fraction = 2.0"),
     ],
 )
