@@ -71,9 +71,7 @@ def _rows() -> dict[str, Row]:
     others = {
         "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
         "pyramid 0.15": TerrainConfig(terrain="pyramid", rise_m=0.15),
-        "step down 0.2": TerrainConfig(terrain="step_down", height_m=0.2),
-        "step down 0.4": TerrainConfig(terrain="step_down", height_m=0.4),
-        "step down 0.6": TerrainConfig(terrain="step_down", height_m=0.6),
+        **{f"step down {height}": TerrainConfig(terrain="step_down", height_m=height) for height in (0.2, 0.4, 0.6)},
         "irregular 0.12 to 0.22": TerrainConfig(terrain="irregular", rise_m=0.22),
         "ditch 0.5": TerrainConfig(terrain="ditch", gap_m=0.5, depth_m=0.15, depth_max_m=1.0),
         "hurdles 0.2": TerrainConfig(terrain="hurdles", height_m=0.2),

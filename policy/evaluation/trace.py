@@ -18,14 +18,6 @@ from saltus.wire.messages import Floats
 Failure = Literal["", "timeout", "trench", "astray", "edge_hit", "slip", "fall_in_flight", "fall_in_stance"]
 
 STEP_S = PHYSICS_DT * POLICY_STEPS
-BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
-SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold
-WALL_M = 0.02  # sole to wall: what a foot moves in one step
-UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
-SUNK_M = 0.05  # below the ground at both sides of a trench
-CAME_FROM_S = 1.0  # two gait cycles: where a foot bore since then is where it came from
-ACROSS_M = np.linspace(0.0, 1.5, 31)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
-IN_AIR_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,6 +82,16 @@ def traces_of(steps: Sequence[RolloutStep]) -> list[Trace]:
         )
         for i, n in enumerate(lengths)
     ]
+
+
+BEFORE_END_S = 0.4  # a gait cycle: what happened before it has been survived
+SLIP_MPS, SLIP_M = 0.3, 0.05  # a loaded foot that is this fast, for this way, does not hold
+WALL_M = 0.02  # sole to wall: what a foot moves in one step
+UNDER_M = 0.01  # below the upper side of an edge: a sole rests on it, or rolls over it
+SUNK_M = 0.05  # below the ground at both sides of a trench
+CAME_FROM_S = 1.0  # two gait cycles: where a foot bore since then is where it came from
+ACROSS_M = np.linspace(0.0, 1.5, 31)  # ways to a side of a trench, the longest as wide as one is: 1.2 m are asked for
+IN_AIR_S = 0.05
 
 
 def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -> Failure:

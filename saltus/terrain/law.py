@@ -17,13 +17,6 @@ PAPER = KINDS[:5]
 """
 DESCENDING = ("stairs_down", "step_down", "pyramid", "irregular")
 """Kinds whose ground, without trenches, may lead down."""
-IRREGULAR_RUN_M = (0.22, 0.40)
-"""Treads of irregular stairs are drawn from this."""
-LEAST_RISE_SHARE = 0.12 / 0.22
-"""Of irregular stairs: the lowest riser as a share of the highest."""
-HURDLE_M = 0.05
-"""Thickness of a hurdle along x."""
-_FINE = 1024.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +31,12 @@ class Shape:
     """Its height [m], shape (n, columns); columns that a course does not need have one, too."""
     floor: Array
     """Height of the floor of trenches [m], shape (n,)."""
+
+
+IRREGULAR_RUN_M = (0.22, 0.40)  # treads of irregular stairs are drawn from this
+LEAST_RISE_SHARE = 0.12 / 0.22  # of irregular stairs: the lowest riser as a share of the highest
+HURDLE_M = 0.05  # thickness of a hurdle along x
+_FINE = 1024.0
 
 
 def shape(
