@@ -1,6 +1,7 @@
 """From a trained network to the ONNX file that the service runs."""
 
 from collections.abc import Iterable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,22 +84,24 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, Any]:
 
 
 def parity(model: HeightmapModel, network: HeightmapNetwork, inputs: Iterable[Inputs], reset_every: int = 170) -> float:
-    """Greatest difference of a height or of half of its 90 % interval [m] between torch and the file.
+    """Greatest difference in a tick between the file and torch in double precision.
 
-    Inputs are those of recurrent steps; both hidden states are emptied after every `reset_every`.
+    Of heights [m], of halves of their 90 % intervals [m], and of the hidden state (no unit, -1 to 1). Inputs are those
+    of recurrent steps. Both begin each tick with the hidden state that the file's own run has come to; it is emptied
+    after every `reset_every`. Two runs side by side would differ by rounding that grows through the GRU: after 20 to 40
+    further updates single precision in torch came to be up to 57 um off double precision, in the file 15 um.
     """
-    worst = 0.0
+    exact, worst = _Step(deepcopy(model).double()), 0.0
     for step, given in enumerate(inputs):
         if step % reset_every == 0:
-            hidden, torch_hidden = np.zeros(network.hidden_size, np.float32), torch.zeros(1, network.hidden_size)
-        height, half_width_90, hidden = network.tick(*given, hidden)
-        image, features = (torch.from_numpy(array)[None] for array in (given.image, given.features))
-        age, new = torch.tensor([given.age_s]), torch.tensor([float(given.new)])
+            hidden = np.zeros(network.hidden_size, np.float32)
+        found = network.tick(*given, hidden)
+        tensors = [torch.from_numpy(np.asarray(value, np.float32)).double()[None] for value in (*given, hidden)]
         with torch.no_grad():
-            estimate, torch_hidden = model.step(image, age, new, features, torch_hidden)
-        expected = (estimate.height[0].numpy(), INTERVAL90 * estimate.log_std[0].exp().numpy())
-        differences = [np.abs(a - b).max() for a, b in zip((height, half_width_90), expected, strict=True)]
+            height, std, state = (output[0].numpy() for output in exact(*tensors))
+        differences = [np.abs(a - b).max() for a, b in zip(found, (height, INTERVAL90 * std, state), strict=True)]
         worst = float(np.max([worst, *differences]))  # which a number that is none comes through
+        hidden = found.hidden
     return worst
 
 

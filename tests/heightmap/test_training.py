@@ -1,6 +1,7 @@
 import copy
 import math
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_wind
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import SETTLED_TICKS
+from saltus.resources import resource
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
@@ -111,6 +113,44 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
         with pytest.raises(ModelError, match="differs"):
             release(tmp_path / "b.pt", data, folder / "m.onnx")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_moment_of_further_training_from_the_shipped_network_is_exported(data: Path, tmp_path: Path) -> None:
+    config = TrainConfig(updates=3, batch=4, window=30, device="cpu")
+    train(data, tmp_path / "a.pt", config, start=resource("models/checkpoints/heightmap.pt"))
+    assert release(tmp_path / "a.pt", data, tmp_path / "a.onnx").parity < 1e-5
+
+
+def _gates_swapped(model: HeightmapModel) -> None:
+    for weights in model.gru.parameters():
+        reset, update, new = weights.data.clone().chunk(3)
+        weights.data = torch.cat((update, reset, new))
+
+
+def _weight_changed(model: HeightmapModel) -> None:
+    model.gru.weight_hh_l0.data[3, 5] += 0.01
+
+
+def _scaled(model: HeightmapModel) -> None:
+    model.proprioception_std *= 1.001
+
+
+@pytest.mark.parametrize("damage", [_gates_swapped, _weight_changed, _scaled])
+def test_a_file_of_another_network_is_refused(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[HeightmapModel], None]
+) -> None:
+    train(data, tmp_path / "a.pt", CONFIG)
+    law = heightmap_release.export
+
+    def wrong(model: HeightmapModel, *rest: Any) -> None:
+        other = copy.deepcopy(model)
+        damage(other)
+        law(other, *rest)
+
+    monkeypatch.setattr(heightmap_release, "export", wrong)
+    with pytest.raises(ModelError, match="differs"):
+        release(tmp_path / "a.pt", data, tmp_path / "a.onnx")
+    assert not (tmp_path / "a.onnx").exists()
 
 
 def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
