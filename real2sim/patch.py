@@ -187,6 +187,7 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
         after = replace(after, duration_s=reach.duration_s)
     if reach.focal_px is not None:
         after = to_robot(after, reach.focal_px)
+    after.fitted(robot)  # some values are checked only where the robot's torque limits are known
     others = tuple(effect for effect in effects if effect.name != found.name)
     return replace(profile, **{part: (*others, after)})
 

@@ -1,6 +1,7 @@
 """A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import ConfigError
+from saltus.real2sim.problem.body.problem import BodyProblem
+from saltus.real2sim.problem.body.replay import Limit
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.log import reference_robot
 from saltus.real2sim.problem.problem import Candidate, Problem, WrappedProblem
@@ -29,6 +32,11 @@ class RebasedProblem(WrappedProblem):
         if saturation is not None and isinstance(inner, JointProblem):  # no candidate can represent a measured curve
             inner = _saturated(inner, saturation)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
+        if isinstance(inner, BodyProblem):
+            inner = inner.with_limits(
+                [e.fitted(_owner(e, inner.model)) for e in profile.actuator if isinstance(e, Limit)]
+            )
+            profile = replace(profile, actuator=tuple(e for e in profile.actuator if not isinstance(e, Limit)))
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}
@@ -48,7 +56,7 @@ class RebasedProblem(WrappedProblem):
     def leaner(self) -> dict[str, Problem]:
         """See `Problem`."""
         # what a profile says as the log claims it anyway, or as no replay can hold, is not there to be taken out
-        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem) else set()
+        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem | BodyProblem) else set()
         there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in assumed}
         parts = {part: getattr(self._profile, part) for part in PARTS.values()}
         return {
@@ -61,14 +69,19 @@ class RebasedProblem(WrappedProblem):
         }
 
 
-def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
-    """The problem of a simulator with this saturation.
+def _owner(limit: Limit, model: Robot | Path) -> Robot:
+    """The robot to whose drives a limit refers.
 
     `ConfigError` for a curve where the log names an MJCF, which does not say to which motors it refers.
     """
-    if saturation.curve and not isinstance(problem.model, Robot):
-        raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {problem.model}")
-    starts, falls = saturation.fitted(reference_robot(problem.model)).corners
+    if isinstance(limit, TorqueSaturation) and limit.curve and not isinstance(model, Robot):
+        raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
+    return reference_robot(model)
+
+
+def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
+    """The problem of a simulator with this saturation."""
+    starts, falls = saturation.fitted(_owner(saturation, problem.model)).corners
     names = [[block[place] for place in problem.places[0]] for block in problem.places]
     columns = np.array([[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names])
     corners, slopes = (

@@ -2,20 +2,21 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
 from saltus.config import DEFAULT_ROBOT, from_table
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile, profile_to_toml
-from saltus.errors import RecordingError
+from saltus.errors import ConfigError, RecordingError
 from saltus.folders import whole_folder
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
+from saltus.real2sim.patch import Patch
 from saltus.real2sim.pipeline import find
 from saltus.real2sim.progress import Progress
 from saltus.real2sim.reporting.words import sentence
@@ -73,10 +74,11 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: s
 
 def find_effects(
     folder: CycleFolder, settings: CycleSettings, logs: Sequence[Path], tell: Progress
-) -> tuple[Judgement, Judgement | None]:
+) -> tuple[Judgement, Judgement | None, tuple[str, ...]]:
     """Searches the logs, adds what is found to what is known, and searches them again with it.
 
-    Returns both judgements; without the second where nothing was found that could be added.
+    Returns both judgements, without the second where nothing was found that could be added, and what could not be, a
+    line each.
 
     Raises:
         RecordingError: a log contradicts itself.
@@ -86,10 +88,21 @@ def find_effects(
     found, logs = search_until_told(logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded)
     if found.verdict.verdict == "bad_log":
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
-    patched = found.patch.applied_to(known, load_robot(DEFAULT_ROBOT))
+    patched, refused = apply_what_can_be(found.patch, known)
     again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
     folder.profile.write_text(profile_to_toml(patched))
-    return found, again
+    return found, again, refused
+
+
+def apply_what_can_be(patch: Patch, known: Profile) -> tuple[Profile, tuple[str, ...]]:
+    """The profile with the effects of the patch that it can have, and a line for each that it cannot."""
+    refused = []
+    for effect in patch.effects:
+        try:
+            known = replace(patch, effects=(effect,)).applied_to(known, load_robot(DEFAULT_ROBOT))
+        except ConfigError as error:
+            refused.append(f"not applied: {effect.name}: {error}")
+    return known, tuple(refused)
 
 
 def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]) -> Judgement:

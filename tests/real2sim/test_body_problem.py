@@ -8,9 +8,14 @@ from standing_robot import Motion, run_log
 
 from saltus.effects.effect import Effect
 from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass
+from saltus.effects.profile import Profile
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import carried_by
+from saltus.real2sim.problem.problem import Problem
+from saltus.real2sim.rebased import RebasedProblem
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import RunLog
 
@@ -21,7 +26,7 @@ SHORT = (
 )
 
 
-def at(problem: BodyProblem, **values: float) -> np.ndarray:
+def at(problem: Problem, **values: float) -> np.ndarray:
     """Residuals, shape (m,), with some unknowns off 0; "__" stands for the dot in a name."""
     unknowns = np.array([start for c in problem.candidates for start in c.starts[0]])
     for name, value in values.items():
@@ -55,6 +60,22 @@ def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float
     assert gap > 1.5 * closed
     assert closed < 1.2
     assert np.mean(at(problem, **{name: 0.7 * value}) ** 2) > closed
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        TorqueSaturation(curve=((3.0, 3.0), (10.0, 9.0))),
+        TorqueSpeedLimit(corner=0.0, no_load=2.5),
+    ],
+    ids=["curve", "speed"],
+)
+def test_a_simulator_with_the_limits_of_the_drives_leaves_noise(limit: TorqueSaturation | TorqueSpeedLimit) -> None:
+    problem = BodyProblem(run_log([limit], motions=SHORT))
+    held = RebasedProblem(problem, Profile(actuator=(limit,)))
+    gap, closed = np.mean(at(problem) ** 2), np.mean(at(held) ** 2)
+    assert gap > 1.5 * closed
+    assert closed < 1.2
 
 
 def test_sets_of_unknowns_do_not_mix(claimed: BodyProblem) -> None:

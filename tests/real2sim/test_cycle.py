@@ -9,9 +9,14 @@ from typing import Any
 import pytest
 
 from saltus.cli.main import command_of, main
+from saltus.effects.offsets_and_factors import CoulombFriction
+from saltus.effects.profile import load_profile
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import finding, measuring, training
+from saltus.real2sim.patch import Applicability, Patch
+from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.robots.loading import load_robot
 
 HIDDEN = 0.4  # Nm
 GAP = "gap 0.80 m"
@@ -66,6 +71,18 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
     report = (run / "report.html").read_text()
     assert report.count("data:image/jpeg") == 12
     assert all(word in report for word in ("coulomb_friction", GAP, "1 of 1 hidden parameters found"))
+
+
+def test_what_no_profile_can_have_is_said_and_the_rest_is_applied() -> None:
+    def found(name: str, **values: float) -> FoundEffect:
+        params = {key: Interval(value=value, ci90=(value, value), unit="Nm") for key, value in values.items()}
+        return FoundEffect(name=name, where="all", params=params)
+
+    effects = (found("torque_saturation", knee=35.55, plateau=34.9), found("coulomb_friction", torque=HIDDEN))
+    shipped = load_profile("shipped", load_robot("go1"))
+    patched, (refused,) = finding.apply_what_can_be(Patch(effects=effects, evidence=(), range=Applicability()), shipped)
+    assert refused.startswith("not applied: torque_saturation: ")
+    assert patched == replace(shipped, actuator=(*shipped.actuator, CoulombFriction(torque=HIDDEN)))
 
 
 def test_what_is_done_is_not_repeated(

@@ -1,14 +1,16 @@
 """What may be otherwise than claimed about a robot on the ground, in coordinates that are 0 where nothing is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
+from saltus.real2sim.problem.joints.candidates import knee_and_plateau
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
@@ -23,6 +25,7 @@ LARGEST_CREEP = 1.2
 which of them is nearer has been found before."""
 LARGEST_GIVE = 1.5
 """Likewise for impedances, of 0.95 and 0.99."""
+CALF = 2
 CORNERS_NM = (6.0, 12.0, 18.0)
 """Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8 Nm), to a jump's."""
 
@@ -166,6 +169,19 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         creep=value["contact_solver.creep"],
         give=value["contact_solver.give"],
     )
+
+
+def on_top_of(saturation: TorqueSaturation, candidate: Candidate, limit: float) -> Candidate:
+    """The candidate of a saturation that adds to one of the profile; it states what both together are at the calf."""
+
+    def parameters(x: Floats) -> dict[str, float]:
+        def taken(torque: Floats) -> Floats:
+            known = torque - saturation.delivered(np.tile(torque[:, None], 12))[:, CALF]
+            return np.asarray(known + x[0] * np.maximum(torque - x[1], 0.0))
+
+        return knee_and_plateau(taken, limit)
+
+    return replace(candidate, coordinates=Coordinates(parameters=parameters, unknowns=lambda _: candidate.starts[0]))
 
 
 def _knee_and_plateau(loss: float, corner: float, limit: float) -> dict[str, float]:

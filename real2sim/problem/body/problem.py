@@ -6,20 +6,23 @@ and turns; ground and soles in slip, touchdown and rebound. Drives are between c
 candidates too, as a weak motor looks like a heavy trunk.
 """
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.candidates import FRICTION_RANGE, Claims, candidates, rig_of
+from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
 from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
-from saltus.real2sim.problem.body.replay import Replay, Rig
+from saltus.real2sim.problem.body.replay import Limit, Replay, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
-from saltus.real2sim.problem.log import boxes_of, robot_of, segments_of, torque_limits
+from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free import Solver
@@ -93,6 +96,7 @@ class BodyProblem(Problem):
         self._windows = cut_windows(log, self.segments)
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
+        self.model, self._limits = model_of(log.meta), tuple[Limit, ...]()
         self._robot, self._claims = robot_of(log.meta), Claims.of(log.meta)
         self.candidates = self._candidates(0.5 * self._claims.friction)  # until it is known where feet slip
         self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
@@ -102,6 +106,18 @@ class BodyProblem(Problem):
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
 
+    def with_limits(self, limits: Sequence[Limit]) -> "BodyProblem":
+        """The problem on a simulator with these limits of its robot's drives; a fitted saturation adds to theirs."""
+        problem = copy(self)
+        problem._limits = tuple(limits)
+        problem._replay = problem._replayed(problem._ground)
+        for saturation in (limit for limit in limits if isinstance(limit, TorqueSaturation)):
+            problem.candidates = tuple(
+                on_top_of(saturation, candidate, self._calf_limit) if candidate.effect == saturation.name else candidate
+                for candidate in self.candidates
+            )
+        return problem
+
     def residuals(self, unknowns: Floats) -> Floats:
         """Whitened residuals, shape (n, 1, m)."""
         rig = self._rig(unknowns[:, 0])
@@ -110,7 +126,11 @@ class BodyProblem(Problem):
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def _candidates(self, slips_at: float) -> tuple[Candidate, ...]:
-        return candidates(self._claims, slips_at, float(torque_limits(self._robot)[2]))
+        return candidates(self._claims, slips_at, self._calf_limit)
+
+    @property
+    def _calf_limit(self) -> float:
+        return float(torque_limits(self._robot)[CALF])
 
     def _index(self) -> None:
         """Segment, signal and time of each residual."""
@@ -215,7 +235,7 @@ class BodyProblem(Problem):
 
     def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
         windows, position = windows or self._windows, self._claims.payload_position
-        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position)
+        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position, self._limits)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

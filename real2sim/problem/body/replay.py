@@ -8,6 +8,9 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BodyModel
+from saltus.effects.signals import Drive
+from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,
     BLOCKS,
@@ -19,6 +22,7 @@ from saltus.robots.robot import Robot
 from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
+Limit = TorqueSpeedLimit | TorqueSaturation
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
 
@@ -64,6 +68,7 @@ class Replay:
         span_s: Start and end of the log, over which a battery empties.
         solver: Of contacts.
         payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
+        limits: Of the drives' torque; a fitted saturation adds to theirs.
     """
 
     def __init__(
@@ -74,8 +79,9 @@ class Replay:
         span_s: tuple[float, float],
         solver: Solver = OWN_SOLVER,
         payload_position: Sequence[float] | None = None,
+        limits: Sequence[Limit] = (),
     ) -> None:
-        self._windows = windows
+        self._windows, self._limits = windows, sorted(limits, key=lambda limit: isinstance(limit, TorqueSaturation))
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
         self._solver = solver
@@ -118,7 +124,7 @@ class Replay:
         robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
         robots.derive(np.arange(sims))
-        drives = _Drives(rig, windows, self._age, self._per_calf)
+        drives = _Drives(rig, windows, self._age, self._per_calf, self._limits)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
         damping = np.repeat(rig.viscous, self._count)[:, None] + drives.damping
         robots.set_joints(coulomb, damping, 0.0, slice(sims))
@@ -139,7 +145,8 @@ class Replay:
 class _Drives:
     """Torques of all simulations of a batch."""
 
-    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats) -> None:
+    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats, limits: Sequence[Limit]) -> None:
+        self._limits = limits
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
         self._sets, self._count = len(rig.gain), len(windows.start_s)
         steps = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)
@@ -160,9 +167,13 @@ class _Drives:
     def torque(self, step: int, position: Floats, velocity: Floats) -> Floats:
         """At the joints over the coming step [Nm], shape (sims, 12)."""
         torque = self._command(step) - self._kp * position - self._kd * velocity
+        asked = torque
+        for limit in self._limits:  # that of speed before saturation, as in a drive
+            now = Drive(position=position, velocity=velocity, torque=torque)
+            torque = np.asarray(limit.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)
+            asked = torque if isinstance(limit, TorqueSpeedLimit) else asked
         if self._saturates:
-            beyond = np.maximum(np.abs(torque) - self._corner, 0.0)
-            torque -= np.sign(torque) * self._loss * beyond
+            torque = torque - np.sign(asked) * self._loss * np.maximum(np.abs(asked) - self._corner, 0.0)
         return torque if self._is_even else self._strength * torque
 
     def _command(self, step: int) -> Floats:
