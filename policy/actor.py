@@ -10,7 +10,16 @@ from saltus.errors import ConfigError, ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
-from saltus.policy.features import FELT, LAYOUT, RECALLED, check_past_steps, features, remembered, size_with, with_past
+from saltus.policy.features import (
+    LAYOUT,
+    PROPRIOCEPTION_SIZE,
+    RECALLED,
+    check_past_steps,
+    features,
+    remembered,
+    size_with,
+    with_past,
+)
 from saltus.policy.observation import Observation
 from saltus.robots.robot import Robot
 from saltus.wire.messages import Floats, MotionPlan
@@ -39,7 +48,7 @@ class PolicyActor:
         """Which earlier calls the policy recalls, 1 is the last one; none where it was trained without a past."""
         self._bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
         self._past = np.zeros((0, max(self.past_steps, default=0), RECALLED))
-        self._latest = self._past[..., 0, :] if self.past_steps else self._past
+        self._latest = np.zeros((0, RECALLED))
 
     def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
@@ -52,7 +61,7 @@ class PolicyActor:
             self._past = np.zeros((*batch, *self._past.shape[-2:]))
         self._past = remembered(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
         values = self.values(with_past(vector, self._past, self.past_steps))
-        self._latest = np.concatenate([vector[..., :FELT], self._bounds.normalised(values)], axis=-1)
+        self._latest = np.concatenate([vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1)
         return action_from_values(values)
 
     def values(self, given: Floats) -> Floats:

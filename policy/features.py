@@ -4,7 +4,7 @@ Everything in it is known to a robot without its position: attitude from the IMU
 estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling belongs to the network.
 
 A policy may also recall instants of the past, from which it can tell late commands, slippery ground or soft soles: what
-the robot felt then, and the plan that it made.
+its proprioception said then, and the plan that it made.
 """
 
 from saltus.arrays import Array, namespace
@@ -27,9 +27,9 @@ LAYOUT: dict[str, int] = {
 """Names of the parts of the vector, in order, and their lengths."""
 
 SIZE = sum(LAYOUT.values())
-FELT = SIZE - LAYOUT["heights"]
-"""Length of the vector without its heights, which come last."""
-RECALLED = FELT + len(ACTIONS)
+PROPRIOCEPTION_SIZE = SIZE - LAYOUT["heights"]
+"""Length of the vector without its heights, which come last: what the robot knows of itself."""
+RECALLED = PROPRIOCEPTION_SIZE + len(ACTIONS)
 """Length of what is recalled of one instant: the vector without its heights, and the plan as `ActionBounds` normalises
 it."""
 
@@ -104,7 +104,7 @@ def remembered(past: Array, latest: Array, vector: Array, fresh: Array) -> Array
         fresh: Robots that begin, bool, shape (...).
     """
     xp = namespace(vector)
-    felt = vector[..., :FELT]
-    begun = xp.concat([felt, xp.zeros_like(latest[..., FELT:])], axis=-1)
+    proprioception = vector[..., :PROPRIOCEPTION_SIZE]
+    begun = xp.concat([proprioception, xp.zeros_like(latest[..., PROPRIOCEPTION_SIZE:])], axis=-1)
     later = xp.concat([latest[..., None, :], past[..., :-1, :]], axis=-2)
     return xp.where(fresh[..., None, None], begun[..., None, :], later)

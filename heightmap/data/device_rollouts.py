@@ -29,7 +29,7 @@ from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.evaluation.rollout import STAND_STEPS
-from saltus.policy.features import FELT, SIZE, read
+from saltus.policy.features import PROPRIOCEPTION_SIZE, SIZE, read
 from saltus.policy.scripted import ScriptedParameters, ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
@@ -95,7 +95,7 @@ class DeviceRollouts:
             self._recording.add(tick, sensed, self.true_heights(), fresh, images)
             shown = transition.actor
             if heights is not None:
-                shown[:, FELT:SIZE] = heights.step(images.get(self.loop.cameras[0]), tick, sensed, fresh)
+                shown[:, PROPRIOCEPTION_SIZE:SIZE] = heights.step(images.get(self.loop.cameras[0]), tick, sensed, fresh)
             plan = self._policy(shown)
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed

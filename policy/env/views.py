@@ -9,7 +9,7 @@ from saltus.grid import LINE, HeightGrid
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.features import FELT, SIZE, features, remembered, size_with, with_past
+from saltus.policy.features import PROPRIOCEPTION_SIZE, SIZE, features, remembered, size_with, with_past
 from saltus.policy.observation import observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -109,7 +109,7 @@ class Views:
         if not self._config.past_steps:
             return vector
         plan = self._config.bounds.normalised(self._memory.plan)
-        latest = torch.cat([self.actor[:, :FELT], plan], -1)
+        latest = torch.cat([self.actor[:, :PROPRIOCEPTION_SIZE], plan], -1)
         store(self._memory, past=remembered(self._memory.past, latest, vector, fresh))
         return with_past(vector, self._memory.past, self._config.past_steps)
 

@@ -17,7 +17,7 @@ from saltus.policy.actor import PolicyActor
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
 from saltus.policy.evaluation.rollout import Rollout
-from saltus.policy.features import FELT, RECALLED, SIZE, read, size_with
+from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, SIZE, read, size_with
 from saltus.policy.observation import observe
 from saltus.policy.training.export import export
 from saltus.policy.training.train import Rank, train
@@ -75,7 +75,7 @@ def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
             found = shown[now][robot, SIZE + place * RECALLED :][:RECALLED]
             ago = max(now - steps, begun)
             plan = plans[ago][robot] if now - steps >= begun else torch.zeros(10)
-            torch.testing.assert_close(found, torch.cat([shown[ago][robot, :FELT], plan]))
+            torch.testing.assert_close(found, torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan]))
     assert again > 20, "robots also began in the midst of the run"
 
 

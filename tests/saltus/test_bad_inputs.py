@@ -29,7 +29,6 @@ CAMERAS = {
     "sigma": "[stereo.disparity_noise]\nsigma = 'much'",
     "high": "camera_position = [0.272, 0.0075, 0.15]",
 }
-"""Files of cameras."""
 BAD = {
     # the command line itself
     "": "demo",
@@ -379,8 +378,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (root / f"camera_{name}.toml").write_text(content)
     (root / "folder").mkdir()
     for robot, ours, theirs in (("other", 'name = "go1"', 'name = "other"'), ("moved", "[0.272,", "[0.3,")):
-        shutil.copytree(shipped_folder("go1"), root / robot)
-        supplement = root / robot / SUPPLEMENT_FILE
+        supplement = Path(shutil.copytree(shipped_folder("go1"), root / robot)) / SUPPLEMENT_FILE
         supplement.write_text(supplement.read_text().replace(ours, theirs))
     return root
 
