@@ -34,6 +34,7 @@ torque_saturation.curve = [[5.0, 5.0], [15.0, 14.12], [25.0, 20.34], [35.0, 25.6
 torque_gain.gain = [0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1]
 battery_sag = {loss_at_end = 0.5, duration_s = 0.1}
 backlash.width = 0.02
+joint_spring = {torque = 1.0, stiffness = 2.0}
 viscous_friction.coefficient = 0.3
 coulomb_friction.torque = 0.5
 stiction = {breakaway = 1.0, stribeck_velocity = 1.0}

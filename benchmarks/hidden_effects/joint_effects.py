@@ -38,13 +38,13 @@ LIBRARY = {
     "battery_sag": Family(usual=0.03, largest=0.4),
     "encoder_bias": Family(usual=1e-3, largest=0.15, shape=draw_sign),
     "encoder_quantisation": Family(usual=3e-3, largest=0.025),
+    "joint_spring": Family(usual=0.3, largest=8.0, shape=lambda rng: {"rest": float(rng.uniform(-0.5, 0.5))}),
     "torque_saturation": Family(usual=0.05, largest=0.45, shape=_knee),
     "torque_speed_limit": Family(usual=0.01, largest=0.45, shape=lambda rng: {"corner": float(rng.uniform(0.3, 0.8))}),
 }
 OUTSIDE = {
     "cogging": Family(usual=0.1, largest=1.5, shape=lambda rng: {"cycles": float(rng.uniform(25, 80))}),
     "kp_slope": Family(usual=0.1, largest=2.0, shape=draw_sign),
-    "cable_spring": Family(usual=0.3, largest=8.0, shape=lambda rng: {"rest": float(rng.uniform(-0.5, 0.5))}),
     "heating": Family(usual=3e-3, largest=0.1),
     "dead_zone": Family(usual=0.05, largest=1.5),
     "asymmetric_gain": Family(usual=0.02, largest=0.4),
@@ -58,7 +58,7 @@ OUTSIDE = {
     "dropouts": Family(usual=0.1, largest=1.0),
     "eccentric_encoder": Family(usual=1.5e-3, largest=0.03, shape=lambda rng: {"cycles": float(rng.uniform(6, 25))}),
 }
-"""A size is: Nm, 1/rad, Nm/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad."""
+"""A size is: Nm, 1/rad, 1/Nm^2, Nm, 1, Nm s^2/rad^2, Nm, 1, s/Nm, rad/Nm; 1/s, Nm, 1, rad."""
 FAMILIES = {**LIBRARY, **OUTSIDE}
 
 
@@ -140,7 +140,7 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "flexible_gear": [("gear_stiffness", 1.0 / size, 0.0), ("gear_damping", 0.3, 0.0)],
         "stiction": [("breakaway", size, 0.0), ("stribeck_velocity", shape.get("velocity", 0.1), 0.1)],
         "cogging": [("cogging", size, 0.0), ("cogging_cycles", shape.get("cycles", 0.0), 0.0)],
-        "cable_spring": [("spring", size, 0.0), ("spring_rest", STAND + shape.get("rest", 0.0), 0.0)],
+        "joint_spring": [("spring", size, 0.0), ("spring_rest", STAND + shape.get("rest", 0.0), 0.0)],
         "hum": [("hum", size, 0.0), ("hum_rate", shape.get("rate", 0.0), 0.0)],
         "coupling": [("coupling", sign * size, 0.0)],
         "torque_gain": [("gain", 1.0 + sign * size, 1.0)],
@@ -178,14 +178,16 @@ def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[floa
         return {"gain": 1.0 + sign * size}
     if setting.effect == "encoder_bias":
         return {"bias": sign * size}
+    if setting.effect == "joint_spring":
+        return {"torque": size * (float(STAND[joint]) + setting.shape["rest"]), "stiffness": size}
     if setting.effect == "stiction":
         return {"breakaway": size, "stribeck_velocity": setting.shape["velocity"]}
     return {names.get(setting.effect, "size"): size, **({} if setting.effect in names else setting.shape)}
 
 
 def parameters_at(setting: Setting, peak: Peak) -> dict[str, dict[str, float | list[list[float]]]]:
-    """The schema's parameters of each joint, for effects that depend on how far a joint goes; empty for others."""
-    if setting.effect not in ("torque_saturation", "torque_speed_limit"):
+    """The schema's parameters of each joint, for effects that depend on its range; empty for others."""
+    if setting.effect not in ("torque_saturation", "torque_speed_limit", "joint_spring"):
         return {}
     return {joint: parameters(replace(setting, where=(joint,)), peak) for joint in setting.where}
 

@@ -115,7 +115,7 @@ _ALL = (
         name="joint_tour", how="chirps, triangles, steps and holds of all joints of a held robot, each twice",
         shows=(
             *_TIMING[:4], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias",
-            "battery_sag",
+            "joint_spring", "battery_sag",
         ),
         base="fixed", held_gains=(30.0, 1.2), sections=_tour, limits=HELD,
     ),
@@ -159,7 +159,7 @@ _ALL = (
     ),
     Experiment(
         name="hold_ladder", how="rest at angles up and down the range",
-        shows=("encoder_bias", "stiction", "torque_gain", "encoder_quantisation"), base="fixed",
+        shows=("encoder_bias", "joint_spring", "stiction", "torque_gain", "encoder_quantisation"), base="fixed",
         sections=lambda robot: repeated("hold ladder", 3, motions.hold_ladder(robot, 6.0, 0.6, 6)), limits=HELD,
     ),
     Experiment(

@@ -13,6 +13,7 @@ from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
@@ -38,8 +39,8 @@ COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
 """What happens to a packet until the drive uses it."""
 SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter)
 """What happens to the motion of a joint until the drive knows it."""
-TORQUE_ORDER: Order = (ActuatorLag, TorqueSpeedLimit, TorqueSaturation, TorqueGain, BatterySag, Backlash)
-"""What happens to the torque that the drive asks for."""
+TORQUE_ORDER: Order = (ActuatorLag, TorqueSpeedLimit, TorqueSaturation, TorqueGain, BatterySag, Backlash, JointSpring)
+"""What happens to the torque that the drive asks for, and what else pulls at the joint."""
 JOINT_ORDER: Order = (ViscousFriction, CoulombFriction, Stiction, Armature)
 """What resists the motion at the joint."""
 
@@ -80,8 +81,8 @@ class ActuatorChain(Chain):
     """The effects of an actuator.
 
     command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter; PD on the drive's own
-    encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash; friction and
-    armature.
+    encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash, joint_spring;
+    friction and armature.
     """
 
     order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER

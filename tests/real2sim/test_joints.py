@@ -1,6 +1,6 @@
 """The problem of the joints, on logs of the plant with effects hidden in it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any
 
@@ -14,6 +14,8 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
+from saltus.effects.joint_spring import JointSpring
+from saltus.effects.offsets_and_factors import EncoderBias
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
@@ -22,7 +24,8 @@ from saltus.real2sim.problem.joints.candidates import LOOP_RATE
 from saltus.real2sim.problem.joints.drives import lost
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.search.saturation_curve import _fitted, _Pieces
-from saltus.recordings.run_log import JointTable, RunLog
+from saltus.real2sim.search.search import search
+from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog
 from saltus.robots.robot import JOINTS
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
@@ -202,6 +205,25 @@ def test_fits_find_the_truth(case: Hidden) -> None:
     np.testing.assert_allclose(value, case.unknowns, rtol=0.05)
 
 
+def test_a_spring_is_its_pull_at_the_mean_angle_and_its_stiffness() -> None:
+    """The unknowns that the parameters mean leave noise, and slopes there lead nowhere else."""
+    hidden_spring = {"torque": 0.8, "stiffness": 0.5}
+    problem = problem_of(JointSpring(**hidden_spring))
+    right = unknowns(problem, {})
+    own = [i for i, c in enumerate(problem.candidates) if c.effect == "joint_spring"]
+    starts = np.cumsum([0, *(len(c.unknowns) for c in problem.candidates)])
+    for i in own:
+        right[:, starts[i] : starts[i + 1]] = problem.candidates[i].unknowns_of(hidden_spring)
+    columns = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in own])
+    tries = np.repeat(right[None], 1 + len(columns), axis=0)
+    tries[np.arange(len(columns)) + 1, :, columns] += 0.01
+    at, *moved = problem.residuals(tries).reshape(len(tries), -1)
+    assert np.mean(at**2) == pytest.approx(1.0, abs=0.12)
+    slopes = (np.array(moved) - at) / 0.01
+    error = np.linalg.solve(slopes @ slopes.T, slopes @ at).reshape(-1, 2)
+    assert np.abs(error).max(axis=0) == pytest.approx([0.0, 0.0], abs=0.05)
+
+
 def test_the_step_of_an_encoder_is_read_from_its_angles() -> None:
     coarse, fine = problem_of(COARSE.effect), problem_of()
     starts = [c.starts for c in coarse.candidates if c.effect == "encoder_quantisation"]
@@ -279,3 +301,45 @@ def test_the_dynamometers_table_from_a_log() -> None:
     curve = np.array([(a, b) for a, b in pieces.curve(slopes, calf) if a <= 35.0])
     asked, given = np.array(((0.0, 0.0), *CURVE)).T
     np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)
+
+
+def of_one_leg(log: RunLog) -> RunLog:
+    """The log of the first leg alone."""
+    own = {name: getattr(log.joints, name)[:, :3] for name in JOINT_SIGNALS if getattr(log.joints, name) is not None}
+    return replace(log, meta={**log.meta, "joints": list(JOINTS[:3])}, joints=replace(log.joints, **own))
+
+
+HIDDEN = (
+    JointSpring(torque=0.5),
+    JointSpring(torque=(0.0, 0.0, 2.0) * 4, stiffness=(0.0, 0.0, 1.0) * 4),
+)
+
+
+@pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
+def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
+    findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
+    assert (findings.verdict, {found.name for found in findings.effects}) == ("named", {effect.name})
+    found = findings.effects[0]
+    joint = 0 if found.where == "all" else JOINTS.index(found.where[0])
+    for name, interval in found.params.items():
+        true = np.broadcast_to(getattr(effect, name), 12)[joint]
+        assert interval.value == pytest.approx(true, rel=0.05, abs=0.02), name
+
+
+def of_motion(log: RunLog, condition: str) -> RunLog:
+    """The rows of one motion."""
+    own = [s for s in log.meta["excitation"]["segments"] if s["condition"] == condition]
+    kept = (log.joints.time_s > own[0]["t0"] - 0.5 * DT) & (log.joints.time_s < own[-1]["t1"] - 0.5 * DT)
+    values = {f.name: getattr(log.joints, f.name) for f in fields(log.joints)}
+    return replace(log, joints=JointTable(**{n: None if v is None else v[kept] for n, v in values.items()}))
+
+
+def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
+    """A slow motion near one pose asks an encoder bias and a pull for the same torque."""
+    slow = of_motion(noisy(motion(EncoderBias(bias=0.1))), "triangle")
+    (alike,) = search(JointProblem(of_one_leg(slow))).sets
+    assert {"encoder_bias", "joint_spring"} <= set(alike)
+
+
+def test_an_ideal_robot_is_not_accused() -> None:
+    assert search(JointProblem(of_one_leg(noisy(motion())))).verdict == "no_gap"

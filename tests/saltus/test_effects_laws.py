@@ -27,6 +27,7 @@ from saltus.effects.hole_fill import HoleFill
 from saltus.effects.imu import ImuReading
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
@@ -87,6 +88,8 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     BatterySag(loss_at_end=0.2, duration_s=5.0),
     Backlash(width=0.01),
     Backlash(width=PER_JOINT_SMALL),
+    JointSpring(torque=0.2),
+    JointSpring(torque=PER_JOINT, stiffness=PER_JOINT),
     ViscousFriction(coefficient=0.2),
     ViscousFriction(coefficient=PER_JOINT),
     CoulombFriction(torque=0.3),

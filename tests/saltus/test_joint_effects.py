@@ -12,6 +12,7 @@ from saltus.effects.battery_sag import BatterySag
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, ViscousFriction
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
@@ -35,7 +36,13 @@ SENSING: tuple[Effect[Any], ...] = (
     EncoderQuantisation(step=0.01),
     VelocityFilter(time_constant=0.01),
 )
-ALL = (*RESISTING, *SENSING, Backlash(width=0.02), BatterySag(loss_at_end=0.3, duration_s=1.0))
+ALL = (
+    *RESISTING,
+    *SENSING,
+    Backlash(width=0.02),
+    BatterySag(loss_at_end=0.3, duration_s=1.0),
+    JointSpring(torque=0.5, stiffness=2.0),
+)
 
 
 def command(position: Any = ROBOT.stand_pose, kp: float = 40.0, kd: float = 1.0) -> JointCommand:
@@ -93,6 +100,15 @@ def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
         np.testing.assert_allclose(state.joint_velocity[0], alone.joint_velocity, atol=1e-7)
         if k == 10:
             batch.reset(np.array([1]))
+
+
+def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
+    """A leg that swings on stiff springs keeps its energy: a step later, torques would feed it."""
+    rest = ROBOT.stand_pose + 0.1
+    spring = JointSpring(torque=tuple(40.0 * rest), stiffness=40.0)
+    plant = Plant(ROBOT, GROUND, chain=ActuatorChain((spring,)), held=True)
+    away = [np.abs(plant.step(command(kp=0.0, kd=0.0)).joint_position - rest).max() for _ in range(1000)]
+    assert max(away[500:]) == pytest.approx(max(away[:500]), rel=0.02)
 
 
 def test_training_feels_friction() -> None:

@@ -78,6 +78,7 @@ KINDS = (
         closable_share=0.95,
     ),
     _kind("backlash", _size("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
+    _kind("joint_spring", _size("pull", -10.0, 10.0, 0.05), _size("stiffness", 0.0, 20.0, 0.2)),
     _kind("armature", _size("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
     _kind("encoder_bias", _size("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
     _kind(
@@ -96,6 +97,8 @@ class Reach:
     """Largest [rad/s]."""
     torque: float
     """Largest commanded [Nm]."""
+    middle: float
+    """Mean angle [rad]."""
     steps: tuple[float, ...]
     """Steps of an encoder that the angles suggest [rad]."""
 
@@ -114,13 +117,15 @@ class JointCandidates:
         self, places: Sequence[str], limit: Floats, reach: Sequence[Reach], left_out: Sequence[str] = ()
     ) -> None:
         self._places, self._limit = tuple(places), limit
+        self._middle = np.array([r.middle for r in reach])[:, None]  # [rad], shape (joints, 1)
         self._column: dict[tuple[str, int], slice] = {}
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
             # the loop of a leg's drives has one rate
             for joint, place in enumerate(self._places[:1] if kind.is_nuisance else self._places):
-                listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint])))
+                way = _of_pull(reach[joint].middle) if kind.effect == "joint_spring" else kind.coordinates
+                listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint]), coordinates=way))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
         self.listed = tuple(listed)
@@ -137,6 +142,7 @@ class JointCandidates:
             return None if values is None else values[0]
 
         speed, saturation = get("torque_speed_limit"), get("torque_saturation")
+        spring = get("joint_spring")
         return Drives(
             count=len(unknowns),
             dt_s=dt_s,
@@ -152,6 +158,7 @@ class JointCandidates:
             coulomb=single("coulomb_friction"),
             stiction=_pair(get("stiction")),
             width=single("backlash"),
+            spring=None if spring is None else (spring[0] + spring[1] * self._middle, spring[1]),
             armature=single("armature"),
             bias=single("encoder_bias"),
             quantisation=_pair(get("encoder_quantisation")),
@@ -194,6 +201,14 @@ def _starts(kind: Candidate, reach: Reach) -> tuple[tuple[float, ...], ...]:
         case "encoder_quantisation" if reach.steps:
             return tuple((1.0, step) for step in reach.steps)
     return kind.starts
+
+
+def _of_pull(middle: float) -> Coordinates:
+    """Of a spring by its pull at the mean angle of a log, which the log tells without the stiffness."""
+    return Coordinates(
+        parameters=lambda x: {"torque": float(x[0] + x[1] * middle), "stiffness": float(x[1])},
+        unknowns=lambda values: (values["torque"] - values["stiffness"] * middle, values["stiffness"]),
+    )
 
 
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:

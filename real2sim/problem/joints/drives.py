@@ -53,6 +53,8 @@ class Drives:
     stiction: tuple[Floats, Floats] | None = None
     """Breakaway [Nm] and Stribeck velocity [rad/s]."""
     width: Floats | None = None
+    spring: tuple[Floats, Floats] | None = None
+    """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
     armature: Floats | None = None
     bias: Floats | None = None
     quantisation: tuple[Floats, Floats] | None = None

@@ -62,6 +62,7 @@ def reach_of(rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Seque
         Reach(
             speed=float(speed[joints].max()),
             torque=float(torque[joints].max()),
+            middle=float(np.mean(rows.q[:, joints])),
             steps=_distinct([step for j in joints if (step := steps[j]) is not None]),
         )
         for joints in branches.T
