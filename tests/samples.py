@@ -28,6 +28,7 @@ feedforward_delay.delay = 0.0093
 encoder_bias.bias = 0.03
 encoder_quantisation.step = 0.01
 velocity_filter.time_constant = 0.01
+velocity_scale.scale = 1.2
 actuator_lag.time_constant = 0.006
 torque_speed_limit = {corner = 0.0, no_load = [15, 15, 10, 15, 15, 10, 15, 15, 10, 15, 15, 10]}
 torque_saturation.curve = [[5.0, 5.0], [15.0, 14.12], [25.0, 20.34], [35.0, 25.68]]

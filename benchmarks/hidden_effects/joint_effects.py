@@ -29,6 +29,7 @@ LIBRARY = {
     "feedforward_delay": Family(usual=4e-3, largest=0.03),
     "actuator_lag": Family(usual=2e-3, largest=0.03),
     "velocity_filter": Family(usual=1e-3, largest=0.03),
+    "velocity_scale": Family(usual=0.02, largest=0.5, shape=draw_sign),
     "torque_gain": Family(usual=0.02, largest=0.5, shape=draw_sign),
     "viscous_friction": Family(usual=0.02, largest=1.5),
     "coulomb_friction": Family(usual=0.04, largest=3.0),
@@ -144,6 +145,7 @@ def _columns(setting: Setting, peak: Peak) -> list[tuple[str, Floats | float, fl
         "hum": [("hum", size, 0.0), ("hum_rate", shape.get("rate", 0.0), 0.0)],
         "coupling": [("coupling", sign * size, 0.0)],
         "torque_gain": [("gain", 1.0 + sign * size, 1.0)],
+        "velocity_scale": [("speed_scale", 1.0 + sign * size, 1.0)],
         "encoder_bias": [("bias", sign * size, 0.0)],
         "kp_slope": [("kp_slope", sign * size, 0.0)],
         "slew_limit": [("slew", 1.0 / size, 0.0)],
@@ -176,6 +178,8 @@ def parameters(setting: Setting, peak: Peak) -> dict[str, float | list[list[floa
     }  # fmt: skip
     if setting.effect == "torque_gain":
         return {"gain": 1.0 + sign * size}
+    if setting.effect == "velocity_scale":
+        return {"scale": 1.0 + sign * size}
     if setting.effect == "encoder_bias":
         return {"bias": sign * size}
     if setting.effect == "joint_spring":

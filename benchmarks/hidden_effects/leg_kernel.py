@@ -16,7 +16,7 @@ NAMES = (
     "gap", "gear_stiffness", "gear_damping", "armature", "bias", "quantum", "velocity_filter",
     "cogging", "cogging_cycles", "spring", "spring_rest", "heating", "dead_zone", "asymmetry", "kp_slope",
     "damping_slope", "slew", "torque_limit", "hum", "hum_rate", "coupling",
-    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles",
+    "integral", "rub", "rub_at", "dropout", "eccentric", "eccentric_cycles", "speed_scale",
 )  # fmt: skip
 COLUMN = {name: number for number, name in enumerate(NAMES)}
 CURVE_POINTS = 37
@@ -26,7 +26,7 @@ LAG, GAIN, SAG, CORNER, NONE, VISCOUS, COULOMB, BREAKAWAY, STRIBECK = (wp.consta
 GAP, STIFFNESS, DAMPING, ARMATURE, BIAS, QUANTUM, FILTER = (wp.constant(i) for i in range(9, 16))
 COGGING, CYCLES, SPRING, REST, HEATING, DEAD, ASYMMETRY, KP_SLOPE = (wp.constant(i) for i in range(16, 24))
 DAMPING_SLOPE, SLEW, LIMIT, HUM, HUM_RATE, COUPLING = (wp.constant(i) for i in range(24, 30))
-INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES = (wp.constant(i) for i in range(30, 36))
+INTEGRAL, RUB, RUB_AT, DROPOUT, ECCENTRIC, ECCENTRIC_CYCLES, SPEED_SCALE = (wp.constant(i) for i in range(30, 37))
 LAST = wp.constant(CURVE_POINTS - 1)
 H = wp.constant(STEP_S)
 RENEW = wp.constant(STEPS_PER_INERTIA)
@@ -171,7 +171,7 @@ def simulate(
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
                 encoder[j] = seen
-                tacho[j] = filtered[j]
+                tacho[j] = filtered[j] * table[variant, joint, SPEED_SCALE]
             # a packet takes force when it comes, on the reading of the last tick
             while pointer[j] + 1 < rows and arrival[variant, joint, pointer[j] + 1] <= step:
                 pointer[j] = pointer[j] + 1
@@ -199,9 +199,10 @@ def simulate(
                 if quantum > 0.0:
                     seen = quantum * wp.round(seen / quantum)
                 out[variant, row, joint, 0] = seen
-                out[variant, row, joint, 1] = filtered[j]
+                told = filtered[j]
                 if table[variant, joint, STIFFNESS] > 0.0:
-                    out[variant, row, joint, 1] = v[j]
+                    told = v[j]
+                out[variant, row, joint, 1] = told * table[variant, joint, SPEED_SCALE]
                 out[variant, row, joint, 2] = believed[j]
         torque = wp.vec3()
         for j in range(3):

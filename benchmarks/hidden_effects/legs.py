@@ -97,7 +97,7 @@ def _arrivals(rows: int, steps: int, hidden: Hidden, seed: int) -> tuple[np.ndar
 
 def _table(hidden: Hidden) -> np.ndarray:
     table = np.zeros((12, len(COLUMN)), dtype=np.float32)
-    table[:, COLUMN["gain"]] = 1.0
+    table[:, [COLUMN["gain"], COLUMN["speed_scale"]]] = 1.0
     table[:, COLUMN["armature"]] = ARMATURE
     table[:, COLUMN["stribeck_velocity"]] = 0.1
     table[:, COLUMN["torque_limit"]] = TORQUE_LIMIT

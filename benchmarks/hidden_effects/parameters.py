@@ -38,6 +38,7 @@ MAIN: dict[str, tuple[tuple[str, ...], float, bool]] = {
     "command_delay": (("delay",), 0.0, True),
     "feedforward_delay": (("delay",), 0.0, True),
     "actuator_lag": (("time_constant",), 0.0, False),
+    "velocity_scale": (("scale",), 1.0, False),
     "joint_spring": (("stiffness",), 0.0, False),
     "velocity_filter": (("time_constant",), 0.0, False),
     "torque_gain": (("gain",), 1.0, False),

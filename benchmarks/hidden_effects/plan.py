@@ -24,7 +24,7 @@ LIBRARY: dict[Kind, tuple[str, ...]] = {
     "joints": (
         "torque_saturation", "torque_speed_limit", "command_delay", "feedforward_delay", "actuator_lag", "torque_gain",
         "viscous_friction", "coulomb_friction", "stiction", "backlash", "armature", "battery_sag", "encoder_bias",
-        "encoder_quantisation", "velocity_filter", "joint_spring",
+        "encoder_quantisation", "velocity_filter", "velocity_scale", "joint_spring",
     ),
     "camera": (
         "camera_latency", "frame_drop", "temporal_smear", "camera_pitch", "camera_height", "camera_fov", "depth_scale",
@@ -39,7 +39,7 @@ CONFUSABLE: dict[Kind, tuple[tuple[str, str], ...]] = {
         ("torque_saturation", "torque_speed_limit"), ("battery_sag", "torque_gain"), ("stiction", "coulomb_friction"),
         ("viscous_friction", "coulomb_friction"), ("velocity_filter", "command_delay"), ("encoder_bias", "torque_gain"),
         ("feedforward_delay", "command_delay"), ("torque_saturation", "torque_gain"), ("armature", "actuator_lag"),
-        ("joint_spring", "encoder_bias"),
+        ("joint_spring", "encoder_bias"), ("velocity_scale", "viscous_friction"),
     ),
     "camera": (
         ("camera_latency", "temporal_smear"), ("depth_scale", "camera_height"), ("camera_pitch", "camera_fov"),

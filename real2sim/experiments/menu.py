@@ -106,7 +106,9 @@ def _drops(robot: Robot, *heights_m: float) -> tuple[Section, ...]:
 
 
 _FRICTION = ("viscous_friction", "coulomb_friction", "stiction", "backlash")
-_TIMING = ("command_delay", "actuator_lag", "velocity_filter", "armature", "viscous_friction", "torque_gain")
+_TIMING = (
+    "command_delay", "actuator_lag", "velocity_filter", "velocity_scale", "armature", "viscous_friction", "torque_gain",
+)  # fmt: skip
 _IMAGE_GEOMETRY = ("camera_pitch", "camera_height", "camera_fov", "depth_scale", "depth_bias")
 _IMAGE_EDGES = ("edge_holes", "hole_fill", "range_clip", "depth_noise")
 
@@ -114,7 +116,7 @@ _ALL = (
     Experiment(
         name="joint_tour", how="chirps, triangles, steps and holds of all joints of a held robot, each twice",
         shows=(
-            *_TIMING[:4], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias",
+            *_TIMING[:5], "torque_gain", *_FRICTION, "torque_saturation", "torque_speed_limit", "encoder_bias",
             "joint_spring", "battery_sag",
         ),
         base="fixed", held_gains=(30.0, 1.2), sections=_tour, limits=HELD,

@@ -24,6 +24,7 @@ from saltus.effects.offsets_and_factors import (
     FootFriction,
     PayloadMass,
     TorqueGain,
+    VelocityScale,
     ViscousFriction,
 )  # fmt: skip
 from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
@@ -37,7 +38,7 @@ from saltus.wire.messages import Floats, JointCommand
 
 COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
 """What happens to a packet until the drive uses it."""
-SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter)
+SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale)
 """What happens to the motion of a joint until the drive knows it."""
 TORQUE_ORDER: Order = (ActuatorLag, TorqueSpeedLimit, TorqueSaturation, TorqueGain, BatterySag, Backlash, JointSpring)
 """What happens to the torque that the drive asks for, and what else pulls at the joint."""
@@ -80,9 +81,9 @@ class BodyChain(SignalChain):
 class ActuatorChain(Chain):
     """The effects of an actuator.
 
-    command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter; PD on the drive's own
-    encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash, joint_spring;
-    friction and armature.
+    command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter, velocity_scale; PD on the
+    drive's own encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash,
+    joint_spring; friction and armature.
     """
 
     order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER

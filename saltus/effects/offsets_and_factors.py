@@ -48,6 +48,14 @@ class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
 
 
 @dataclass(frozen=True, kw_only=True)
+class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state"):
+    """The drive reads `scale` times the joint's true velocity; log and PD law both see the reading."""
+
+    # 1.11 to 1.16 on a Go2
+    scale: Values = parameter(unit="", null=1.0, low=0.2, high=5.0, per_joint=True, scales="velocity")
+
+
+@dataclass(frozen=True, kw_only=True)
 class PayloadMass(Effect[BodyModel], name="payload_mass", site="model"):
     """A box of `mass` on top of the trunk, beyond what is claimed; negative where the trunk is lighter."""
 

@@ -15,7 +15,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.joint_spring import JointSpring
-from saltus.effects.offsets_and_factors import EncoderBias
+from saltus.effects.offsets_and_factors import EncoderBias, VelocityScale
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
@@ -133,6 +133,7 @@ CASES = (
     hidden("armature", (0.002,), added=0.002),
     hidden("encoder_bias", (0.02,), bias=0.02),
     hidden("velocity_filter", (0.004,), time_constant=0.004),
+    hidden("velocity_scale", (0.12,), scale=1.12),
 )
 
 COARSE = hidden("encoder_quantisation", (1.0, 0.006), step=0.006)
@@ -312,6 +313,7 @@ def of_one_leg(log: RunLog) -> RunLog:
 HIDDEN = (
     JointSpring(torque=0.5),
     JointSpring(torque=(0.0, 0.0, 2.0) * 4, stiffness=(0.0, 0.0, 1.0) * 4),
+    VelocityScale(scale=1.12),
 )
 
 

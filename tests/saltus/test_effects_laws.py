@@ -41,6 +41,7 @@ from saltus.effects.offsets_and_factors import (
     FootFriction,
     PayloadMass,
     TorqueGain,
+    VelocityScale,
     ViscousFriction,
 )
 from saltus.effects.profile import PARTS, Profile, profile_from_toml, profile_to_toml
@@ -101,6 +102,7 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     EncoderQuantisation(step=(0.0, 1e-3, 2e-3) * 4),
     VelocityFilter(time_constant=0.004),
     VelocityFilter(time_constant=(0.0, 0.002, 0.004) * 4),
+    VelocityScale(scale=1.15),
     SampleAndHold(period=0.03),
     DepthScale(scale=1.02),
     DepthBias(bias=-0.3),

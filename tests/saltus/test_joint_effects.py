@@ -13,7 +13,7 @@ from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.joint_spring import JointSpring
-from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, ViscousFriction
+from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, VelocityScale, ViscousFriction
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
@@ -35,6 +35,7 @@ SENSING: tuple[Effect[Any], ...] = (
     EncoderBias(bias=0.03),
     EncoderQuantisation(step=0.01),
     VelocityFilter(time_constant=0.01),
+    VelocityScale(scale=1.2),
 )
 ALL = (
     *RESISTING,

@@ -85,6 +85,7 @@ KINDS = (
         "encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), closable_share=0.95
     ),
     _kind("velocity_filter", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind("velocity_scale", _size("excess", -0.7, 3.0, 0.02), coordinates=Coordinates.less("scale", 1.0)),
     _kind(LOOP_RATE, _size("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 
@@ -163,6 +164,7 @@ class JointCandidates:
             bias=single("encoder_bias"),
             quantisation=_pair(get("encoder_quantisation")),
             velocity_filter=single("velocity_filter"),
+            velocity_excess=single("velocity_scale"),
             rate=single(LOOP_RATE),
         )
 

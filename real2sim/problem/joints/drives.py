@@ -60,6 +60,8 @@ class Drives:
     quantisation: tuple[Floats, Floats] | None = None
     """Weight and step [rad]."""
     velocity_filter: Floats | None = None
+    velocity_excess: Floats | None = None
+    """Of measured over true velocity, less 1."""
     rate: Floats | None = None
     """Of the drive's loop: 0 at the replay's own, 1 without end."""
 
@@ -95,15 +97,15 @@ class Drives:
         if self.quantisation is not None:
             weight, step = self.quantisation
             position = position + weight * (np.round(position / step) * step - position)
-        if self.velocity_filter is None:
-            return position, velocity
-        if state.velocity is None or state.filtered is None:
-            filtered = velocity.copy()
-        else:
-            new, old, kept = low_pass_weights(self.velocity_filter, self.dt_s)
-            filtered = new * velocity + old * state.velocity + kept * state.filtered
-        state.velocity, state.filtered = velocity.copy(), filtered
-        return position, filtered
+        if self.velocity_filter is not None:
+            if state.velocity is None or state.filtered is None:
+                filtered = velocity.copy()
+            else:
+                new, old, kept = low_pass_weights(self.velocity_filter, self.dt_s)
+                filtered = new * velocity + old * state.velocity + kept * state.filtered
+            state.velocity, state.filtered = velocity.copy(), filtered
+            velocity = filtered
+        return position, velocity if self.velocity_excess is None else velocity * (1.0 + self.velocity_excess)
 
     def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, state: DriveState) -> Floats:
         """Torque on the motor's side of the play."""

@@ -39,12 +39,21 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
         why["feedforward_delay"] = "the log has no tau_ff"
     elif np.max(np.ptp(rows.tau_ff, axis=0)) < 1e-6:
         why["feedforward_delay"] = "tau_ff never changes"
+    if log.joints.dq is None:
+        why["velocity_scale"] = "the log has no dq: it would look like viscous friction"
     if torque < LEAST_TORQUE:
         why["torque_saturation"] = f"max |tau| commanded {torque:.1f} < {LEAST_TORQUE:g} Nm"
     if speed < LEAST_FAST:
         why["torque_speed_limit"] = f"max |dq| {speed:.1f} < {LEAST_FAST:g} rad/s"
     if speed < LEAST_SPEED:
-        for effect in ("viscous_friction", "coulomb_friction", "stiction", "armature", "velocity_filter"):
+        for effect in (
+            "viscous_friction",
+            "coulomb_friction",
+            "stiction",
+            "armature",
+            "velocity_filter",
+            "velocity_scale",
+        ):
             why[effect] = f"max |dq| {speed:.3f} < {LEAST_SPEED:g} rad/s: nothing moves"
     if rows.time_s[-1] - rows.time_s[0] < LEAST_SAG_S:
         why["battery_sag"] = f"the log lasts {rows.time_s[-1] - rows.time_s[0]:.1f} < {LEAST_SAG_S:g} s"

@@ -136,6 +136,8 @@ class _Simulation:
         self._v[...] = windows.velocity[..., None]
         if drives.bias is not None:
             self._q -= drives.bias
+        if drives.velocity_excess is not None:
+            self._v /= 1.0 + drives.velocity_excess
         self._acceleration, self._earlier = np.zeros((2, *shape))
         self._loop = None if drives.rate is None else _FastLoop.of(drives.rate, motion.dt_s)
         self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
