@@ -36,6 +36,7 @@ torque_gain.gain = [0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1]
 battery_sag = {loss_at_end = 0.5, duration_s = 0.1}
 backlash.width = 0.02
 joint_spring = {torque = 1.0, stiffness = 2.0}
+end_stop = {upper = [0.1, 1.0, -1.5, 0.1, 1.0, -1.5, 0.1, 1.0, -1.5, 0.1, 1.0, -1.5], stiffness = 100.0}
 viscous_friction.coefficient = 0.3
 coulomb_friction.torque = 0.5
 stiction = {breakaway = 1.0, stribeck_velocity = 1.0}

@@ -10,6 +10,7 @@ from saltus.effects.battery_sag import BatterySag
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Signal
 from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.end_stop import EndStop
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
@@ -40,7 +41,16 @@ COMMAND_ORDER: Order = (CommandDelay, FeedforwardDelay)
 """What happens to a packet until the drive uses it."""
 SENSOR_ORDER: Order = (EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale)
 """What happens to the motion of a joint until the drive knows it."""
-TORQUE_ORDER: Order = (ActuatorLag, TorqueSpeedLimit, TorqueSaturation, TorqueGain, BatterySag, Backlash, JointSpring)
+TORQUE_ORDER: Order = (
+    ActuatorLag,
+    TorqueSpeedLimit,
+    TorqueSaturation,
+    TorqueGain,
+    BatterySag,
+    Backlash,
+    JointSpring,
+    EndStop,
+)
 """What happens to the torque that the drive asks for, and what else pulls at the joint."""
 JOINT_ORDER: Order = (ViscousFriction, CoulombFriction, Stiction, Armature)
 """What resists the motion at the joint."""
@@ -83,7 +93,7 @@ class ActuatorChain(Chain):
 
     command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter, velocity_scale; PD on the
     drive's own encoder; actuator_lag, torque_speed_limit, torque_saturation, torque_gain, battery_sag, backlash,
-    joint_spring; friction and armature.
+    joint_spring, end_stop; friction and armature.
     """
 
     order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER

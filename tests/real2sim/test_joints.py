@@ -14,6 +14,7 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
+from saltus.effects.end_stop import EndStop
 from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import EncoderBias, VelocityScale
 from saltus.effects.registry import EFFECTS
@@ -57,9 +58,10 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 
 
 @cache
-def motion(*effects: Effect[Any], kp: float = KP) -> RunLog:
-    """What a held robot does, without noise."""
+def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0) -> RunLog:
+    """What a held robot does, without noise; knees may be told to be `stretched` by so much [rad]."""
     q_des, segments = commands()
+    q_des = q_des + np.tile((0.0, 0.0, stretched), 4)
     plant = Plant(ROBOT, flat.make(), chain=ActuatorChain(effects), held=True)
     zero, state = np.zeros(12), plant.state
     tau_ff = 0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
@@ -240,7 +242,7 @@ def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
     assert untestable["feedforward_delay"] == "the log has no tau_ff"
     assert "Nm" in untestable["torque_saturation"]
     assert "rad/s" in untestable["torque_speed_limit"]
-    assert not problem_of().untestable
+    assert set(problem_of().untestable) == {"end_stop"}
 
 
 def test_absent_signals_and_rows_are_left_out() -> None:
@@ -336,6 +338,16 @@ def of_motion(log: RunLog, condition: str) -> RunLog:
     return replace(log, joints=JointTable(**{n: None if v is None else v[kept] for n, v in values.items()}))
 
 
+def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
+    """0.1 rad before the model's limit, at -0.888 rad."""
+    log = motion(EndStop(upper=(np.inf, np.inf, -0.99) * 4, stiffness=250.0), stretched=0.5)
+    findings = search(JointProblem(of_one_leg(noisy(log))))
+    ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
+    assert (findings.verdict, name, where) == ("named", "end_stop", ("FR_calf",))
+    assert found["upper"].value == pytest.approx(-0.99, abs=0.005)
+    assert found["stiffness"].value == pytest.approx(250.0, rel=0.1)
+
+
 def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
     """A slow motion near one pose asks an encoder bias and a pull for the same torque."""
     slow = of_motion(noisy(motion(EncoderBias(bias=0.1))), "triangle")
@@ -343,5 +355,7 @@ def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
     assert {"encoder_bias", "joint_spring"} <= set(alike)
 
 
-def test_an_ideal_robot_is_not_accused() -> None:
-    assert search(JointProblem(of_one_leg(noisy(motion())))).verdict == "no_gap"
+@pytest.mark.parametrize("stretched", [0.0, 0.5])
+def test_an_ideal_robot_is_not_accused(stretched: float) -> None:
+    """Also where its knees hit the limits that the model claims."""
+    assert search(JointProblem(of_one_leg(noisy(motion(stretched=stretched))))).verdict == "no_gap"

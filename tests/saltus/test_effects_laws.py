@@ -20,6 +20,7 @@ from saltus.effects.depth_scale import DepthScale
 from saltus.effects.edge_holes import EdgeHoles
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.end_stop import EndStop
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.frame_drop import FrameDrop
 from saltus.effects.heightmap_shift import HeightmapShift
@@ -91,6 +92,8 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     Backlash(width=PER_JOINT_SMALL),
     JointSpring(torque=0.2),
     JointSpring(torque=PER_JOINT, stiffness=PER_JOINT),
+    EndStop(upper=0.5),
+    EndStop(upper=PER_JOINT, lower=-0.2, stiffness=50.0),
     ViscousFriction(coefficient=0.2),
     ViscousFriction(coefficient=PER_JOINT),
     CoulombFriction(torque=0.3),

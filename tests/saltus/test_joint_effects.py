@@ -1,5 +1,6 @@
 """What effects of joints and encoders do, alone and to robots."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from saltus.effects.battery_sag import BatterySag
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoder_quantisation import EncoderQuantisation
+from saltus.effects.end_stop import EndStop
 from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, VelocityScale, ViscousFriction
 from saltus.effects.signals import Drive, JointState, Resistance
@@ -43,6 +45,7 @@ ALL = (
     Backlash(width=0.02),
     BatterySag(loss_at_end=0.3, duration_s=1.0),
     JointSpring(torque=0.5, stiffness=2.0),
+    EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
 )
 
 
@@ -110,6 +113,17 @@ def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:
     plant = Plant(ROBOT, GROUND, chain=ActuatorChain((spring,)), held=True)
     away = [np.abs(plant.step(command(kp=0.0, kd=0.0)).joint_position - rest).max() for _ in range(1000)]
     assert max(away[500:]) == pytest.approx(max(away[:500]), rel=0.02)
+
+
+def test_a_joint_leans_on_its_stop() -> None:
+    """By as much as its stiffness says: 10 Nm at 200 Nm/rad are 50 mrad."""
+    stop = EndStop(upper=tuple(ROBOT.stand_pose + 0.1), lower=tuple(ROBOT.stand_pose - 0.1), stiffness=200.0)
+    plant = Plant(ROBOT, GROUND, chain=ActuatorChain((stop,)), held=True)
+    for sign in (1.0, -1.0):
+        pushed = replace(command(kp=0.0, kd=2.0), torque=sign * 10.0 + ZERO)
+        for _ in range(500):
+            state = plant.step(pushed)
+        np.testing.assert_allclose(state.joint_position, ROBOT.stand_pose + sign * 0.15, atol=0.02)
 
 
 def test_training_feels_friction() -> None:

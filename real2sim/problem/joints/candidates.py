@@ -79,6 +79,12 @@ KINDS = (
     ),
     _kind("backlash", _size("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
     _kind("joint_spring", _size("pull", -10.0, 10.0, 0.05), _size("stiffness", 0.0, 20.0, 0.2)),
+    _kind(  # how far the stop reaches into the range of the log
+        "end_stop",
+        _size("stiffness", 0.0, 3000.0, 10.0),
+        _shape("depth", 0.0, 0.4, 0.005),
+        starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
+    ),
     _kind("armature", _size("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
     _kind("encoder_bias", _size("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
     _kind(
@@ -100,6 +106,12 @@ class Reach:
     """Largest commanded [Nm]."""
     middle: float
     """Mean angle [rad]."""
+    side: float
+    """Of the claimed limit that it comes nearest to: +1 at large angles, -1 at small ones."""
+    end: float
+    """Angle that is nearest to that limit [rad]."""
+    to_limit: float
+    """From there to the limit [rad]."""
     steps: tuple[float, ...]
     """Steps of an encoder that the angles suggest [rad]."""
 
@@ -118,14 +130,16 @@ class JointCandidates:
         self, places: Sequence[str], limit: Floats, reach: Sequence[Reach], left_out: Sequence[str] = ()
     ) -> None:
         self._places, self._limit = tuple(places), limit
-        self._middle = np.array([r.middle for r in reach])[:, None]  # [rad], shape (joints, 1)
+        self._middle, self._side, self._end = (
+            np.array([getattr(r, name) for r in reach])[:, None] for name in ("middle", "side", "end")
+        )  # shapes (joints, 1)
         self._column: dict[tuple[str, int], slice] = {}
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
             # the loop of a leg's drives has one rate
             for joint, place in enumerate(self._places[:1] if kind.is_nuisance else self._places):
-                way = _of_pull(reach[joint].middle) if kind.effect == "joint_spring" else kind.coordinates
+                way = _coordinates(kind, reach[joint])
                 listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint]), coordinates=way))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
                 start += len(kind.unknowns)
@@ -143,7 +157,7 @@ class JointCandidates:
             return None if values is None else values[0]
 
         speed, saturation = get("torque_speed_limit"), get("torque_saturation")
-        spring = get("joint_spring")
+        spring, stop = get("joint_spring"), get("end_stop")
         return Drives(
             count=len(unknowns),
             dt_s=dt_s,
@@ -160,6 +174,7 @@ class JointCandidates:
             stiction=_pair(get("stiction")),
             width=single("backlash"),
             spring=None if spring is None else (spring[0] + spring[1] * self._middle, spring[1]),
+            stop=None if stop is None else (self._side, self._end - self._side * stop[1], stop[0]),
             armature=single("armature"),
             bias=single("encoder_bias"),
             quantisation=_pair(get("encoder_quantisation")),
@@ -205,12 +220,20 @@ def _starts(kind: Candidate, reach: Reach) -> tuple[tuple[float, ...], ...]:
     return kind.starts
 
 
-def _of_pull(middle: float) -> Coordinates:
-    """Of a spring by its pull at the mean angle of a log, which the log tells without the stiffness."""
-    return Coordinates(
-        parameters=lambda x: {"torque": float(x[0] + x[1] * middle), "stiffness": float(x[1])},
-        unknowns=lambda values: (values["torque"] - values["stiffness"] * middle, values["stiffness"]),
-    )
+def _coordinates(kind: Candidate, reach: Reach) -> Coordinates | None:
+    """Those of a kind at one place: of a spring by its pull at the mean angle, which tells nothing of its stiffness."""
+    if kind.effect == "joint_spring":
+        return Coordinates(
+            parameters=lambda x: {"torque": float(x[0] + x[1] * reach.middle), "stiffness": float(x[1])},
+            unknowns=lambda values: (values["torque"] - values["stiffness"] * reach.middle, values["stiffness"]),
+        )
+    if kind.effect == "end_stop":
+        name = "upper" if reach.side > 0.0 else "lower"
+        return Coordinates(
+            parameters=lambda x: {"stiffness": float(x[0]), name: reach.end - reach.side * float(x[1])},
+            unknowns=lambda values: (values["stiffness"], reach.side * (reach.end - values[name])),
+        )
+    return kind.coordinates
 
 
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:

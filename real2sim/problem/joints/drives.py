@@ -55,6 +55,8 @@ class Drives:
     width: Floats | None = None
     spring: tuple[Floats, Floats] | None = None
     """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
+    stop: tuple[Floats, Floats, Floats] | None = None
+    """Side, +1 at large angles and -1 at small ones, where it begins [rad], and stiffness [Nm/rad]."""
     armature: Floats | None = None
     bias: Floats | None = None
     quantisation: tuple[Floats, Floats] | None = None
@@ -122,6 +124,17 @@ class Drives:
             torque = torque * (1.0 + self.gain)
         if self.sag is not None:
             torque = torque * (1.0 - elapsed * self.sag)
+        return torque
+
+    def held_back(self, position: Floats) -> Floats | float:
+        """Torque against positive motion of springs and stops [Nm]."""
+        torque: Floats | float = 0.0
+        if self.spring is not None:
+            pull, stiffness = self.spring
+            torque = stiffness * position - pull
+        if self.stop is not None:
+            side, begin, stiffness = self.stop
+            torque = torque + side * stiffness * np.maximum(side * (position - begin), 0.0)
         return torque
 
     def friction(self, velocity: Floats) -> Floats:

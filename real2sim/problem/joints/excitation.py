@@ -4,14 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saltus.arrays import Floats, Indices
+from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import Reach
 from saltus.real2sim.problem.joints.motion import Rows
 from saltus.recordings.run_log import RunLog
+from saltus.sim.held import HeldRobot
 
 LEAST_TORQUE = 5.0  # Nm commanded: drives of this class lose nothing below it (original's dynamometer table)
 LEAST_FAST = 2.0  # rad/s: a tenth of the smallest no-load speed that is published for robots of this class
 LEAST_SPEED = 0.05  # rad/s: below it a joint stands still
+NEAR_STOP = 0.2  # rad from a claimed limit: the stop of a Go2's calves begins 0.09 rad before theirs
 LEAST_SAG_S = 5.0  # a battery does not empty in less
 FINEST_STEP, COARSEST_STEP = 5e-4, 0.04
 """Steps of an encoder that are looked for [rad]: finer ones drown in noise of 1 mrad, coarser ones no drive has."""
@@ -39,6 +41,9 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
         why["feedforward_delay"] = "the log has no tau_ff"
     elif np.max(np.ptp(rows.tau_ff, axis=0)) < 1e-6:
         why["feedforward_delay"] = "tau_ff never changes"
+    to_limit = min(r.to_limit for r in reach)
+    if to_limit > NEAR_STOP:
+        why["end_stop"] = f"no joint comes nearer than {to_limit:.2f} rad to its claimed limits"
     if log.joints.dq is None:
         why["velocity_scale"] = "the log has no dq: it would look like viscous friction"
     if torque < LEAST_TORQUE:
@@ -60,22 +65,31 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
     return why
 
 
-def reach_of(rows: Rows, kp: Floats, kd: Floats, branches: Indices, steps: Sequence[float | None]) -> tuple[Reach, ...]:
+def reach_of(rows: Rows, kp: Floats, kd: Floats, robot: HeldRobot, steps: Sequence[float | None]) -> tuple[Reach, ...]:
     """How far the log goes at each place of the legs.
 
-    Gains have the shape (joints,), joints of each leg (branches, joints); `steps` is what `encoder_steps` found.
+    Gains have the shape (joints,); `steps` is what `encoder_steps` found.
     """
     asked = np.abs(kp * (rows.q_des - rows.q) + kd * (rows.dq_des - rows.speed) + rows.tau_ff)
     speed, torque = (np.nanquantile(values, MOST, axis=0) for values in (np.abs(rows.speed), asked))
-    return tuple(
-        Reach(
-            speed=float(speed[joints].max()),
-            torque=float(torque[joints].max()),
-            middle=float(np.mean(rows.q[:, joints])),
-            steps=_distinct([step for j in joints if (step := steps[j]) is not None]),
+    ends = np.stack([np.nanquantile(rows.q, share, axis=0) for share in (MOST, 1.0 - MOST)])
+    to_limit = np.stack([robot.upper - ends[0], ends[1] - robot.lower])
+    reach = []
+    for joints in robot.branches.T:
+        side, leg = np.unravel_index(np.argmin(to_limit[:, joints]), (2, len(joints)))
+        nearest = side, joints[leg]
+        reach.append(
+            Reach(
+                speed=float(speed[joints].max()),
+                torque=float(torque[joints].max()),
+                middle=float(np.mean(rows.q[:, joints])),
+                side=1.0 if side == 0 else -1.0,
+                end=float(ends[nearest]),
+                to_limit=float(to_limit[nearest]),
+                steps=_distinct([step for j in joints if (step := steps[j]) is not None]),
+            )
         )
-        for joints in branches.T
-    )
+    return tuple(reach)
 
 
 def _distinct(steps: Sequence[float]) -> tuple[float, ...]:

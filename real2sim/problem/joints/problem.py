@@ -72,7 +72,7 @@ class JointProblem(Problem):
         self.segments = segments_of(log)
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
-        self.reach = reach_of(self._rows, kp, kd, branches, self._steps)
+        self.reach = reach_of(self._rows, kp, kd, self._robot, self._steps)
         self.untestable = untestable(log, self._rows, self.reach)
         limits = _torque_limits(self.model, branches)
         self.limit = limits[0]

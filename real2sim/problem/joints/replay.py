@@ -172,9 +172,8 @@ class _Simulation:
         torque = drives.delivered(torque, v, motion.elapsed[rows][:, None, None, None], self._drive_state)
         # 2. what resists it
         load = motion.offset[rows][..., None] + motion.feedback[rows] @ self._state
-        if drives.spring is not None:
-            pull, stiffness = drives.spring
-            load = load - pull + stiffness * (q + 0.5 * dt * v)
+        if drives.spring is not None or drives.stop is not None:
+            load = load + drives.held_back(q + 0.5 * dt * v)
         added = drives.armature
         if self._play is not None:
             torque, missing = self._play.transmitted(torque)
