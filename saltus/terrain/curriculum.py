@@ -10,7 +10,7 @@ import numpy as np
 
 from saltus.config import TerrainConfig, load
 from saltus.errors import ConfigError, nearest_hint
-from saltus.terrain import flat, level, ramp
+from saltus.terrain import clutter, flat, level, ramp
 from saltus.terrain.own import OwnFamily, own_families
 from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
 
@@ -119,6 +119,13 @@ FAMILIES: dict[str, SizedFamily] = {
     "ramp_down": SizedFamily(make=partial(ramp.make, "ramp_down"), sizes=_RAMP),
 }
 """Those that Saltus brings; installed packages add theirs (`saltus.terrain.own`)."""
+SCENERY: dict[str, SizedFamily] = {
+    "clutter": SizedFamily(
+        make=clutter.make, sizes={"height_m": Size(default=0.5, low=0.06, high=1.5, base=0.1, slope=1.1)}, is_drawn=True
+    )
+}
+"""What predictors are shown beside courses; no robot has to cross it."""
+_BROUGHT = FAMILIES | SCENERY
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
@@ -150,9 +157,9 @@ def find_family(name: str) -> SizedFamily | OwnFamily:
     Raises:
         ConfigError: there is none.
     """
-    families: dict[str, SizedFamily] | dict[str, OwnFamily] = FAMILIES if name in FAMILIES else own_families()
+    families: dict[str, SizedFamily] | dict[str, OwnFamily] = _BROUGHT if name in _BROUGHT else own_families()
     if name not in families:
-        raise ConfigError(f"no terrain '{name}': {nearest_hint(name, [*FAMILIES, *families])}; or give a TOML file")
+        raise ConfigError(f"no terrain '{name}': {nearest_hint(name, [*_BROUGHT, *families])}; or give a TOML file")
     return families[name]
 
 
@@ -160,7 +167,7 @@ def is_drawn(config: TerrainConfig) -> bool:
     """Whether terrains of another layout seed differ."""
     if config.terrain.endswith(FILE_SUFFIX):
         return False
-    family = FAMILIES.get(config.terrain)
+    family = _BROUGHT.get(config.terrain)
     return family is None or family.is_drawn or any(getattr(config, n) is not None for n in family.greatest)
 
 

@@ -16,14 +16,17 @@ from saltus.terrain.terrain import LEVEL_M, TRENCH_DEPTH
 
 VARIANTS = 32
 """Courses of each family and level. With ten levels 320, of which a robot meets some ten on its way up."""
+MANY_VARIANTS = 1024
+"""The same where there is one level, as in data for predictors: thousands of robots would learn 32 scenes by heart."""
 _LOOK_M = 0.01  # between the places at which the lowest ground of a course is looked for
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseTable:
-    """Courses of some families, level by level, `VARIANTS` each; those of a family follow one another."""
+    """Courses of some families, level by level, `variants` each; those of a family follow one another."""
 
     levels: int
+    variants: int
     ground: Boxes
     """As high as the courses, arrays of shape (courses, some, ...)."""
     solid: Boxes
@@ -51,9 +54,9 @@ class CourseTable:
         Raises:
             ConfigError: there is no such family, or it makes no course.
         """
-        terrains = []
+        terrains, variants = [], VARIANTS if levels > 1 else MANY_VARIANTS
         for family in map(find_family, names):
-            for level, variant in np.ndindex(levels, VARIANTS):
+            for level, variant in np.ndindex(levels, variants):
                 rng = np.random.default_rng([level, variant])
                 terrains.append(family(min(hardest * (level + rng.uniform()) / levels, 1.0), rng))
         stack = TerrainStack(terrains)
@@ -65,8 +68,8 @@ class CourseTable:
         lowest, last = np.array([heights.min() for heights in along]), np.array([heights[-1] for heights in along])
         finish_x = stack.finish_x - start_x
         return CourseTable(
-            levels=levels, ground=ground, solid=solid, finish_x=finish_x, slope=1.0 + np.abs(last) / finish_x,
-            floor=lowest - TRENCH_DEPTH, leads_down=last < -LEVEL_M,
+            levels=levels, variants=variants, ground=ground, solid=solid, finish_x=finish_x,
+            slope=1.0 + np.abs(last) / finish_x, floor=lowest - TRENCH_DEPTH, leads_down=last < -LEVEL_M,
         )  # fmt: skip
 
     @property
@@ -92,9 +95,9 @@ class CourseTable:
             draw: Uniform in [0, 1), shape (n,).
         """
         xp = namespace(draw)
-        variant = xp.clip(xp.floor(draw * VARIANTS), 0.0, VARIANTS - 1.0)
+        variant = xp.clip(xp.floor(draw * self.variants), 0.0, self.variants - 1.0)
         row = xp.clip(family, 0, None) * self.levels + xp.clip(level, 0.0, self.levels - 1.0)
-        return xp.astype(row * VARIANTS + variant, xp.int64)
+        return xp.astype(row * self.variants + variant, xp.int64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
