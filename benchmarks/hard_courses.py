@@ -57,17 +57,20 @@ class Row:
     sole: Sole = STIFF
 
 
+PAPER_COURSES = {
+    "stairs 0.20": TerrainConfig(terrain="stairs", rise_m=0.20),
+    "stairs 0.25": TerrainConfig(terrain="stairs", rise_m=0.25),
+    "stones 0.1 to 0.5": TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5),
+    "gap 0.8": TerrainConfig(terrain="gap", gap_m=0.8),
+    "step 0.6": TerrainConfig(terrain="step", height_m=0.6),
+}
+"""Those of the README."""
+
+
 def _rows() -> dict[str, Row]:
     added = np.maximum(ARMATURE - load_robot(DEFAULT_ROBOT).armature, 0.0)
     armature = (Armature(added=tuple(added.tolist())),)
-    paper = {
-        "stairs 0.20": TerrainConfig(terrain="stairs", rise_m=0.20),
-        "stairs 0.25": TerrainConfig(terrain="stairs", rise_m=0.25),
-        "stones 0.1 to 0.5": TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5),
-        "gap 0.8": TerrainConfig(terrain="gap", gap_m=0.8),
-        "step 0.6": TerrainConfig(terrain="step", height_m=0.6),
-    }
-    stairs = paper["stairs 0.20"]
+    stairs = PAPER_COURSES["stairs 0.20"]
     others = {
         "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
         "pyramid 0.15": TerrainConfig(terrain="pyramid", rise_m=0.15),
@@ -79,8 +82,8 @@ def _rows() -> dict[str, Row]:
         "ramp down 20 deg": TerrainConfig(terrain="ramp_down", slope_deg=20.0),
     }
     return {
-        **{name: Row(course=course) for name, course in paper.items()},
-        **{f"{name}, corrected armature": Row(course=course, effects=armature) for name, course in paper.items()},
+        **{name: Row(course=course) for name, course in PAPER_COURSES.items()},
+        **{f"{name}, corrected armature": Row(course=it, effects=armature) for name, it in PAPER_COURSES.items()},
         "stairs 0.20, commands 15 ms late": Row(course=stairs, effects=(CommandDelay(delay=0.015),)),
         "stairs 0.20, friction 0.35": Row(course=stairs, friction=0.35),
         "stairs 0.20, soft feet": Row(

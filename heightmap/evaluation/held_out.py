@@ -31,14 +31,14 @@ from saltus.heightmap.evaluation.comparison import BASELINES
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.replay import replay_predictor
+from saltus.heightmap.service.replay import Predictor, replay_predictor
+from saltus.heightmap.service.service import HeightmapService
 from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout, RolloutStep
 from saltus.policy.planner import make_planner
 from saltus.render.camera import Mount
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.loading import load_robot
-from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
 from saltus.terrain.curriculum import make_terrain
@@ -46,7 +46,7 @@ from saltus.terrain.law import PAPER
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.wire.messages import ControllerMode
+from saltus.wire.messages import ControllerMode, Heightmap
 from saltus.workers import tell
 
 MASTERED, HARD = "mastered", "hard"
@@ -80,6 +80,8 @@ class HeldOutRuns:
     """Predictors that are shown the same images."""
     time_limit_s: float = 10.0
     """Of a run: at 1.2 m/s any course is behind a robot that still runs."""
+    statuses: bool = False
+    """Whether to ask the heightmap service of each robot for its status, too: it takes twice as long."""
 
     def __post_init__(self) -> None:
         stands_s = STAND_STEPS * TICK_S
@@ -100,21 +102,27 @@ class HeldOutRuns:
         """What `measure` tells of a batch, see `saltus.workers.tell`: steps, then robots that are measured."""
         return math.ceil(self.time_limit_s / TICK_S) + 1 + ROBOTS * ROBOT_WORK
 
+    def courses(self, rng: np.random.Generator, count: int) -> list[tuple[str, Terrain]]:
+        """Level and course of each robot of a batch."""
+        some = [_course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
+        terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
+        return [(some[i % len(some)][0], terrain) for i, terrain in enumerate(terrains)]
+
     def measure(self, model: Path, batch: tuple[int, int]) -> list["HeldOutRun"]:
         """Runs one of `batches`; it follows from the seed and the model alone."""
         number, count = batch
         rng = np.random.default_rng([self.seed, number])
-        some = [_course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
-        terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
+        levels, terrains = zip(*self.courses(rng, count), strict=True)
         planner: PlannerName = "learned" if number % 2 == 0 else "scripted"
         seeds = FIRST_SEED + ROBOTS * (10_000 * self.seed + number) + np.arange(count)
         kind, ticks = load_camera(self.camera).mounted_on(load_robot(DEFAULT_ROBOT)), list[_Tick]()
+        network = HeightmapNetwork(kind, model)
         rollout = Rollout(
             kind,
-            terrains,
+            list(terrains),
             [Trial.draw(int(seed)) for seed in seeds],
             make_planner(planner, kind, self.policy if planner == "learned" else None),
-            heights=partial(self._source, HeightmapNetwork(kind, model), rng, ticks),
+            heights=partial(self._source, network, rng, ticks),
             time_limit_s=self.time_limit_s,
         )
         steps = []
@@ -124,7 +132,7 @@ class HeldOutRuns:
         tell(self.work - ROBOTS * ROBOT_WORK - len(steps))
         measured = []
         for robot, terrain in enumerate(terrains):
-            measured.append(_measured(self, kind, steps, ticks, robot, terrain, some[robot % len(some)][0]))
+            measured.append(_measured(self, network, steps, ticks, robot, terrain, levels[robot]))
             tell(ROBOT_WORK)
         tell(ROBOT_WORK * (ROBOTS - count))
         return measured
@@ -172,6 +180,9 @@ class HeldOutRun:
     view: NDArray[np.int8]
     """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
     predictions: dict[str, Prediction]
+    status: NDArray[np.int8] | None = None
+    """What the heightmap service says of the network's heights, a `HeightmapStatus` each, shape (n,); None where it was
+    not asked."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -208,7 +219,7 @@ class _RecordedSource:
 
 def _measured(
     config: HeldOutRuns,
-    kind: Robot,
+    model: HeightmapNetwork,
     steps: Sequence[RolloutStep],
     ticks: Sequence[_Tick],
     robot: int,
@@ -216,6 +227,7 @@ def _measured(
     level: str,
 ) -> HeldOutRun:
     """What counts of one robot's first trial."""
+    kind = model.robot
     count = sum(bool(step.running[robot]) for step in steps)
     steps, ticks = steps[:count], ticks[:count]
     position = np.array([step.truth.position_base_in_world[robot] for step in steps])
@@ -225,8 +237,14 @@ def _measured(
         height=np.array([tick.height[robot] for tick in ticks], np.float64),
         half_width_90=np.array([tick.half_width_90[robot] for tick in ticks], np.float64),
     )
-    others = {name: _baseline(name, kind, steps, ticks, robot) for name in config.baselines}
-    counted = slice(STAND_STEPS, None)
+    others = {
+        name: _prediction(_replayed(GeometricHeightmap(kind, foot_gain=BASELINES[name]), steps, ticks, robot))
+        for name in config.baselines
+    }
+    counted, status = slice(STAND_STEPS, None), None
+    if config.statuses:
+        answers = _replayed(HeightmapService(model), steps, ticks, robot)[counted]
+        status = np.array([answer.status for answer in answers], np.int8)
     return HeldOutRun(
         terrain=terrain.kind,
         level=level,
@@ -236,11 +254,14 @@ def _measured(
             name: Prediction(height=said.height[counted], half_width_90=said.half_width_90[counted])
             for name, said in {NETWORK: network, **others}.items()
         },
+        status=status,
     )
 
 
-def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int) -> Prediction:
-    """A geometric baseline on the images that the robot's network got, when it got them."""
+def _replayed(
+    predictor: Predictor, steps: Sequence[RolloutStep], ticks: Sequence[_Tick], robot: int
+) -> list[Heightmap]:
+    """What a predictor answers to the images that the robot's network got, when it got them."""
     taken = {
         step.states.step: tick.depth[robot] for step, tick in zip(steps, ticks, strict=True) if tick.depth is not None
     }
@@ -248,13 +269,17 @@ def _baseline(name: str, kind: Robot, steps: Sequence[RolloutStep], ticks: Seque
     for step, tick in zip(steps, ticks, strict=True):
         if np.isfinite(tick.captured_s[robot]):
             arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
-    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=_ns(step), frame_id=step) for step in arrived]
+    number = {step: i for i, step in enumerate(taken)}
+    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=_ns(step), frame_id=number[step]) for step in arrived]
     states = [
         state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
         for states in (step.states for step in steps)
     ]
     arrival_ns = [_ns(step) for step in arrived.values()]
-    maps = replay_predictor(GeometricHeightmap(kind, foot_gain=BASELINES[name]), frames, states, arrival_ns)
+    return replay_predictor(predictor, frames, states, arrival_ns)
+
+
+def _prediction(maps: Sequence[Heightmap]) -> Prediction:
     return Prediction(
         height=np.array([heightmap.height for heightmap in maps], np.float64),
         half_width_90=np.array([heightmap.half_width_90 for heightmap in maps], np.float64),

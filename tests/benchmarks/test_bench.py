@@ -43,6 +43,8 @@ BAD = {
     "no policy": ("hard_courses --models nowhere", "nowhere"),
     "no heightmap model": ("hard_courses --heightmap predicted --heightmap-model nowhere", "nowhere"),
     "no trials": (f"hard_courses --out {Path(__file__)}", "holds no trials"),
+    "no other policy": ("heights --other-policy nowhere", "no file nowhere"),
+    "no batches": (f"heights --out {Path(__file__)}", "holds no batches"),
     "no models": ("other_robots --models nowhere", "nowhere"),
     "no verdicts": ("hidden_effects score nowhere nowhere", "nowhere"),
 }
