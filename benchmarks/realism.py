@@ -2,7 +2,7 @@
 
 Networks are trained from nothing on the same motion, seed and number of updates, and differ in their images:
 
-    A  stereo errors, 30 to 60 ms late with jitter, losses and pauses, noise: as shipped
+    A  stereo errors, late with jitter, losses and pauses, noise: as in any training
     B  true depth, as late as those of A
     C  true depth, 50 ms late, none lost
     D  true depth, neither late nor lost

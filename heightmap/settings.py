@@ -74,7 +74,7 @@ class TrainConfig:
     noise: bool = True
     """Errors on the images, as far as they do not have them; without it a network learns from what is in the data."""
     delivery: DeliveryName = "training"
-    """Of the images. training: 30 to 60 ms late with jitter, losses and pauses. nominal: 50 ms late, none lost.
+    """Of the images. training: 30 to 110 ms late with jitter, losses and pauses. nominal: 50 ms late, none lost.
     at-once: neither late nor lost."""
     forgets: float = 0.4
     """Share of windows before which the hidden state is emptied on the way, as after a long loss of images: its first
