@@ -27,6 +27,7 @@ from saltus.heightmap.settings import DeviceLoop
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.randomisation import RandomisationConfig
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.features import PROPRIOCEPTION_SIZE, SIZE, read
@@ -63,7 +64,9 @@ class DeviceRollouts:
         config = from_toml(TrainConfig, policy["config"]).env
         self.profile = profile or config.profile
         """Of all robots."""
-        config = replace(config, curriculum=_curriculum(loop), profile=self.profile)
+        config = replace(
+            config, curriculum=_curriculum(loop), profile=self.profile, randomisation=_grown(config.randomisation)
+        )
         robot = load_robot(DEFAULT_ROBOT)
         engine = make_engine(robot, loop.robots, config.curriculum.boxes, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
@@ -153,6 +156,11 @@ def _curriculum(loop: DeviceLoop) -> CurriculumConfig:
     own = {name: share for name, share in times.items() if name not in KINDS}
     shares = {name: times[name] for name in KINDS}
     return CurriculumConfig(**shares, own=own, levels=1, hardest=loop.hardest)
+
+
+def _grown(randomisation: RandomisationConfig) -> RandomisationConfig:
+    """As at the end of a training, whose ranges may have grown on the way."""
+    return replace(randomisation, wide=replace(randomisation.wide, growth_msteps=(0.0, 0.0)))
 
 
 def checked_device(device: str) -> str:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import torch
 from samples import ROBOT
 
 from saltus.cli.main import main as saltus
+from saltus.config import from_toml, to_toml
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
 from saltus.heightmap.data.device_heights import DeviceHeights, late_images
+from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
@@ -24,6 +27,9 @@ from saltus.heightmap.settings import MIN_TICKS, TERRAINS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv, Transition
+from saltus.policy.env.randomisation import WideConfig
+from saltus.policy.env.settings import TrainConfig
+from saltus.policy.training.checkpoint import read_checkpoint
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
 ROBOTS, TICKS = len(TERRAINS), 70
@@ -109,6 +115,18 @@ def test_robots_are_led_by_whom_the_share_says(
     scripted = rhythm[0, ~varies]
     scripted = scripted[scripted < 1.0]  # some would be faster than an action can be
     assert len(scripted.unique()) == len(scripted)  # each has a rhythm of its own
+
+
+def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
+    policy = read_checkpoint(CHECKPOINTS / "policy.pt")
+    config = from_toml(TrainConfig, policy["config"])
+    wide = WideConfig(share=1.0, growth_msteps=(100.0, 400.0))
+    randomisation = replace(config.env.randomisation, wide=wide)
+    policy["config"] = to_toml(replace(config, env=replace(config.env, randomisation=randomisation)))
+    loop = DeviceLoop(robots=16, ticks=MIN_TICKS, terrains=("flat",))
+    memory = DeviceRollouts(loop, policy, None, device="cpu", seed=0)._env.memory
+    for drawn, most in ((memory.joint_damping, wide.joint_damping), (memory.joint_friction, wide.joint_friction)):
+        assert 0.3 * most < float(drawn.mean()) <= float(drawn.max()) <= most
 
 
 def test_late_and_lost_images_never_go_back_in_time() -> None:
