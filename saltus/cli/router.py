@@ -43,17 +43,19 @@ class Router:
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
         from saltus.terrain.curriculum import make_terrain
-        from saltus.wire.router import open_router, write_client
+        from saltus.wire.access import write_client
+        from saltus.wire.router import open_router
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
         config.check()
-        endpoint, router = open_router(self.endpoint)
+        access, router = open_router(self.endpoint)
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
             write_run(directory, config, robot, make_terrain(terrain), camera)
-            write_client(directory / CLIENT_FILE, endpoint)
-            print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)
+            write_client(directory / CLIENT_FILE, access)
+            joined = f"join it with {directory / CLIENT_FILE}, which only you can read"
+            print(f"router at {access.endpoint}, keys under {self.prefix}; {joined}", flush=True)
             while True:
                 time.sleep(LOOK_S)

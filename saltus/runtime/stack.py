@@ -27,9 +27,10 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
+from saltus.wire.access import write_client
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
-from saltus.wire.router import open_router, write_client
+from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
@@ -73,8 +74,6 @@ class Stack:
         self.robot = self.camera.mounted_on(load_robot(run_config.robot))
         self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
-        self.endpoint = ""
-        """Where the router listens."""
         self.finished = False
         """Whether the run came to its own end: the controller has returned."""
         self.rejected: dict[str, dict[str, int]] = {}
@@ -166,10 +165,10 @@ class Stack:
     def _open(self) -> None:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
-        self.endpoint, router = open_router()
+        access, router = open_router()
         self._resources.callback(router.close)
-        write_client(self.run_dir / CLIENT_FILE, self.endpoint)
-        self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly)
+        write_client(self.run_dir / CLIENT_FILE, access)
+        self._bus = ZenohBus(access, self.config.prefix, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
@@ -205,7 +204,7 @@ class Stack:
     @property
     def _arguments(self) -> list[str]:
         links = [PEER_FLAG] if self._links_directly else []
-        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, *links]
+        return ["--run-dir", str(self.run_dir), *links]
 
     @property
     def _links_directly(self) -> bool:
@@ -356,9 +355,9 @@ def loopback_round_trip(messages: int = 50) -> float:
     Raises:
         StackError: no router can be had, or nothing arrives.
     """
-    endpoint, router = open_router()
+    access, router = open_router()
     times = []
-    with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:
+    with contextlib.closing(router), ZenohBus(access, "saltus") as here, ZenohBus(access, "saltus") as there:
         ping, pong = here.publisher("done", "ping"), there.publisher("done", "pong")
         ping_in, pong_in = there.latest("done", "ping"), here.latest("done", "pong")
         for step in range(messages):
