@@ -65,9 +65,9 @@ class Benchmark(Command):
         return {"logs": results}
 
 
-def jumped(terrain: str, seed: int, folder: Path) -> None:
-    """Writes the log of a run without effects."""
-    config = RunConfig(terrain=TerrainConfig(terrain=terrain), seed=seed, profile="ideal", camera="ideal")
+def jumped(terrain: str, seed: int, folder: Path, profile: str = "ideal") -> None:
+    """Writes the log of a run; by default without effects."""
+    config = RunConfig(terrain=TerrainConfig(terrain=terrain), seed=seed, profile=profile, camera="ideal")
     export_run_log(recorded_run(config), folder)
 
 
@@ -84,6 +84,7 @@ def searched(log: Path, out: Path) -> dict[str, Any]:
     return {
         "verdict": verdict.verdict,
         "effects": sorted({effect.name for effect in verdict.effects}),
+        "sets": [list(members) for members in verdict.sets],
         "said": list(verdict.log_faults),
         "not_compared": sorted(judgement.not_compared),
         "seconds": round(time.perf_counter() - start_s, 1),

@@ -14,6 +14,7 @@ from saltus.errors import ConfigError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.replay import Limit
 from saltus.real2sim.problem.joints.problem import JointProblem
+from saltus.real2sim.problem.jumps.problem import JumpProblem
 from saltus.real2sim.problem.log import reference_robot
 from saltus.real2sim.problem.problem import Candidate, Problem, WrappedProblem
 from saltus.robots.robot import JOINTS, Robot
@@ -29,7 +30,9 @@ class RebasedProblem(WrappedProblem):
     def __init__(self, inner: Problem, profile: Profile) -> None:
         self._bare, self._profile = inner, profile
         saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
-        if saturation is not None and isinstance(inner, JointProblem):  # no candidate can represent a measured curve
+        if saturation is not None and isinstance(
+            inner, JointProblem | JumpProblem
+        ):  # no candidate can represent a measured curve
             inner = _saturated(inner, saturation)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
         if isinstance(inner, BodyProblem):
@@ -56,7 +59,7 @@ class RebasedProblem(WrappedProblem):
     def leaner(self) -> dict[str, Problem]:
         """See `Problem`."""
         # what a profile says as the log claims it anyway, or as no replay can hold, is not there to be taken out
-        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem | BodyProblem) else set()
+        assumed = {TorqueSaturation.name} if isinstance(self._bare, JointProblem | BodyProblem | JumpProblem) else set()
         there = {candidate.effect for candidate in self.candidates if candidate.base or candidate.effect in assumed}
         parts = {part: getattr(self._profile, part) for part in PARTS.values()}
         return {
@@ -79,10 +82,10 @@ def _owner(limit: Limit, model: Robot | Path) -> Robot:
     return reference_robot(model)
 
 
-def _saturated(problem: JointProblem, saturation: TorqueSaturation) -> JointProblem:
+def _saturated(problem: JointProblem | JumpProblem, saturation: TorqueSaturation) -> JointProblem | JumpProblem:
     """The problem of a simulator with this saturation."""
     starts, falls = saturation.fitted(_owner(saturation, problem.model)).corners
-    names = [[block[place] for place in problem.places[0]] for block in problem.places]
+    names = [[block[place] for place in problem.places[0] if place != "trunk"] for block in problem.places]
     columns = np.array([[JOINTS.index(name) if name in JOINTS else 0 for name in block] for block in names])
     corners, slopes = (
         np.asarray(np.broadcast_to(each, falls.shape)[:, columns].transpose(1, 2, 0), dtype=np.float64)

@@ -72,7 +72,9 @@ def _no_free_base(log: RunLog) -> str:
         return "the robot's model counts angles the other way: positive is about x (hip) and y (thigh, calf)"
     share = carried_by(log)
     if share >= LEAST_SHARE:
-        return CHANGING_GAINS if has_changing_gains(log) else ""
+        return (
+            "no IMU data: how it turns at a landing is not known" if log.imu is None and has_changing_gains(log) else ""
+        )
     return f"the robot does not stand on its legs: their drives carry {share:.0%} of its weight"
 
 
@@ -97,8 +99,9 @@ def _camera(log: RunLog) -> Problem:
 
 def _body(log: RunLog) -> Problem:
     from saltus.real2sim.problem.body.problem import BodyProblem
+    from saltus.real2sim.problem.jumps.problem import JumpProblem
 
-    return BodyProblem(log)
+    return JumpProblem(log) if has_changing_gains(log) else BodyProblem(log)
 
 
 def _imu(log: RunLog) -> Problem:

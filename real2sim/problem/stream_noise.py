@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.stats import norm
 
 from saltus.arrays import Floats
 
@@ -62,6 +63,11 @@ def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
     quiet = power <= QUIET_RATIO * np.quantile(power, QUIET_SHARE)
     sigma, correlation = _before_high_pass(float(power[quiet].mean()), float(product[quiet].mean()))
     return StreamNoise(sigma=sigma, correlation=correlation, dt_s=rows * dt_s)
+
+
+def quiet_sigma(values: Floats) -> float:
+    """Standard deviation of white noise beside which something else is there in all but a share of the time."""
+    return float(np.quantile(np.abs(values), QUIET_SHARE) / norm.ppf(0.5 + 0.5 * QUIET_SHARE))
 
 
 def rotation_columns(quaternion: Floats) -> Floats:

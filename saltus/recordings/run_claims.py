@@ -19,7 +19,11 @@ Range = tuple[float, float, str]
 
 GAINS: dict[str, Range] = {"kp": (0.0, 1e5, "Nm/rad"), "kd": (0.0, 1e4, "Nm s/rad")}
 CONTROL_DT: Range = (1e-5, 1.0, "s")
-OPTIONAL: dict[str, Range] = {"payload_kg": (0.0, 1e3, "kg"), "battery_v": (0.0, 1e3, "V")}
+OPTIONAL: dict[str, Range] = {
+    "payload_kg": (0.0, 1e3, "kg"),
+    "battery_v": (0.0, 1e3, "V"),
+    "motor_strength": (0.1, 10.0, ""),
+}
 GROUND: dict[str, Range] = {"friction": (1e-3, 10.0, ""), "contact_time_constant": (1e-4, 1.0, "s")}
 FOCAL: Range = (1e-2, 1e5, "px")
 CENTRE: Range = (-1e5, 1e5, "px")

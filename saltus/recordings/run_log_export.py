@@ -88,9 +88,10 @@ def _meta(
         if recording.terrain.edges_x.size:
             meta["terrain"] = recording.terrain.arrays.to_tables()
         meta["config"] = asdict(recording.config)
-        if is_simulated:  # what a seed drew of body and ground is known
+        if is_simulated:  # what a seed drew of body, drives and ground is known
             trial = Trial.draw(recording.config.seed)
-            meta |= {"payload_kg": trial.payload_kg, "ground": {"friction": trial.friction}}
+            meta |= {"payload_kg": trial.payload_kg, "motor_strength": trial.motor_strength}
+            meta["ground"] = {"friction": trial.friction}
     if frames:
         is_ideal = recording.config is not None and recording.config.profile == "ideal"
         meta["camera"] = _camera(recording, frames[0], 0.0 if is_ideal else CAMERA_LATENCY_S)

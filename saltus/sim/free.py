@@ -75,7 +75,8 @@ class FreeRobots(MujocoBatch):
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 
-def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
+def spec_on(robot: Robot, boxes: Boxes) -> mujoco.MjSpec:
+    """Describes a robot with a payload, on these boxes as `FreeRobots` takes them."""
     # with a payload, so that what the engine derives from masses exists for every robot
     spec = scene.build_spec(robot, flat.make(), payload_kg=1.0)
     ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
@@ -84,6 +85,11 @@ def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
         spec.delete(ground)
     else:
         ground.size[:2] = GROUND_SIZE
+    return spec
+
+
+def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
+    spec = spec_on(robot, boxes)
     for sensor in list(spec.sensors):
         if not sensor.name.endswith("_force"):
             spec.delete(sensor)

@@ -13,7 +13,7 @@ from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import load_camera
-from saltus.effects.profile import IDEAL
+from saltus.effects.profile import IDEAL, Profile
 from saltus.policy.planner import make_planner
 from saltus.policy.process import PlannerProcess
 from saltus.recordings.recorder import Recorder
@@ -35,20 +35,20 @@ from saltus.wire.messages import Message
 STEP_NS = TICK_NS * POLICY_STEPS
 
 
-def jumping_log(folder: Path, seconds: float = 3.5) -> RunLog:
-    """The log of a run onto a step; the robot sets out after a second."""
+def jumping_log(folder: Path, seconds: float = 3.5, profile: Profile = IDEAL) -> RunLog:
+    """The log of a run onto a step; the robot sets out after a second. Effects of `profile` are not claimed."""
     config = RunConfig(seed=1, profile="ideal", terrain=TerrainConfig(terrain="step", height_m=0.15))
     terrain = make_terrain(config.terrain)
     with Recorder(folder / "recording.mcap", config, ROBOT, terrain, load_camera(config.camera)) as file:
-        for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS)):
+        for key, message in _run(terrain, Trial.draw(config.seed), round(1e9 * seconds / STEP_NS), profile):
             envelope = Envelope(message.time_ns // STEP_NS, message.time_ns, bytes(16))
             file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), message.time_ns))
     export_run_log(read_recording(folder / "recording.mcap"), folder / "log")
     return read_run_log(folder / "log")
 
 
-def _run(terrain: Terrain, trial: Trial, steps: int) -> Iterator[tuple[str, Message]]:
-    robot = MujocoRobot(ROBOT, terrain, trial, trial.applied_to(IDEAL))
+def _run(terrain: Terrain, trial: Trial, steps: int, profile: Profile) -> Iterator[tuple[str, Message]]:
+    robot = MujocoRobot(ROBOT, terrain, trial, trial.applied_to(profile))
     robot.reset()
     loop, planner = ControlLoop(ROBOT), PlannerProcess(ROBOT, make_planner("scripted", ROBOT))
     renderer = make_renderer("embree", terrain, RobotCamera.on(ROBOT))

@@ -39,6 +39,8 @@ class Claims:
     contact_time_constant: float = NOMINAL_CONTACT_TIME_CONSTANT_S
     payload_position: tuple[float, ...] | None = None
     """Of what may be on top of the trunk [m], base frame; None for where the simulator has it."""
+    motor_strength: float = 1.0
+    """Delivered over commanded torque."""
 
     @classmethod
     def of(cls, meta: dict[str, Any]) -> "Claims":
@@ -53,6 +55,7 @@ class Claims:
             friction=float(ground.get("friction", NOMINAL_FRICTION)),
             contact_time_constant=float(ground.get("contact_time_constant", NOMINAL_CONTACT_TIME_CONSTANT_S)),
             payload_position=None if position is None else tuple(float(value) for value in position),
+            motor_strength=float(meta.get("motor_strength") or 1.0),
         )
         is_placed = claims.payload_position is None or len(claims.payload_position) == 3
         if not is_placed or min(claims.friction, claims.contact_time_constant) <= 0.0 or claims.payload_kg < 0.0:
@@ -62,6 +65,20 @@ class Claims:
     def softness(self, time_constant: float) -> float:
         """The coordinate of a time constant [s]."""
         return (time_constant / self.contact_time_constant) ** 2 - 1.0
+
+
+def trunk_candidates() -> tuple[Candidate, ...]:
+    """What may be otherwise about the mass of the trunk and what it carries."""
+    return (
+        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
+        _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
+        _one(
+            "base_inertia",
+            "trunk",
+            Unknown(name="excess", low=-0.7, high=2.0, scale=0.8),
+            coordinates=Coordinates.less("scale", 1.0),
+        ),
+    )
 
 
 def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Candidate, ...]:
@@ -77,14 +94,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
     highest = max(claims.softness(LARGEST_TIME_CONSTANT_S), LEAST_SOFTER)
     lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
     return (
-        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
-        _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
-        _one(
-            "base_inertia",
-            "trunk",
-            Unknown(name="excess", low=-0.7, high=2.0, scale=0.8),
-            coordinates=Coordinates.less("scale", 1.0),
-        ),
+        *trunk_candidates(),
         _one(
             "foot_friction",
             "feet",
@@ -158,7 +168,7 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
     )
     return Rig(
         body=body,
-        gain=1.0 + value["torque_gain.excess"],
+        gain=claims.motor_strength * (1.0 + value["torque_gain.excess"]),
         sag=value["battery_sag.loss_at_end"],
         delay_s=value["command_delay.delay"],
         loss=value["torque_saturation.loss"],

@@ -11,7 +11,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.log import sampled
 from saltus.real2sim.problem.problem import Segment
-from saltus.real2sim.problem.stream_noise import StreamNoise, read_noise, rotation_columns
+from saltus.real2sim.problem.stream_noise import StreamNoise, quiet_sigma, read_noise, rotation_columns
 from saltus.recordings.run_log import RunLog
 
 STEP_S = PHYSICS_DT
@@ -29,7 +29,9 @@ REST_RATIO = 1.3
 """A held base that swings is left out: its gyroscope is this much louder than in its quietest second, where noise
 alone varies by a few per cent."""
 JUMP = 4.0
-"""Times the usual bend from sample to sample: a foot lands between two of them, and the log does not say when."""
+"""Times the noise of the mismatch of rates and turning: a foot landed between two samples."""
+SHORTEST_S = 1e-6
+"""Between two samples: rows may bear one time."""
 STEADY_RAD = 1e-5
 """Noise of an orientation that is not measured but known: below all sensors."""
 
@@ -87,9 +89,13 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         places = _at_rest(_places(segments, time_s), time_s, values[:, 4:7])
     if not places:
         raise RecordingError("no second of the log in which the motion of the base is known")
+    mismatch, missed = _mismatch(time_s, values[:, 4:7], base)
+    gained = np.cumsum(np.pad((missed * np.diff(time_s)[:, None]) ** 2, ((1, 0), (0, 0))), axis=0)
+    # a robot that jumps turns too quickly for the noise of its rates to be told from its motion
+    gyro_noise = min(noise[1], read_noise(time_s[1:], mismatch), key=lambda each: each.sigma)
     start_s = np.array([start for _, start in places])
     steps = start_s[:, None] + np.arange(WINDOW_STEPS) * STEP_S
-    jumped = sampled(steps, time_s, _jumps(time_s, values[:, 4:7]))
+    jumped = sampled(steps, time_s, gained)
     return ImuWindows(
         start_s=start_s,
         segment=np.array([segment for segment, _ in places], dtype=np.int64),
@@ -97,19 +103,22 @@ def cut_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         jumped=jumped - jumped[:, :1],
         orientation=rotations.unit(sampled(steps, time_s, orientation)),
         base=base,
-        noise=(*noise, reference),
+        noise=(noise[0], gyro_noise, reference),
     )
 
 
-def _jumps(time_s: Floats, gyro: Floats) -> Floats:
-    """Variance of the integral of rates that jump between samples, from the first one on [rad^2], shape (n, 3).
+def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Rates from sample to sample less those of the base, in two parts [rad/s], shape (n - 1, 3) each.
 
-    The time of a jump is uniform within its step, and both bends beside it show its size.
+    The first is noise and bias. The second is what was missed where a foot landed between two samples, of which the log
+    does not say when.
     """
-    bend = np.abs(np.diff(gyro, 2, axis=0))
-    jump = np.where(bend > JUMP * np.median(bend, axis=0), bend, 0.0)
-    variance = (float(np.median(np.diff(time_s))) * jump) ** 2 / 12.0 / 2.0
-    return np.cumsum(np.pad(variance, ((1, 1), (0, 0))), axis=0)
+    turned = rotations.unit(sampled(time_s, *base))
+    moves = rotations.to_vector(rotations.product(rotations.inverse(turned[:-1]), turned[1:]))
+    rate = 0.5 * (gyro[1:] + gyro[:-1]) - moves / np.maximum(np.diff(time_s), SHORTEST_S)[:, None]
+    usual = np.median(rate, axis=0)
+    missed = np.where(np.abs(rate - usual) > JUMP * quiet_sigma(rate - usual), rate - usual, 0.0)
+    return np.asarray(rate - missed), missed
 
 
 def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, float]]:
