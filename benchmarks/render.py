@@ -121,18 +121,18 @@ def cases(backend: str, images: int) -> Iterator[Case]:
             yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=batch)
 
 
-def exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
-    """Something that makes one batch of images, and something that frees what it needs."""
+def exposure(case: Case) -> Callable[[], object]:
+    """Something that makes one batch of images."""
     if case.backend == "warp":
         return warp_exposure(case)
     robots = poses(case.batch)
     if case.noise != "none":
         return noisy_exposure(case, robots)
     renderer = make_renderer(case.backend, TERRAIN, RobotCamera.on(ROBOT, case.camera, legs=case.legs))
-    return lambda: renderer.render_batch(*robots), renderer.close
+    return lambda: renderer.render_batch(*robots)
 
 
-def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Callable[[], object]]:
+def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
     """The chain of the sensor's own pixels, or that for training, in one process."""
     from saltus.render.stereo_embree import StereoEmbree
 
@@ -149,10 +149,10 @@ def noisy_exposure(case: Case, robots: Poses) -> tuple[Callable[[], object], Cal
         image, state = cameras.step(depth, hidden, np.full(case.batch, next(instants)), state)
         return pooled(image.depth, rows, columns)
 
-    return expose, pair.close
+    return expose
 
 
-def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object]]:
+def warp_exposure(case: Case) -> Callable[[], object]:
     """On the GPU, where there is one, from torch's tensors to torch's tensors; ends when the device has finished."""
     import torch
     import warp
@@ -179,7 +179,7 @@ def warp_exposure(case: Case) -> tuple[Callable[[], object], Callable[[], object
         warp.synchronize_device(caster.device)
         return images
 
-    return expose, lambda: None
+    return expose
 
 
 def instants_s() -> Iterator[float]:
@@ -189,7 +189,7 @@ def instants_s() -> Iterator[float]:
 
 def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]:
     """One row."""
-    expose, close = exposure(case)
+    expose = exposure(case)
     growing = int(np.ceil(growth_frames / case.frames_of_model / case.batch))
     for _ in range(WARMING):
         expose()
@@ -203,7 +203,6 @@ def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]
     for _ in range(growing):
         expose()
     growth = settled_mb(expose) - before
-    close()
     return {
         "backend": case.backend,
         "size": case.size,

@@ -1,5 +1,6 @@
 """Back end on pyrender and OSMesa (or EGL): a rasteriser, which shares nothing with the rays: each checks the other."""
 
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,7 +26,7 @@ _GL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 
 class PyrenderRenderer(Renderer):
-    """See `Renderer`. One image a call of OpenGL; keep to one per process, and `close` it before the next.
+    """See `Renderer`. One image a call of OpenGL; those of a size share a context, which loads a scene at its turn.
 
     Raises:
         SaltusError: see `Renderer`, or neither OSMesa nor EGL is installed.
@@ -47,7 +48,7 @@ class PyrenderRenderer(Renderer):
             intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, znear=NEAR, zfar=FAR
         )
         self._eye = self._scene.add(eye)
-        self._gl = self._pyrender.OffscreenRenderer(intrinsics.width, intrinsics.height)
+        self._gl = _context(intrinsics.width, intrinsics.height)
         self._flags = self._pyrender.RenderFlags.DEPTH_ONLY
         self._drawn: dict[Any, int] | None = None
         if gl_platform() == "egl":  # where pyrender takes four samples a pixel; SEG has them all at the pixel's centre
@@ -70,12 +71,14 @@ class PyrenderRenderer(Renderer):
             images[i] = self._gl.render(self._scene, self._flags, self._drawn)
         return np.where(images > 0.0, images, np.float32(np.inf))  # pyrender's 0 is "nothing hit"
 
-    def close(self) -> None:
-        """See `Renderer`."""
-        self._gl.delete()
-
     def _add(self, mesh: trimesh.Trimesh) -> Any:
         return self._scene.add(self._pyrender.Mesh.from_trimesh(mesh, smooth=False))
+
+
+@cache
+def _context(width: int, height: int) -> Any:
+    """A context of OpenGL for images of a size: it takes a tenth of a second to make one and to free it."""
+    return load_pyrender().OffscreenRenderer(width, height)
 
 
 def _link_poses(legs: Capsules, base_position: Floats, base_quaternion: Floats) -> NDArray[np.float64]:

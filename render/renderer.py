@@ -48,10 +48,6 @@ class Renderer(ABC):
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         """What `render_batch` does, of poses that have been checked."""
 
-    def close(self) -> None:
-        """Frees what the back end holds; the renderer cannot be used afterwards."""
-        return
-
 
 def check_poses(base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> None:
     """Refuses poses that are no poses.

@@ -2,7 +2,6 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -66,12 +65,13 @@ def camera(request: pytest.FixtureRequest) -> Intrinsics:
 
 
 @pytest.fixture(params=KINDS)
-def back_ends(request: pytest.FixtureRequest, camera: Intrinsics) -> Iterator[list[Renderer]]:
+def back_ends(request: pytest.FixtureRequest, camera: Intrinsics) -> list[Renderer]:
     terrain = terrain_of(request.param)
     eye = RobotCamera.on(ROBOT, camera)
-    rasteriser = make_renderer("pyrender", terrain, eye)
-    yield [make_renderer("embree", terrain, eye), rasteriser, WarpRenderer(terrain, eye, device="cpu")]
-    rasteriser.close()
+    return [
+        *(make_renderer(name, terrain, eye) for name in ("embree", "pyrender")),
+        WarpRenderer(terrain, eye, device="cpu"),
+    ]
 
 
 def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsics) -> None:
@@ -133,7 +133,15 @@ def test_one_pose_is_a_batch_of_one(back_end: str) -> None:
         alone = renderer.render(*(array[i] for array in where))
         assert (alone.dtype, alone.shape) == (np.float32, together.shape[1:])
         np.testing.assert_array_equal(alone, together[i])
-    renderer.close()
+
+
+def test_renderers_draw_in_turn() -> None:
+    """Those of pyrender with images of one size share a context."""
+    some = [make_renderer("pyrender", terrain_of(kind), RobotCamera.on(ROBOT)) for kind in ("stairs", "gap")]
+    where = poses(some[0].terrain, 3, seed=2)
+    first, again = ([renderer.render_batch(*where) for renderer in some] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert (first[0] != first[1]).any()
 
 
 def test_a_renderer_that_does_not_exist() -> None:
@@ -146,7 +154,6 @@ def test_the_fastest_is_taken() -> None:
     assert make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT)).name == "embree"
     large = make_renderer("auto", terrain_of("flat"), RobotCamera.on(ROBOT, D435I))
     assert large.name == preference(D435I)[0]
-    large.close()
 
 
 def test_auto_takes_the_next_where_a_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,7 +220,6 @@ for _ in range(5):
     assert (camera.render(*pose) == first).all()
 video.close()
 assert (camera.render(*pose) == first).all()
-camera.close()
 """
 
 
@@ -230,10 +236,10 @@ from benchmarks.render import ROBOT, TERRAIN, poses
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 
-renderer, robots = make_renderer(sys.argv[1], TERRAIN, RobotCamera.on(ROBOT)), poses(100)
+robots = poses(100)
 def render(count):
     for _ in range(0, count, 100):
-        renderer.render_batch(*robots)
+        make_renderer(sys.argv[1], TERRAIN, RobotCamera.on(ROBOT)).render_batch(*robots)
     return resident_mb(own_processes())
 first = render(500)
 print(render(4000) - first)
@@ -241,7 +247,7 @@ print(render(4000) - first)
 
 
 @pytest.mark.parametrize("back_end", ["embree", "pyrender", "warp"])
-def test_thousands_of_frames_leave_no_memory_behind(back_end: str) -> None:
+def test_thousands_of_frames_of_many_renderers_leave_no_memory_behind(back_end: str) -> None:
     """In a process of its own, so that nothing else grows or shrinks meanwhile."""
     command = [sys.executable, "-c", GROWTH, back_end]
     result = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -64,9 +64,7 @@ def test_mount(mount: Mount) -> None:
 
 @pytest.fixture(params=BACK_ENDS)
 def renderer(request: pytest.FixtureRequest) -> Any:
-    back_end = make_renderer(request.param, FLAT, RobotCamera.on(ROBOT))
-    yield back_end
-    back_end.close()
+    return make_renderer(request.param, FLAT, RobotCamera.on(ROBOT))
 
 
 @pytest.mark.parametrize("argument", range(3))
