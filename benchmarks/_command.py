@@ -2,7 +2,7 @@
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -32,9 +32,12 @@ class Command(ABC):
         """Measures, and returns the figures as `saltus bench` prints them: as text, or as JSON."""
 
 
-def progress(items: Collection[Item], name: str = "") -> Iterable[Item]:
-    """The items, with a bar on stderr that shows how many are done, where that is a terminal."""
-    return tqdm(items, name, disable=None)
+def progress(items: Iterable[Item], name: str = "", total: int | None = None) -> Iterable[Item]:
+    """The items, with a bar on stderr that shows how many are done, where that is a terminal.
+
+    `total` is how many there are, where they do not say so.
+    """
+    return tqdm(items, name, total, disable=None)
 
 
 def tell(line: str) -> None:

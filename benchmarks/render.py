@@ -22,7 +22,7 @@ from benchmarks._command import Command, progress
 from benchmarks._measuring import own_processes, processor_s, random_frames, resident_mb
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, model_image, sampled_model_camera
-from saltus.render.backends import make_renderer, present
+from saltus.render.backends import make_renderer, make_stereo, present
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
@@ -114,11 +114,10 @@ def cases(backend: str, images: int) -> Iterator[Case]:
         for legs in (False, True):
             yield Case(backend=backend, camera=camera, legs=legs, batch=batch)
     for legs in (False, True):
-        if backend == "embree":
+        if backend != "warp":
             yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="native", batch=min(images, NATIVE_BATCH))
-        if backend in ("embree", "warp"):
-            batch = images if backend == "warp" else min(images, FAST_BATCH)
-            yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=batch)
+        batch = images if backend == "warp" else min(images, FAST_BATCH)
+        yield Case(backend=backend, camera=MODEL_CAMERA, legs=legs, noise="fast", batch=batch)
 
 
 def exposure(case: Case) -> Callable[[], object]:
@@ -134,12 +133,10 @@ def exposure(case: Case) -> Callable[[], object]:
 
 def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
     """The chain of the sensor's own pixels, or that for training, in one process."""
-    from saltus.render.stereo_embree import StereoEmbree
-
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
     view, instants = sampled_model_camera(rows, columns), instants_s()
     optics = Optics.of(view)
-    pair = StereoEmbree(TERRAIN, optics, RobotCamera.on(ROBOT, view, legs=case.legs))
+    pair = make_stereo(case.backend, TERRAIN, optics, RobotCamera.on(ROBOT, view, legs=case.legs))
     cameras = StereoCamera(StereoConfig(), optics)
     state = cameras.init((case.batch,), np.random.default_rng(0))
 

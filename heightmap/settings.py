@@ -11,6 +11,7 @@ from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 
+BackEnd = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
 """How late images come: as drawn for training, as in a run without delays of its own, or at once."""
 VARIATION = 0.15
@@ -24,8 +25,9 @@ LARGEST = 2**20
 MANY = 10**9
 """Of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
+USUAL_RENDERER: BackEnd = "embree"
 USUAL_TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
-"""Those of manifests that name none."""
+"""Those of manifests that name none, as `USUAL_RENDERER`."""
 TERRAINS = (*USUAL_TERRAINS, "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch")
 """Stairs and stones twice: there the heights matter most, and there they were worst."""
 _SHARE = (0.0, 1.0)
@@ -124,9 +126,10 @@ class Loop:
 
     @property
     def table(self) -> dict[str, Any]:
-        """What a manifest says of it; of terrains only others than the usual, as manifests that are older."""
+        """What a manifest says of it; of terrains and renderers only others than the usual, as older manifests."""
+        usual = {"terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER}
         table = asdict(self) | {"terrains": list(self.terrains)}
-        return table if self.terrains != USUAL_TERRAINS else {name: table[name] for name in table if name != "terrains"}
+        return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +149,8 @@ class ClosedLoop(Loop):
     """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth. Or
     a TOML file. The predictor in the loop sees true depth: what it costs a robot to step a little worse is not worth
     the time."""
+    renderer: Annotated[BackEnd, tyro.conf.arg(aliases=["--renderer"])] = USUAL_RENDERER
+    """Back end that renders these images."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

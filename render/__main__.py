@@ -32,7 +32,9 @@ def build(context: ProcessContext) -> CameraProcess:
             StereoExposure,
         )  # a camera that has died must be back soon: load what is needed
 
-        exposure = StereoExposure(terrain, context.robot, camera, random_stream(config.seed), view=profile.view_chain)
+        exposure = StereoExposure(
+            terrain, context.robot, camera, random_stream(config.seed), profile.view_chain, config.renderer
+        )
     return CameraProcess(camera, exposure, to_images(profile, camera.image.fx).camera_chain, random_stream(config.seed))
 
 

@@ -1,41 +1,64 @@
 """Which back end renders."""
 
 import ctypes.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from saltus.config import Renderer as RendererName
 from saltus.depth import Intrinsics
 from saltus.errors import ConfigError, SaltusError, nearest_hint
 from saltus.render.camera import RobotCamera
 from saltus.render.renderer import Renderer as Renderer
+from saltus.render.renderer import StereoRenderer
+from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
 
 NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender", "warp")
 RASTER_PIXELS = 6_000
 """From this many pixels on, one image is made faster by pyrender than by Embree: 0.4 ms and 0.01 us a pixel against
 0.08 us a ray, with some legs in view (`saltus bench render`)."""
+STEREO_PREFERENCE = ("embree", "pyrender")
+
+
+class BackEnd(NamedTuple):
+    """What a back end makes images with."""
+
+    single: Callable[[Terrain, RobotCamera], Renderer]
+    pair: Callable[[Terrain, Optics, RobotCamera], StereoRenderer]
 
 
 def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
     """A renderer by name; "auto" is the fastest that this machine has for one image of that size.
 
-    Back ends are imported here, each only when it is asked for: their libraries are large.
-
     Raises:
         ConfigError: no such back end.
         SaltusError: the back end cannot be loaded.
     """
+    return _loaded(name, preference(camera.intrinsics)).single(terrain, camera)
+
+
+def make_stereo(name: str, terrain: Terrain, optics: Optics, camera: RobotCamera) -> StereoRenderer:
+    """A renderer of both views by name; "auto" is Embree, whose second view is exact. Errors as `make_renderer`.
+
+    Args:
+        name: of the back end.
+        terrain: to look at.
+        optics: of the pair, for images of `camera`.
+        camera: the left imager.
+    """
+    return _loaded(name, STEREO_PREFERENCE).pair(terrain, optics, camera)
+
+
+def _loaded(name: str, preferred: Sequence[str]) -> BackEnd:
+    """Back ends are imported here, each only when it is asked for: their libraries are large."""
     if name not in NAMES:
         raise ConfigError(f"no renderer '{name}': {nearest_hint(name, NAMES)}")
-    choices = preference(camera.intrinsics) if name == "auto" else [name]
     failures = []
-    for choice in choices:
+    for choice in preferred if name == "auto" else [name]:
         try:
-            kind = _LOADERS[choice]()
+            return _LOADERS[choice]()
         except (ImportError, OSError, SaltusError) as error:
             failures.append(f"the {choice} renderer cannot be loaded: {error}")
-        else:
-            return kind(terrain, camera)
     raise SaltusError("; ".join(failures))
 
 
@@ -64,24 +87,26 @@ def has_gpu() -> bool:
     return ctypes.util.find_library("cuda") is not None
 
 
-def _embree() -> type[Renderer]:
+def _embree() -> BackEnd:
     from saltus.render.embree import EmbreeRenderer
+    from saltus.render.stereo_embree import StereoEmbree
 
-    return EmbreeRenderer
+    return BackEnd(EmbreeRenderer, StereoEmbree)
 
 
-def _pyrender() -> type[Renderer]:
+def _pyrender() -> BackEnd:
     from saltus.render._gl import load_pyrender
     from saltus.render.pyrender_osmesa import PyrenderRenderer
+    from saltus.render.stereo_pyrender import StereoPyrender
 
     load_pyrender()
-    return PyrenderRenderer
+    return BackEnd(PyrenderRenderer, StereoPyrender)
 
 
-def _warp() -> type[Renderer]:
-    from saltus.render.warp import WarpRenderer
+def _warp() -> BackEnd:
+    from saltus.render.warp import StereoWarp, WarpRenderer
 
-    return WarpRenderer
+    return BackEnd(WarpRenderer, StereoWarp)
 
 
-_LOADERS: dict[str, Callable[[], type[Renderer]]] = {"embree": _embree, "pyrender": _pyrender, "warp": _warp}
+_LOADERS: dict[str, Callable[[], BackEnd]] = {"embree": _embree, "pyrender": _pyrender, "warp": _warp}

@@ -1,4 +1,4 @@
-"""What every back end does: poses of the robot to depth images."""
+"""What every back end does: poses of the robot to depth images, of one imager or of a pair."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
 from saltus.render.legs import LegShapes
+from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -47,6 +48,31 @@ class Renderer(ABC):
     @abstractmethod
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         """What `render_batch` does, of poses that have been checked."""
+
+
+class StereoRenderer(Renderer):
+    """Both views of a stereo camera: depth from the left imager, and what the right one does not see of it.
+
+    The camera is the left imager; the right one is `optics.baseline_m` to its right.
+    """
+
+    optics: Optics
+
+    def render_pair(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """One pair; arguments as `Renderer.render`, results as `render_pair_batch` without its first dimension."""
+        depth, hidden = self.render_pair_batch(base_position[None], base_quaternion[None], joint_position[None])
+        return depth[0], hidden[0]
+
+    @abstractmethod
+    def render_pair_batch(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Depth from the left imager [m] and whether the right one does not see the point.
+
+        Arguments and errors as those of `Renderer.render_batch`; both results have the shape (n, height, width).
+        """
 
 
 def check_poses(base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> None:

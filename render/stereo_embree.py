@@ -10,6 +10,7 @@ from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
 from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
 from saltus.render.legs import Capsules
+from saltus.render.renderer import StereoRenderer
 from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
@@ -20,31 +21,21 @@ NEAREST_POINT_M = 0.02  # nothing that a leg could hide comes nearer
 ALONG_RAY = 0.999  # of the way from the right imager to a point: short of the surface that the point lies on
 
 
-class StereoEmbree(EmbreeRenderer):
-    """An Embree renderer that also says what the right imager of a stereo camera does not see.
+class StereoEmbree(EmbreeRenderer, StereoRenderer):
+    """See `StereoRenderer`.
 
     The second view is one ray for each point of the left image, so it is exact at every pixel and has no border; rays
-    that cannot hit terrain are not cast. `optics` is of the pair, for images of the camera, which is the left imager.
+    that cannot hit terrain are not cast.
     """
 
     def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1) -> None:
         super().__init__(terrain, camera, threads=threads)
         self.optics = optics
 
-    def render_pair(
-        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """One pair; arguments as `Renderer.render`, results as `render_pair_batch` without its first dimension."""
-        depth, hidden = self.render_pair_batch(base_position[None], base_quaternion[None], joint_position[None])
-        return depth[0], hidden[0]
-
     def render_pair_batch(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Depth from the left imager [m] and whether the right one does not see the point.
-
-        Arguments as `Renderer.render_batch`; both results have the shape (n, height, width).
-        """
+        """See `StereoRenderer`."""
         depth = self.render_batch(base_position, base_quaternion, joint_position)
         hidden = np.zeros(depth.shape, dtype=np.bool_)
         chunk = max(1, RAYS_PER_CAST // depth[0].size)

@@ -4,10 +4,10 @@ import numpy as np
 
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import ViewChain
+from saltus.render.backends import make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats, GroundTruth
@@ -18,7 +18,8 @@ CLAIMED_VIEW = ViewChain()
 class StereoExposure:
     """The images of a camera with the errors of stereo matching.
 
-    `view` are effects that move the camera, which reports its intrinsics without them.
+    `view` are effects that move the camera, which reports its intrinsics without them; `renderer` is the name of the
+    back end.
     """
 
     def __init__(
@@ -28,10 +29,11 @@ class StereoExposure:
         camera: DepthCamera,
         rng: np.random.Generator,
         view: ViewChain = CLAIMED_VIEW,
+        renderer: str = "auto",
     ) -> None:
         self.intrinsics = camera.image
         optics = Optics.behind(camera.image, camera)
-        self._views = StereoEmbree(terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view))
+        self._views = make_stereo(renderer, terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view))
         self._camera = StereoCamera(StereoConfig.of(camera), optics)
         self._state = self._camera.init((), rng)
 

@@ -12,7 +12,8 @@ from saltus.errors import SaltusError
 from saltus.render.camera import Mount, RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
 from saltus.render.legs import LegShapes
-from saltus.render.renderer import Renderer
+from saltus.render.renderer import Renderer, StereoRenderer, check_poses
+from saltus.render.stereo.optics import Optics
 from saltus.render.warp_kernels import Scene, cast_kernel, hide_kernel
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.stack import TerrainStack
@@ -147,3 +148,21 @@ class WarpRenderer(Renderer):
     def _render(self, base_position: Floats, base_quaternion: Floats, joint_position: Floats) -> NDArray[np.float32]:
         depth: NDArray[np.float32] = self.caster.cast(base_position, base_quaternion, joint_position).numpy()
         return depth
+
+
+class StereoWarp(WarpRenderer, StereoRenderer):
+    """See `StereoRenderer`: a ray from the right imager to every point."""
+
+    def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera) -> None:
+        super().__init__(terrain, camera)
+        self.optics = optics
+
+    def render_pair_batch(
+        self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """See `StereoRenderer`."""
+        check_poses(base_position, base_quaternion, joint_position)
+        depth, hidden = self.caster.cast_pair(
+            base_position, base_quaternion, joint_position, baseline_m=self.optics.baseline_m
+        )
+        return depth.numpy(), hidden.numpy()

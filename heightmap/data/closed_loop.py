@@ -59,9 +59,9 @@ def closed_loop_episodes(
     claimed = RobotCamera.on(robot, MODEL_CAMERA if camera.ideal else SAMPLED)
     views = [replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain) for _ in trajectories]
     if camera.ideal:
-        images = [true_images(*seen, camera) for seen in zip(trajectories, views, strict=True)]
+        images = [true_images(*seen, camera, loop.renderer) for seen in zip(trajectories, views, strict=True)]
     else:
-        images = stereo_images(trajectories, views, camera, rng)
+        images = stereo_images(trajectories, views, camera, rng, loop.renderer)
     return [labelled(*seen, camera, hardware, rng) for seen in zip(trajectories, images, strict=True)]
 
 

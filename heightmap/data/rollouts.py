@@ -14,8 +14,10 @@ from saltus.effects.profile import Profile
 from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.settings import USUAL_RENDERER
+from saltus.render.backends import make_stereo
 from saltus.render.camera import RobotCamera
-from saltus.render.embree import EmbreeRenderer
+from saltus.render.stereo.optics import Optics
 from saltus.terrain.terrain import Terrain
 
 
@@ -40,11 +42,14 @@ def true_heights(terrain: Terrain, position: Floats, quaternion: Floats, grid: H
     return terrain.height_at(*grid.points_in_world(position, yaw)) - position[..., 2:]
 
 
-def true_images(trajectory: Trajectory, view: RobotCamera, camera: DepthCamera) -> NDArray[np.float32]:
+def true_images(
+    trajectory: Trajectory, view: RobotCamera, camera: DepthCamera, renderer: str = USUAL_RENDERER
+) -> NDArray[np.float32]:
     """What one robot's camera exposes, from where it really is, without errors [m], shape (frames, 48, 16)."""
     rows = camera.exposures(len(trajectory.joint_position))
-    renderer = EmbreeRenderer(trajectory.terrain, view, threads=1)
-    depth = renderer.render_batch(
+    # the left imager of a pair, which takes one thread: other processes have the other cores
+    left = make_stereo(renderer, trajectory.terrain, Optics.behind(view.intrinsics, camera), view)
+    depth = left.render_batch(
         trajectory.position_base_in_world[rows],
         trajectory.quaternion_base_in_world[rows],
         trajectory.joint_position[rows],

@@ -34,7 +34,7 @@ _FORMAT = "saltus-heightmap-dataset-1"
 LAYOUT = "layout"
 PER_TICK = ("proprioception", "height")
 PER_FRAME = ("depth", "frame_tick")
-_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency")
+_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency", "renderer")
 """Of a configuration, what leaves the motion of the first robots as it is."""
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from saltus.config import DEFAULT_ROBOT, Pace, PlannerName, Renderer, RunConfig, TerrainConfig
-from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.terrain.curriculum import FAMILIES
 
@@ -61,7 +60,7 @@ class RunOptions:
     camera: str = "d435i"
     """d435i: with the errors of a stereo camera. ideal: true depth. Or a TOML file, see saltus camera show."""
     renderer: Renderer = "auto"
-    """Back end of a camera without errors."""
+    """Back end that renders the images; auto: embree, or the fastest for a camera without errors."""
     planner: PlannerName = "learned"
     """scripted: rules that read the heightmap. learned: a network."""
     policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
@@ -88,11 +87,6 @@ class RunOptions:
         from saltus.terrain.curriculum import make_terrain
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
-        if not camera.ideal and self.renderer not in ("auto", "embree"):
-            raise ConfigError(
-                f"renderer = '{self.renderer}': the images of camera '{camera.name}', with errors of stereo matching, "
-                "are made by embree; add --camera ideal"
-            )
         make_terrain(self.course)
         load_profile(self.profile, robot)
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))

@@ -80,6 +80,15 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[: 2 * ROBOTS]} == {EVERYTHING.camera[-1]}
 
 
+def test_a_renderer_is_in_the_manifest_and_the_same_motion_is_not_collected_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    collected(tmp_path, "d435i", "--renderer", "pyrender")
+    assert read_manifest(tmp_path)[0].config["renderer"] == "pyrender"
+    assert main(command(tmp_path, "d435i")) == 2
+    assert "already" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("interrupted_at", [1, 2])
 def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], interrupted_at: int

@@ -1,12 +1,16 @@
-"""Scenes whose depth and shadows are known in closed form."""
+"""Scenes whose depth and shadows are known in closed form, and robots to look from."""
 
 from typing import Any
 
 import numpy as np
+from samples import ROBOT
 
 from saltus.depth import Intrinsics
 from saltus.render.camera import ray_directions
 from saltus.render.stereo.optics import Optics
+from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.terrain.terrain import Terrain
+from saltus.wire.messages import Floats
 
 
 def wall_and_panel(
@@ -37,3 +41,17 @@ def flat_wall(camera: Intrinsics, depth_m: float) -> tuple[Any, Any]:
     """A wall across the optical axis; nothing is hidden."""
     shape = camera.height, camera.width
     return np.full(shape, depth_m, dtype=np.float32), np.zeros(shape, dtype=bool)
+
+
+def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
+    """Robots in mid-jump; in five of six the legs reach inwards and ahead as far as they can, into the image."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
+    position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
+    quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
+    joints = ROBOT.stand_pose + rng.uniform(-0.4, 0.4, (count, 12))
+    ahead = joints.reshape(count, 4, 3)[: count - count // 6]
+    ahead[..., 0] = ROBOT.side * rng.uniform(-0.86, -0.65, ahead.shape[:2])
+    ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
+    ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
+    return position, quaternion, joints

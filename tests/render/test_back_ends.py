@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from random_terrain import places, random_terrain
 from samples import ROBOT
+from stereo_scenes import poses
 
 from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics
@@ -18,7 +19,6 @@ from saltus.render.camera import Mount, RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.renderer import Renderer
 from saltus.render.warp import WarpRenderer
-from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import RUN_OUT, WIDTH, Terrain
 from saltus.wire.messages import Floats
@@ -31,20 +31,6 @@ EDGE = 0.01  # neighbours that differ by more than this beyond a smooth surface 
 
 def terrain_of(kind: str) -> Terrain:
     return make_terrain(TerrainConfig(terrain=kind, difficulty=0.4))
-
-
-def poses(terrain: Terrain, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
-    """Robots in mid-jump; in five of six the legs reach inwards and ahead as far as they can, into the image."""
-    rng = np.random.default_rng(seed)
-    position = rng.uniform([0.0, -0.3, 0.3], [terrain.finish_x, 0.3, 0.7], (count, 3))
-    position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
-    quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, count)))
-    joints = ROBOT.stand_pose + rng.uniform(-0.4, 0.4, (count, 12))
-    ahead = joints.reshape(count, 4, 3)[: count - count // 6]
-    ahead[..., 0] = ROBOT.side * rng.uniform(-0.86, -0.65, ahead.shape[:2])
-    ahead[..., 1] = rng.uniform(-0.68, -0.2, ahead.shape[:2])
-    ahead[..., 2] = rng.uniform(-1.2, -0.9, ahead.shape[:2])
-    return position, quaternion, joints
 
 
 def smooth(depth: Floats) -> np.ndarray:

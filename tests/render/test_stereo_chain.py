@@ -1,4 +1,4 @@
-"""The stereo camera on rendered terrain: the second view, and the fast chain against the native one."""
+"""The stereo camera on rendered terrain: the fast chain against the native one."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,7 +11,6 @@ from stereo_scenes import flat_wall, wall_and_panel
 
 from saltus.config import TerrainConfig
 from saltus.depth import (
-    D435I,
     MODEL_CAMERA,
     Intrinsics,
     depth_frame,
@@ -21,36 +20,18 @@ from saltus.depth import (
     sampled_model_camera,
 )
 from saltus.effects.effect import map_arrays
-from saltus.render.camera import Mount, RobotCamera
-from saltus.render.embree import EmbreeRenderer
+from saltus.render.camera import RobotCamera
 from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo_embree import StereoEmbree, right_camera
+from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import TorchStereo
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
 NATIVE = 5  # sensor pixels for each of the model's, along each axis
-
-TOLERANCE_PX = 1.0  # in disparity: half a sample of the second image on a surface as steep as can be matched
-
-
-def right_mount(mount: Mount, optics: Optics) -> Mount:
-    """Where the right imager sits."""
-    return replace(mount, position=mount.position + mount.rotation @ np.array([optics.baseline_m, 0.0, 0.0]))
-
-
-def hidden_from(depth: Any, right_depth: Any, optics: Optics) -> Any:
-    """Whether the right imager does not see the points of the left image, from its own image by `right_camera`."""
-    width, wide = depth.shape[-1], right_depth.shape[-1]
-    disparity, right = optics.disparity_at_1m / depth, optics.disparity_at_1m / right_depth
-    place = np.round(np.arange(width) + float(wide - width) - disparity / optics.pitch_x)
-    inside = place >= 0.0
-    seen = np.take_along_axis(right, np.where(inside, place, 0.0).astype(int), axis=-1)
-    return inside & (seen > disparity + TOLERANCE_PX)
 
 
 def terrain(kind: Any = "stairs") -> Terrain:
@@ -73,34 +54,6 @@ def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
         axis=-1,
     )
     return position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (count, 12))
-
-
-@pytest.mark.parametrize("kind", ["stairs", "stepping_stones", "step", "gap"])
-def test_rays_from_the_right_agree_with_an_image_from_the_right(kind: Any) -> None:
-    ground = terrain(kind)
-    camera = replace(D435I, width=212, height=120, fx=105.66, fy=105.66, cx=106.7, cy=60.0)
-    optics = Optics.of(camera, sensor=camera)
-    pair = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera))
-    right = replace(
-        pair.camera, intrinsics=right_camera(camera, optics, nearest_m=0.03), mount=right_mount(pair.mount, optics)
-    )
-    second = EmbreeRenderer(ground, right)
-    robots = poses(12, ground, seed=3)
-    depth, hidden = pair.render_pair_batch(*robots)
-    by_image = hidden_from(depth, second.render_batch(*robots), optics)
-    assert np.any(hidden)
-    assert np.mean(hidden != by_image) < 0.003  # columns that a shadow's border runs through
-    np.testing.assert_array_equal(depth, EmbreeRenderer(ground, RobotCamera.on(ROBOT, camera)).render_batch(*robots))
-
-
-def test_image_from_the_right_finds_the_shadow_of_a_panel() -> None:
-    optics = Optics.of(D435I)
-    depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
-    wide = right_camera(D435I, optics, nearest_m=0.4)
-    # seen from the right imager the panel's tangents are smaller by baseline over depth
-    shift = optics.baseline_m / 0.5
-    right, _ = wall_and_panel(wide, optics, 2.0, 0.5, -0.3 - shift, 0.2 - shift)
-    assert np.mean(hidden_from(depth, right, optics) != hidden) < 0.003
 
 
 def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) -> Any:

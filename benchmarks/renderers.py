@@ -1,0 +1,91 @@
+"""What pyrender's images are worth in the training of the heightmap network, beside Embree's.
+
+Both render the images of the same motion, from the same cameras, which make the same errors of them. Networks are
+trained from nothing on either, one a seed, and then shown the images of both on motion that none was trained on: mean
+absolute errors in millimetres, over all seeds and of each.
+
+The folder keeps data and checkpoints, and a run that was stopped goes on; runs with different seeds may go on side by
+side once the data are there.
+
+    OMP_NUM_THREADS=1 saltus bench renderers -- --out runs/renderers
+"""
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks._command import Command, progress, tell
+from benchmarks.realism import LEARNED, ROBOT, check_twins, exported
+from saltus.heightmap.collection import closed_loop_batches, round_table
+from saltus.heightmap.data.delivery import TRAINING
+from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest, write_shard
+from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelConfig, TrainConfig
+from saltus.heightmap.training.train import train
+from saltus.heightmap.training.validate import accuracy
+
+RENDERERS: tuple[BackEnd, ...] = ("embree", "pyrender")
+DATA_SEEDS = {"fitted": 4031, "held-out": 4032}
+SMALL = ModelConfig(channels=(4, 8, 8), hidden=64, head=(64,))  # a third of the work of the shipped one's sizes
+HELD_OUT_SHARE = 0.25  # as many batches of what is held out for each that is trained on
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    out: Path = Path("runs/renderers")
+    """Folder of data and networks."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Of weights and windows: two networks each."""
+    updates: int = 500
+    """Of 16 windows."""
+    batches: int = 8
+    """To train on, each of 32 robots for 6 s."""
+
+    def measure(self) -> dict[str, Any]:
+        """Collects, trains, measures."""
+        for use, seed in DATA_SEEDS.items():
+            for renderer in RENDERERS:
+                self._collect(renderer, use, seed)
+        shown = {renderer: read_dataset(self._data(renderer, "held-out")) for renderer in RENDERERS}
+        check_twins(shown["embree"], shown["pyrender"])
+        errors = {
+            trained_on: [self._errors_mm(trained_on, seed, shown) for seed in self.seeds] for trained_on in RENDERERS
+        }
+        mean = {name: float(np.mean([list(found.values()) for found in each])) for name, each in errors.items()}
+        return {
+            "updates": self.updates,
+            "trained on": errors,
+            "mean_mm": mean,
+            "pyrender over embree": mean["pyrender"] / mean["embree"],
+        }
+
+    def _data(self, renderer: str, use: str) -> Path:
+        return self.out / f"{use}-{renderer}"
+
+    def _collect(self, renderer: BackEnd, use: str, seed: int) -> None:
+        """Makes a dataset unless it is there."""
+        if read_manifest(self._data(renderer, use)):
+            return
+        batches = self.batches if use == "fitted" else max(1, round(HELD_OUT_SHARE * self.batches))
+        loop = ClosedLoop(learned=LEARNED, renderer=renderer)
+        keys = [(seed, 0, batch) for batch in range(batches)]
+        with closing(closed_loop_batches(loop, None, keys)) as made:
+            episodes = (episode for batch in progress(made, f"{use}, {renderer}", batches) for episode in batch)
+            write_shard(self._data(renderer, use), episodes, seed=seed, config=round_table(loop, batches, 0, None))
+
+    def _errors_mm(self, trained_on: BackEnd, seed: int, shown: dict[BackEnd, list[Episode]]) -> dict[str, float]:
+        """Trains a network unless it is there; its errors with the images of each renderer."""
+        folder = self.out / f"{trained_on}-{seed}"
+        config = TrainConfig(updates=self.updates, batch=16, forgets=0.0, seed=seed, device="cpu", model=SMALL)
+        model = train(
+            self._data(trained_on, "fitted"), folder / "heightmap.pt", config,
+            lambda at: tell(f"{trained_on}, seed {seed}: {at.update}/{at.updates}, {1e3 * at.mae_m:.1f} mm"),
+        )  # fmt: skip
+        network = HeightmapNetwork(ROBOT, exported(model, folder / "heightmap.onnx"))
+        return {
+            name: 1e3 * accuracy(network, episodes, TRAINING).mae_m
+            for name, episodes in progress(shown.items(), f"{trained_on}, seed {seed}")
+        }
