@@ -23,7 +23,7 @@ from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth_camera import load_camera
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import Armature, ContactCompliance, CoulombFriction, ViscousFriction
+from saltus.effects.offsets_and_factors import Armature, ContactCompliance, CoulombFriction, SoftFeet, ViscousFriction
 from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
@@ -34,15 +34,12 @@ from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_ba
 from saltus.policy.evaluation.rollout import HeightsFactory
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
-from saltus.sim.scene import STIFF, Sole
 from saltus.workers import in_order
 
 ARMATURE = np.tile([0.00448, 0.00448, 0.01008], 4)
 """Of a Go1's joints [kg m^2]: rotors of 1.118e-4 kg m^2 behind gears of 6.33, 6.33 and 9.495."""
-RUBBER = Sole(impedance=(0.015, 1.0, 0.022, 0.5, 2.0), torsion_m=0.02, rolling_m=0.01)
+RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022))
 """As of the feet of MuJoCo Menagerie's Go1."""
-RUBBER_S = 0.02
-"""Time constant of its contacts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +51,6 @@ class Row:
     """Beyond those of the shipped profile."""
     friction: float | None = None
     push_ns: float = 0.0
-    sole: Sole = STIFF
 
 
 PAPER_COURSES = {
@@ -86,9 +82,7 @@ def _rows() -> dict[str, Row]:
         **{f"{name}, corrected armature": Row(course=it, effects=armature) for name, it in PAPER_COURSES.items()},
         "stairs 0.20, commands 15 ms late": Row(course=stairs, effects=(CommandDelay(delay=0.015),)),
         "stairs 0.20, friction 0.35": Row(course=stairs, friction=0.35),
-        "stairs 0.20, soft feet": Row(
-            course=stairs, effects=(ContactCompliance(time_constant=RUBBER_S),), sole=RUBBER
-        ),
+        "stairs 0.20, soft feet": Row(course=stairs, effects=RUBBER),
         "stairs 0.20, joints resist": Row(
             course=stairs, effects=(ViscousFriction(coefficient=0.25), CoulombFriction(torque=0.3))
         ),
@@ -183,7 +177,6 @@ def run(heights: HeightsFactory, task: tuple[Path, str, Sequence[int]]) -> dict[
         profile=_with(load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), row.effects),
         friction=row.friction,
         push_ns=row.push_ns,
-        sole=row.sole,
     )
     results = run_batch(evaluation, heights, partial(make_planner, "learned", model=model), seeds)
     return {seed: {"failure": r.failure, "time_s": r.outcome.time_s} for seed, r in results.items()}

@@ -43,7 +43,7 @@ class Benchmark(Command):
 
 def measure(config: TrainConfig, device: str, iterations: int, repeats: int = _REPEATS) -> dict[str, Any]:
     """Trains for some iterations, then times the stages of a step one by one."""
-    engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env.curriculum.boxes, device)
+    engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env, device)
     env = JumpEnv(engine, config.env, seed=0, device=device)
     learner = Learner(env, config.learning)
     collecting, learning = _iterations(learner, iterations, device)

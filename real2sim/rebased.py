@@ -1,6 +1,6 @@
 """A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +122,9 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     effect = _effect(profile, candidate.effect)
     if effect is None or candidate.is_nuisance:
         return offset
+    told = candidate.parameters(candidate.absent)
+    if any(not np.all(np.equal(getattr(effect, name), null)) for name, null in _of_body(effect) if name not in told):
+        return np.full_like(offset, np.nan)
     for block, places in enumerate(problem.places):
         wanted = _values(effect, places.get(candidate.where, candidate.where), candidate)
         if np.isfinite(list(wanted.values())).all():
@@ -135,6 +138,12 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
 def _effect(profile: Profile, name: str) -> Effect[Any] | None:
     parts = (profile.actuator, profile.camera, profile.imu, profile.body)
     return next((effect for part in parts for effect in part if effect.name == name), None)
+
+
+def _of_body(effect: Effect[Any]) -> list[tuple[str, Any]]:
+    """Parameters of an effect on body or ground, which are all of the same thing, with their null values."""
+    declared = [(f.name, f.metadata) for f in fields(effect)]
+    return [(name, m["null"]) for name, m in declared if effect.site == "model" and "null" in m]
 
 
 def _values(effect: Effect[Any], place: str, candidate: Candidate) -> dict[str, float]:

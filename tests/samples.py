@@ -47,6 +47,7 @@ payload_mass.mass = 0.5
 com_offset.x = 0.01
 base_inertia.scale = 1.2
 foot_friction.coefficient = 0.6
+soft_feet = {torsion = 0.02, rolling = 0.01, touch = 0.5, depth = 0.005}
 
 [imu]
 imu_bias = {gyro_x = 0.02, roll = 0.01}

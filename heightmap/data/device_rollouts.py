@@ -68,7 +68,7 @@ class DeviceRollouts:
             config, curriculum=_curriculum(loop), profile=self.profile, randomisation=_grown(config.randomisation)
         )
         robot = load_robot(DEFAULT_ROBOT)
-        engine = make_engine(robot, loop.robots, config.curriculum.boxes, device)
+        engine = make_engine(robot, loop.robots, config, device)
         self._env = JumpEnv(engine, config, seed=int(self._rng.integers(2**62)), device=device)
         self._qpos, self._legs = torch.as_tensor(engine.qpos), LegKinematics(robot)
         self._policy = DeployedPolicy(policy).to(self._device)

@@ -21,7 +21,6 @@ from saltus.controller.stance import StanceSolver
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.effects.effect import map_arrays
 from saltus.effects.imu import ImuReading
-from saltus.effects.offsets_and_factors import ContactCompliance
 from saltus.effects.order import chosen_of
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
@@ -105,11 +104,10 @@ class JumpEnv:
         Raises:
             ConfigError: an effect that a training cannot hold.
         """
-        softens = any(isinstance(effect, ContactCompliance) for effect in profile.body)
-        if softens and self.config.randomisation.wide.share > 0.0:
+        if profile.body_chain.contact_dimensions > self._engine.dimensions:
             raise ConfigError(
-                "contact_compliance: a training that draws the softness of soles cannot hold it; leave it out of the "
-                "profile, or set env.randomisation.wide.share to 0"
+                "soft_feet: contacts of this engine resist neither turning nor rolling; give it 6 dimensions, or leave "
+                "torsion and rolling out of the profile"
             )
         self._drives = training_drives(self.robot, profile, self.config.randomisation, self.memory)
         self._imu = profile.imu_chain

@@ -5,12 +5,12 @@ from torch import Tensor
 
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
+from saltus.effects.body import LEAST_TURNING_M, BodyModel
 from saltus.effects.chain import BodyChain
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
-from saltus.policy.env.randomisation import BODY_DRAWS, draw_bodies, draw_wide
+from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, draw_wide
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import Views
 from saltus.robots.legs import LegKinematics
@@ -129,8 +129,6 @@ class Episodes:
             mass_kg = self._engine.robot.mass
             store(memory, mask, **draw_wide(ranges, bodies.friction, mass_kg, self._grown, wide_draws))
         self._engine.set_bodies(self._bodies())
-        if self._wide.share > 0.0:
-            self._engine.set_soles(memory.softness)
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
         shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
@@ -154,12 +152,16 @@ class Episodes:
 
     def _bodies(self) -> BodyModel:
         memory = self._memory
+        # in double precision: robots that are not softened are as stiff as those of a training without such draws
+        softness = memory.softness.double() if self._wide.share > 0.0 else 0.0
         claimed = BodyModel(
             payload_kg=memory.payload_kg,
             com_shift=memory.com_shift,
             inertia_scale=1.0,
             friction=memory.friction,
-            contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S,
+            **{name: usual + softness * (soft - usual) for name, (usual, soft) in SOFT_RUBBER.items()},
+            torsion=LEAST_TURNING_M,
+            rolling=LEAST_TURNING_M,
         )
         return self._body.apply(claimed)
 

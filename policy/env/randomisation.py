@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from saltus.arrays import Array, namespace
 from saltus.config import check_between
+from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_IMPEDANCE_DEPTH_M, NOMINAL_TOUCH_IMPEDANCE
 from saltus.errors import ConfigError
 
 BODY_DRAWS = 9
@@ -16,6 +17,13 @@ WIDE = {
 }  # fmt: skip
 """What `WideConfig` draws, by its names in `saltus.policy.env.memory.Memory`, each from one uniform random number; and
 what makes it about 1 for the critic."""
+SOFT_RUBBER = {
+    "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
+    "touch_impedance": (NOMINAL_TOUCH_IMPEDANCE, 0.02),
+    "impedance_depth": (NOMINAL_IMPEDANCE_DEPTH_M, 0.02),
+}
+"""Contacts that are usual, and those of soft rubber, by fields of `BodyModel`: MuJoCo's default time constant, and
+about the impedance of Menagerie's Go1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +48,7 @@ class WideConfig:
     """True inertia of the rotors over that of the model: the usual one, and the greatest drawn; 2.25 are 1.5 times the
     gear ratios."""
     softness: float = 1.0
-    """Of contacts: 1 is soft rubber, see `saltus.sim.layout.SOFT_SOLIMP`."""
+    """Of contacts: 1 is soft rubber, see `SOFT_RUBBER`."""
     command_delay_s: float = 0.015
     """Of whole commands."""
     side_push_ns: float = 15.0

@@ -17,7 +17,6 @@ from saltus.policy.planner import Planner
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-from saltus.sim.scene import STIFF, Sole
 from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
@@ -54,7 +53,6 @@ class Evaluation:
     """Of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
     """Of a push from the side in each trial, see `saltus.policy.evaluation.pushes` [Ns]."""
-    sole: Sole = STIFF
     """What the robots' shapes are made of."""
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
@@ -162,7 +160,6 @@ def run_batch(
         time_limit_s=evaluation.time_limit_s,
         plan_delay_s=evaluation.plan_delay_s,
         push_ns=evaluation.push_ns,
-        sole=evaluation.sole,
     )
     traces = traces_of(list(_telling(rollout, terrains)))
     ended = zip(seeds, rollout.outcomes, traces, terrains, strict=True)

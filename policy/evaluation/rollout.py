@@ -28,7 +28,6 @@ from saltus.policy.planner import Planner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.sim.batch import BatchPlant
-from saltus.sim.scene import STIFF, Sole
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, states_of
 from saltus.terrain.stack import TerrainStack
@@ -72,7 +71,6 @@ class Rollout:
         stand_steps: Policy steps before the first plan is obeyed.
         plan_delay_s: From a state to its plan being obeyed, in whole physics steps.
         push_ns: Of one push from the side [Ns], see `saltus.policy.evaluation.pushes`.
-        sole: What the robots' shapes are made of.
         threads: Of the physics.
     """
 
@@ -89,7 +87,6 @@ class Rollout:
         stand_steps: int = STAND_STEPS,
         plan_delay_s: float = 0.0,
         push_ns: float = 0.0,
-        sole: Sole = STIFF,
         threads: int = 1,
     ) -> None:
         profile = profile or load_profile(SHIPPED, robot)
@@ -111,7 +108,6 @@ class Rollout:
             chain=ActuatorChain(strengthened(profile.actuator, strength)),
             body=profile.body_chain,
             imu=profile.imu_chain,
-            sole=sole,
             threads=threads,
         )
         self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)

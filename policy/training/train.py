@@ -15,8 +15,9 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
+from saltus.effects.profile import load_profile
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import TrainConfig
+from saltus.policy.env.settings import EnvConfig, TrainConfig
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.provenance import commit
@@ -34,15 +35,16 @@ class Rank:
     device: str = "cpu"
 
 
-def make_engine(robot: Robot, count: int, boxes: int, device: str, threads: int = 0) -> Engine:
-    """The physics for a device, "cpu" or "cuda:N", on terrains of so many boxes."""
+def make_engine(robot: Robot, count: int, config: EnvConfig, device: str, threads: int = 0) -> Engine:
+    """The physics of an environment on a device, "cpu" or "cuda:N"."""
+    boxes, dimensions = config.curriculum.boxes, load_profile(config.profile, robot).body_chain.contact_dimensions
     if device == "cpu":
         from saltus.sim.batch_engine import BatchEngine
 
-        return BatchEngine(robot, count, boxes, threads=threads)
+        return BatchEngine(robot, count, boxes, dimensions=dimensions, threads=threads)
     from saltus.sim.warp import WarpEngine
 
-    return WarpEngine(robot, count, boxes, device=device)
+    return WarpEngine(robot, count, boxes, dimensions=dimensions, device=device)
 
 
 def train(
@@ -76,7 +78,7 @@ def train(
     """
     start = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
-    engine = make_engine(load_robot(config.robot), config.robots, config.env.curriculum.boxes, rank.device)
+    engine = make_engine(load_robot(config.robot), config.robots, config.env, rank.device)
     env = JumpEnv(engine, config.env, seed=config.seed + 1000 * rank.rank, device=rank.device)
     learner = Learner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0

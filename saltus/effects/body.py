@@ -11,6 +11,12 @@ NOMINAL_FRICTION = 0.8
 """Coefficient between soles and ground that the model claims: rubber on concrete, middle of what trials draw."""
 NOMINAL_CONTACT_TIME_CONSTANT_S = 0.005
 """Of the contacts that the model claims: nearly as stiff as a time step of 2 ms allows (the engine wants two)."""
+NOMINAL_TOUCH_IMPEDANCE = 0.95
+"""Of the contacts that the model claims, where they begin; the engine's default is 0.9."""
+NOMINAL_IMPEDANCE_DEPTH_M = 0.001
+"""Depth at which they have reached their full impedance; the engine's default."""
+LEAST_TURNING_M = 1e-5
+"""Friction against turning and rolling that is there in any case; the engine's least."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +36,14 @@ class BodyModel:
     """Coefficient of sliding friction between robot and terrain, shape (...)."""
     contact_time_constant: Array
     """Of the contacts, which are critically damped [s], shape (...)."""
+    touch_impedance: Array
+    """Of the contacts where they begin: 1 is rigid, shape (...)."""
+    impedance_depth: Array
+    """Depth at which they have reached their full impedance [m], shape (...)."""
+    torsion: Array
+    """Coefficient of friction against turning about the normal of a contact [m], shape (...)."""
+    rolling: Array
+    """Coefficient of friction against rolling [m], shape (...)."""
 
 
 def claimed_body(
@@ -40,6 +54,8 @@ def claimed_body(
     com_shift: Any = (0.0, 0.0, 0.0),
     inertia_scale: Any = 1.0,
     contact_time_constant: Any = NOMINAL_CONTACT_TIME_CONSTANT_S,
+    torsion: Any = LEAST_TURNING_M,
+    rolling: Any = LEAST_TURNING_M,
 ) -> BodyModel:
     """The model without effects, or with values given directly; all broadcast.
 
@@ -50,6 +66,8 @@ def claimed_body(
         com_shift: Added to the trunk's centre of mass [m], base frame, to (*batch, 3).
         inertia_scale: Of the trunk, to `batch`.
         contact_time_constant: Of the contacts [s], to `batch`.
+        torsion: Friction against turning on the spot [m], to `batch`.
+        rolling: Friction against rolling [m], to `batch`.
     """
     return BodyModel(
         payload_kg=_filled(payload_kg, batch),
@@ -57,6 +75,10 @@ def claimed_body(
         inertia_scale=_filled(inertia_scale, batch),
         friction=_filled(friction, batch),
         contact_time_constant=_filled(contact_time_constant, batch),
+        touch_impedance=_filled(NOMINAL_TOUCH_IMPEDANCE, batch),
+        impedance_depth=_filled(NOMINAL_IMPEDANCE_DEPTH_M, batch),
+        torsion=_filled(torsion, batch),
+        rolling=_filled(rolling, batch),
     )
 
 

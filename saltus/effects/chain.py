@@ -24,6 +24,7 @@ from saltus.effects.offsets_and_factors import (
     EncoderBias,
     FootFriction,
     PayloadMass,
+    SoftFeet,
     TorqueGain,
     VelocityScale,
     ViscousFriction,
@@ -83,8 +84,13 @@ class ImuChain(SignalChain):
 class BodyChain(SignalChain):
     """The effects on the robot's model."""
 
-    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance)
+    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance, SoftFeet)
     owner: ClassVar[str] = "a body"
+
+    @property
+    def contact_dimensions(self) -> int:
+        """Of a contact in the engine: 3, or with friction against turning and rolling 6."""
+        return 6 if any(isinstance(effect, SoftFeet) and effect.resists_turning for effect in self.effects) else 3
 
 
 @dataclass(frozen=True)

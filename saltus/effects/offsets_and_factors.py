@@ -2,7 +2,15 @@
 
 from dataclasses import dataclass
 
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, BodyModel
+import numpy as np
+
+from saltus.effects.body import (
+    NOMINAL_CONTACT_TIME_CONSTANT_S,
+    NOMINAL_FRICTION,
+    NOMINAL_IMPEDANCE_DEPTH_M,
+    NOMINAL_TOUCH_IMPEDANCE,
+    BodyModel,
+)
 from saltus.effects.effect import Drawable, Effect, PerRobot, Values, parameter
 from saltus.effects.signals import CameraView, Drive, JointState, Resistance
 
@@ -103,6 +111,27 @@ class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="mode
     time_constant: PerRobot = parameter(
         unit="s", null=NOMINAL_CONTACT_TIME_CONSTANT_S, low=0.004, high=0.1, scales="contact_time_constant"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
+    """Feet of rubber: where they stand they resist being turned and rolled, and they stiffen as they are pressed.
+
+    `torsion` and `rolling` are torques over the force on the ground; `touch` is the impedance of a contact where it
+    begins, 1 is rigid, and `depth` where it is whole.
+    """
+
+    # 0.02 and 0.01 m are those of the feet of MuJoCo Menagerie's Go1; those of a rubber ball of 2 cm are below 0.02
+    torsion: PerRobot = parameter(unit="m", null=0.0, low=0.0, high=0.2, adds_to="torsion")
+    rolling: PerRobot = parameter(unit="m", null=0.0, low=0.0, high=0.1, adds_to="rolling")
+    # the same feet have 0.015 and 0.022 m
+    touch: PerRobot = parameter(unit="", null=NOMINAL_TOUCH_IMPEDANCE, low=0.001, high=0.999, scales="touch_impedance")
+    depth: PerRobot = parameter(unit="m", null=NOMINAL_IMPEDANCE_DEPTH_M, low=1e-4, high=0.05, scales="impedance_depth")
+
+    @property
+    def resists_turning(self) -> bool:
+        """Whether contacts need more than normal and sliding forces."""
+        return bool(np.any(np.not_equal(self.torsion, 0.0)) or np.any(np.not_equal(self.rolling, 0.0)))
 
 
 @dataclass(frozen=True, kw_only=True)

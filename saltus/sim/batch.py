@@ -29,8 +29,7 @@ class BatchPlant(DrivenRobots):
 
     Terrain, friction and payload on the trunk [kg] are one for all or one for each robot, shape (count,). Effects of
     the drives may hold one value per robot, shape (count, 1), those of bodies, ground and IMUs shape (count,).
-    `columns` is the number of terrain boxes, where later terrains may have more than the first. `sole` is what the
-    robot's shapes are made of.
+    `columns` is the number of terrain boxes, where later terrains may have more than the first.
     """
 
     def __init__(
@@ -45,7 +44,6 @@ class BatchPlant(DrivenRobots):
         body: BodyChain | None = None,
         imu: ImuChain | None = None,
         columns: int | None = None,
-        sole: scene.Sole = scene.STIFF,
         threads: int = 0,
     ) -> None:
         super().__init__(robot, (count,), chain, imu)
@@ -56,10 +54,12 @@ class BatchPlant(DrivenRobots):
         self._columns = columns or self.terrains.widest
         longest = max(given, key=lambda terrain: len(terrain.boxes))  # its tree of boxes suits the others too
         # A payload, so that what the engine derives from masses exists for every robot.
-        model = scene.build_spec(robot, longest, payload_kg=1.0, columns=self._columns, sole=sole).compile()
+        self._body = body or BodyChain()
+        model = scene.build_spec(
+            robot, longest, payload_kg=1.0, columns=self._columns, dimensions=self._body.contact_dimensions
+        ).compile()
         self._engine = MujocoBatch(robot, model, count, threads=threads)
         self._qacc, self._sensors = (self._engine.batch.bind(name) for name in ("qacc", "sensordata"))
-        self._body = body or BodyChain()
         self._claimed_friction, self._claimed_payload_kg = np.zeros(count), np.zeros(count)
         self._time, self._believed = np.zeros(count), np.zeros((count, 12))
         everyone = np.arange(count)

@@ -33,6 +33,8 @@ class Engine(ABC):
     count: int
     boxes: int
     """Terrain boxes of each robot."""
+    dimensions: int
+    """Of contacts: 3, or 6 with friction against turning and rolling."""
     qpos: Array
     """Base position, base quaternion (w, x, y, z), joints; world frame. Shape (count, 19). May be written."""
     qvel: Array
@@ -68,17 +70,13 @@ class Engine(ABC):
         """Gives all robots their bodies and their ground; arrays of shape (count, ...)."""
 
     @abstractmethod
-    def set_soles(self, softness: Array) -> None:
-        """Gives robots soles between those of the scene (0) and soft rubber (1), shape (count,); after `set_bodies`."""
-
-    @abstractmethod
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
         """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2], (count or 1, 12)."""
 
 
-def build_spec(robot: Robot, boxes: int) -> mujoco.MjSpec:
+def build_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
     """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""
-    spec = scene.build_spec(robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes)
+    spec = scene.build_spec(robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes, dimensions=dimensions)
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     for geom in spec.geoms:

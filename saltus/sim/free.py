@@ -27,6 +27,8 @@ class Solver:
     """Of contacts, at the first touch and deep down."""
     is_pyramidal: bool = False
     """Whether the cone of friction has four sides."""
+    dimensions: int = 3
+    """Of contacts; 6 with friction against turning and rolling."""
     substeps: int = 1
     """Steps of the engine in one of `PHYSICS_DT`."""
 
@@ -49,7 +51,7 @@ class FreeRobots(MujocoBatch):
         self._sensors = self.batch.bind("sensordata")
 
     def set_contacts(self, impratio: Floats, impedance: Floats) -> None:
-        """Gives the first robots contacts other than the solver's, before `set_bodies`; shapes (n,) and (n, 2)."""
+        """Gives the first robots contacts other than the solver's, after `set_bodies`; shapes (n,) and (n, 2)."""
         n = len(impratio)
         ratios = self.field("opt.impratio")
         ratios[:n] = impratio.reshape(n, *ratios.shape[1:])
@@ -75,10 +77,10 @@ class FreeRobots(MujocoBatch):
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 
-def spec_on(robot: Robot, boxes: Boxes) -> mujoco.MjSpec:
+def spec_on(robot: Robot, boxes: Boxes, dimensions: int = 3) -> mujoco.MjSpec:
     """Describes a robot with a payload, on these boxes as `FreeRobots` takes them."""
     # with a payload, so that what the engine derives from masses exists for every robot
-    spec = scene.build_spec(robot, flat.make(), payload_kg=1.0)
+    spec = scene.build_spec(robot, flat.make(), payload_kg=1.0, dimensions=dimensions)
     ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
     scene.add_boxes(spec, boxes, "box_{}")
     if (boxes.center[:, 2] + boxes.extent[:, 2] < OWN_GROUND).any():
@@ -89,7 +91,7 @@ def spec_on(robot: Robot, boxes: Boxes) -> mujoco.MjSpec:
 
 
 def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
-    spec = spec_on(robot, boxes)
+    spec = spec_on(robot, boxes, solver.dimensions)
     for sensor in list(spec.sensors):
         if not sensor.name.endswith("_force"):
             spec.delete(sensor)

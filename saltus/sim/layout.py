@@ -21,10 +21,6 @@ Field = Callable[[str], Array]
 Robots = tuple[Any, ...]
 """Which robots: an index into the leading dimension of fields; empty where they have none."""
 
-SOFT_SOLREF_S = 0.02
-"""Time constant of contacts of soft rubber [s]; MuJoCo's default, and that of Menagerie's Go1."""
-SOFT_SOLIMP = (0.02, 0.99, 0.02)
-"""Their impedance at first, at last, and the depth between [m]: about those of Menagerie's Go1."""
 EVERYONE: Robots = (slice(None),)
 BASE_DOF = 6
 
@@ -39,27 +35,22 @@ class ModelLayout:
         self._trunk_com = Constant(own.ipos.copy())
         self._trunk_inertia = Constant(model.body_inertia[self.trunk].copy())
         self._payload_inertia = Constant(scene.payload_inertia(1.0))
-        self._solref = Constant(np.array([scene.CONTACT_SOLREF[0], SOFT_SOLREF_S]))
-        self._solimp = Constant(np.array([scene.CONTACT_SOLIMP[:3], SOFT_SOLIMP]))
         self._armature = Constant(model.dof_armature[BASE_DOF:].copy())
 
     def write_bodies(self, field: Field, body: BodyModel, robots: Robots = EVERYONE) -> None:
         """Gives robots their bodies and their ground; arrays of shape (n, ...), or without n where there is none."""
         mass, scale, shift = body.payload_kg[..., None], _column(body.inertia_scale), body.com_shift
         inertia = field("body_inertia")
-        field("geom_friction")[(*robots, self.robot, 0)] = _column(body.friction)
+        friction, impedance = field("geom_friction"), field("geom_solimp")
+        for place, value in enumerate((body.friction, body.torsion, body.rolling)):
+            friction[(*robots, self.robot, place)] = _column(value)
         field("geom_solref")[(*robots, self.robot, 0)] = _column(body.contact_time_constant)
+        impedance[(*robots, self.robot, 0)] = _column(body.touch_impedance)
+        impedance[(*robots, self.robot, 2)] = _column(body.impedance_depth)
         field("body_mass")[(*robots, self.payload)] = body.payload_kg
         inertia[(*robots, self.payload)] = mass * self._payload_inertia.like(mass)
         inertia[(*robots, self.trunk)] = scale * self._trunk_inertia.like(mass)
         field("body_ipos")[(*robots, self.trunk)] = self._trunk_com.like(shift) + shift
-
-    def write_soles(self, field: Field, softness: Array, robots: Robots = EVERYONE) -> None:
-        """Gives robots soles between those of `scene` (0) and soft rubber (1), shape (n,), or () without n."""
-        solref, solimp = self._solref.like(softness), self._solimp.like(softness)
-        field("geom_solref")[(*robots, self.robot, 0)] = _column(solref[0] + softness * (solref[1] - solref[0]))
-        impedance = solimp[0] + softness[..., None] * (solimp[1] - solimp[0])
-        field("geom_solimp")[(*robots, self.robot, slice(0, 3))] = impedance[..., None, :]
 
     def write_joints(
         self, field: Field, friction: Array, damping: Array, armature: Array | float, robots: Robots = EVERYONE

@@ -61,10 +61,6 @@ class MujocoBatch:
         values = {f.name: np.asarray(getattr(body, f.name), dtype=np.float64) for f in fields(body)}
         self.layout.write_bodies(self.field, BodyModel(**values), (robots,))
 
-    def set_soles(self, softness: Array, robots: Any = EVERYONE[0]) -> None:
-        """Gives robots soles between those of the scene (0) and soft rubber (1), shape (n,); after `set_bodies`."""
-        self.layout.write_soles(self.field, np.asarray(softness, dtype=np.float64), (robots,))
-
     def derive(self, robots: Array) -> None:
         """Has what the engine derives from masses, softness of contacts above all, follow those of `set_bodies`."""
         self.batch.set_const(robots)

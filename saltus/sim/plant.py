@@ -90,8 +90,14 @@ class Plant(DrivenRobots):
     ) -> None:
         super().__init__(robot, (), chain, imu)
         self.terrain = terrain
+        body = body or BodyChain()
         self.model = scene.build_spec(
-            robot, terrain, friction=friction, payload_kg=payload_kg, com_shift=com_shift
+            robot,
+            terrain,
+            friction=friction,
+            payload_kg=payload_kg,
+            com_shift=com_shift,
+            dimensions=body.contact_dimensions,
         ).compile()
         self._layout = ModelLayout(robot, self.model)
         self._held = held
@@ -100,7 +106,7 @@ class Plant(DrivenRobots):
             self.model.dof_armature[:6] = HELD_INERTIA
             # relative to a base that heavy, friction of a joint is small enough for the solver to leave it out
             self.model.opt.tolerance = HELD_TOLERANCE
-        if body is not None and body.effects:
+        if body.effects:
             claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
             self._layout.write_bodies(self._field, body.apply(claimed), robots=())
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))

@@ -5,13 +5,18 @@ a drive does is an effect.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION
+from saltus.effects.body import (
+    LEAST_TURNING_M,
+    NOMINAL_CONTACT_TIME_CONSTANT_S,
+    NOMINAL_FRICTION,
+    NOMINAL_IMPEDANCE_DEPTH_M,
+    NOMINAL_TOUCH_IMPEDANCE,
+)
 from saltus.robots import plain_mjcf
 from saltus.robots.robot import JOINTS, LEGS, Robot
 from saltus.terrain.boxes import Boxes
@@ -22,7 +27,7 @@ FRICTION = NOMINAL_FRICTION
 # Contacts nearly as stiff as the time step allows (the engine wants at least two steps): measured, a foot sinks 0.1 mm
 # when the robot stands, and 2.6 mm when it lands at 2 m/s.
 CONTACT_SOLREF = (NOMINAL_CONTACT_TIME_CONSTANT_S, 1.0)
-CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+CONTACT_SOLIMP = (NOMINAL_TOUCH_IMPEDANCE, 0.99, NOMINAL_IMPEDANCE_DEPTH_M, 0.5, 2.0)
 # Ratio of frictional to normal constraint stiffness: at 1 a foot that stands creeps sideways by millimetres.
 CONTACT_IMPRATIO = 10.0
 # Dry friction of joints, where an effect adds it, as stiff as the time step allows (the engine wants at least two
@@ -46,20 +51,6 @@ TRUNK, PAYLOAD = plain_mjcf.TRUNK, plain_mjcf.PAYLOAD
 TERRAIN_GEOM = "terrain_{}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sole:
-    """What the robot's shapes are made of, but for sliding friction and time constant, which effects and trials set."""
-
-    impedance: tuple[float, float, float, float, float] = CONTACT_SOLIMP
-    """MuJoCo's `solimp`."""
-    torsion_m: float = 0.0
-    """Torsional friction, where any is given, with rolling friction."""
-    rolling_m: float = 0.0
-
-
-STIFF = Sole()
-
-
 def build_spec(
     robot: Robot,
     terrain: Terrain,
@@ -68,7 +59,7 @@ def build_spec(
     payload_kg: float = 0.0,
     com_shift: Sequence[float] = (0.0, 0.0, 0.0),
     columns: int | None = None,
-    sole: Sole = STIFF,
+    dimensions: int = 3,
 ) -> mujoco.MjSpec:
     """Describes one robot on `terrain`.
 
@@ -79,7 +70,7 @@ def build_spec(
         payload_kg: Mass of a box on top of the trunk [kg].
         com_shift: Added to the trunk's centre of mass [m], base frame.
         columns: Number of terrain boxes where there may be more than `terrain` needs; the spare ones lie far below.
-        sole: What the robot's shapes are made of.
+        dimensions: Of its contacts: 3, or 6 with friction against turning and rolling.
 
     Returns:
         A spec whose `qpos` is base position, base quaternion (w, x, y, z), joints in the order of `JOINTS`, and
@@ -87,7 +78,7 @@ def build_spec(
     """
     spec = mujoco.MjSpec.from_string(robot.mjcf)
     _options(spec)
-    _make_solid(spec, friction, sole)
+    _make_solid(spec, friction, dimensions)
     add_boxes(spec, TerrainStack([terrain]).boxes(columns or len(terrain.boxes)).of_robot(0))
     trunk = spec.body(TRUNK)
     trunk.ipos = trunk.ipos + np.asarray(com_shift, dtype=np.float64)
@@ -127,13 +118,12 @@ def _options(spec: mujoco.MjSpec) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _make_solid(spec: mujoco.MjSpec, friction: float, sole: Sole) -> None:
+def _make_solid(spec: mujoco.MjSpec, friction: float, dimensions: int) -> None:
     """Shapes of the robot touch the terrain and nothing else; their contact parameters win over the terrain's."""
-    dimensions = 6 if sole.torsion_m or sole.rolling_m else 3
     for geom in spec.geoms:
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 1, dimensions, 1
-        geom.friction = friction, sole.torsion_m, sole.rolling_m
-        geom.solref, geom.solimp = CONTACT_SOLREF, sole.impedance
+        geom.friction = friction, LEAST_TURNING_M, LEAST_TURNING_M
+        geom.solref, geom.solimp = CONTACT_SOLREF, CONTACT_SOLIMP
         geom.group = ROBOT_GROUP
 
 

@@ -15,8 +15,8 @@ from saltus.terrain.boxes import Boxes
 
 CONTACTS = 16
 """Room for contacts per robot, shared by all: four feet, and what knees and hips touch when robots fall."""
-CONSTRAINTS = 84
-"""Room for constraint rows of one robot: three for a contact, one for a joint at its limit, one for its friction."""
+CONSTRAINTS = 36
+"""Room for rows of constraints of one robot beside its contacts: one for a joint at its limit, one for its friction."""
 SOLVER_ITERATIONS = 10
 """Of the contact solver. A step lasts until the slowest robot of all has converged: of 256 bounding robots 253 are
 within 1e-5 m/s after 10, and the slowest within 0.1 m/s, where the engine's 100 are a multiple of the time."""
@@ -45,10 +45,11 @@ class WarpEngine(Engine):
     The device is "cuda:0", or "cpu" (correct, not fast).
     """
 
-    def __init__(self, robot: Robot, count: int, boxes: int, *, device: str = "cuda:0") -> None:
+    def __init__(self, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, device: str = "cuda:0") -> None:
         self.robot, self.count, self.boxes, self.device = robot, count, boxes, device
+        self.dimensions = dimensions
         warp.config.log_level = warp.LOG_WARNING
-        spec = build_spec(robot, boxes)
+        spec = build_spec(robot, boxes, dimensions)
         spec.option.disableflags = 0  # mujoco_warp has neither of the two that the scene switches off
         spec.option.iterations = SOLVER_ITERATIONS
         self.model = spec.compile()
@@ -59,7 +60,8 @@ class WarpEngine(Engine):
             self._model = mujoco_warp.put_model(self.model, batch_sizes=dict.fromkeys(_DIFFERING, count))
             # Robots would print a line each, at every step, and of thousands some always have something to say.
             self._model.opt.warn_overflow = 0
-            self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=CONSTRAINTS)
+            rows = CONSTRAINTS + CONTACTS * dimensions
+            self._data = mujoco_warp.put_data(self.model, start, nworld=count, nconmax=CONTACTS, njmax=rows)
             self._bind()
             self._graph = self._capture() if warp.get_device(device).is_cuda else None
 
@@ -101,10 +103,6 @@ class WarpEngine(Engine):
     def set_bodies(self, body: BodyModel) -> None:
         """Gives all robots their bodies and their ground."""
         self._layout.write_bodies(self._fields.__getitem__, body)
-
-    def set_soles(self, softness: Array) -> None:
-        """Gives robots soles between those of the scene and soft rubber."""
-        self._layout.write_soles(self._fields.__getitem__, softness)
 
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
         """Gives all joints their friction and inertia."""

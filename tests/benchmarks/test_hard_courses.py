@@ -11,10 +11,12 @@ from benchmarks import hard_courses
 from benchmarks.hard_courses import ARMATURE, ROWS
 from saltus.cli.main import main
 from saltus.config import DEFAULT_ROBOT
+from saltus.effects.chain import BodyChain
 from saltus.effects.offsets_and_factors import Armature
 from saltus.policy.evaluation.evaluate import courses_of
 from saltus.robots.loading import load_robot
 from saltus.sim import scene
+from saltus.sim.plant import Plant
 from saltus.terrain.curriculum import FAMILIES
 from saltus.terrain.terrain import checked
 
@@ -71,11 +73,10 @@ def test_the_corrected_armature_is_that_of_the_motors() -> None:
 
 
 def test_soft_feet_resist_torsion_and_rolling() -> None:
-    robot, sole = load_robot(DEFAULT_ROBOT), ROWS["stairs 0.20, soft feet"].sole
     (terrain,) = courses_of(ROWS["stairs 0.20"].course, (0,))
-    stiff, soft = (scene.build_spec(robot, terrain, friction=0.7, sole=each).compile() for each in (scene.STIFF, sole))
-    own = stiff.geom_group == scene.ROBOT_GROUP
-    assert set(stiff.geom_condim[own]) == {3}
-    assert set(soft.geom_condim[own]) == {6}
-    np.testing.assert_allclose(soft.geom_friction[own], np.tile([0.7, 0.02, 0.01], (own.sum(), 1)))
-    np.testing.assert_allclose(soft.geom_solimp[own], np.tile(sole.impedance, (own.sum(), 1)))
+    body = BodyChain(ROWS["stairs 0.20, soft feet"].effects)
+    model = Plant(load_robot(DEFAULT_ROBOT), terrain, friction=0.7, body=body).model
+    own = model.geom_group == scene.ROBOT_GROUP
+    assert set(model.geom_condim[own]) == {6}
+    np.testing.assert_allclose(model.geom_friction[own], np.tile([0.7, 0.02, 0.01], (own.sum(), 1)), atol=2e-5)
+    np.testing.assert_allclose(model.geom_solimp[own, :3], np.tile([0.015, 0.99, 0.022], (own.sum(), 1)))

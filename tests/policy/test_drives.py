@@ -15,6 +15,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.offsets_and_factors import (
     ContactCompliance,
+    SoftFeet,
     TorqueGain,
 )
 from saltus.effects.profile import Profile, profile_to_toml
@@ -77,7 +78,8 @@ def of_batch(effects: tuple[Effect[Any], ...]) -> np.ndarray:
 def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL) -> JumpEnv:
     path.write_text(profile_to_toml(profile))
     config = EnvConfig(profile=str(path), randomisation=randomisation)
-    return JumpEnv(engine or BatchEngine(ROBOT, 2, BOXES, threads=1), config, seed=0)
+    engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=profile.body_chain.contact_dimensions, threads=1)
+    return JumpEnv(engine, config, seed=0)
 
 
 def of_training(effects: tuple[Effect[Any], ...], path: Any) -> np.ndarray:
@@ -146,7 +148,7 @@ def test_where_a_profile_has_no_delay_none_is_drawn(tmp_path: Any) -> None:
 def test_no_stage_asks_what_its_numbers_are(tmp_path: Any) -> None:
     """With all effects of drives, bodies and IMUs each stage is one graph for a GPU to replay."""
     ranges = RandomisationConfig(wide=WideConfig(share=0.5))
-    env = env_of(EVERYTHING, tmp_path / "all.toml", WarpEngine(ROBOT, 2, BOXES, device="cpu"), ranges)
+    env = env_of(EVERYTHING, tmp_path / "all.toml", WarpEngine(ROBOT, 2, BOXES, dimensions=6, device="cpu"), ranges)
     env.step(torch.zeros(2, 10))  # what is computed once and kept is not to be traced
     for stage in env.stages:
         torch.compile(stage._function, backend="eager", dynamic=False, fullgraph=True)()
@@ -163,10 +165,17 @@ def test_bodies_and_imus_are_those_of_the_profile(tmp_path: Any) -> None:
 
 
 def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
-    soft = Profile(body=(ContactCompliance(time_constant=0.01),))
-    env_of(soft, tmp_path / "soft.toml")
-    with pytest.raises(ConfigError, match="contact_compliance"):
-        env_of(soft, tmp_path / "soft.toml", randomisation=RandomisationConfig(wide=WideConfig(share=0.5)))
+    soft = Profile(body=(SoftFeet(torsion=0.01),))
+    with pytest.raises(ConfigError, match="soft_feet"):
+        env_of(soft, tmp_path / "soft.toml", BatchEngine(ROBOT, 2, BOXES, threads=1))
+
+
+def test_contacts_are_drawn_around_those_of_the_profile(tmp_path: Any) -> None:
+    soft = Profile(body=(ContactCompliance(time_constant=0.01), SoftFeet(touch=0.5)))
+    env = env_of(soft, tmp_path / "soft.toml", randomisation=RandomisationConfig(wide=WideConfig(share=1.0)))
+    bodies, softness = env.episodes._bodies(), env.memory.softness
+    assert torch.allclose(bodies.contact_time_constant.float(), 2.0 * (0.005 + 0.015 * softness))
+    assert torch.allclose(bodies.touch_impedance.float(), 0.5 / 0.95 * (0.95 - 0.93 * softness))
 
 
 def test_before_its_first_command_a_drive_holds_the_first_and_has_no_feedforward() -> None:

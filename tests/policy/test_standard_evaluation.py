@@ -18,7 +18,6 @@ from saltus.policy.training.learner import Learner
 from saltus.policy.training.standard_evaluation import COURSES, main
 from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_record import TrainingRecord
-from saltus.terrain.batch import BOXES
 from saltus.terrain.curriculum import FAMILIES
 
 FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
@@ -32,7 +31,7 @@ ROW = Row(
 
 
 def make_record(folder: Path, said: list[str], evaluate_s: float) -> tuple[Learner, TrainingRecord]:
-    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, BOXES, "cpu", threads=1), CONFIG.env, seed=0)
+    env = JumpEnv(make_engine(ROBOT, CONFIG.robots, CONFIG.env, "cpu", threads=1), CONFIG.env, seed=0)
     learner = Learner(env, CONFIG.learning)
     record = TrainingRecord(
         folder, CONFIG, env, learner, commit="abc", start_s=0.0, evaluate_s=evaluate_s, say=said.append

@@ -11,14 +11,14 @@ from samples import ROBOT
 from saltus.errors import ConfigError
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
+from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import SIZE
 from saltus.sim import scene
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import Engine
-from saltus.sim.layout import BASE_DOF, SOFT_SOLIMP, SOFT_SOLREF_S
+from saltus.sim.layout import BASE_DOF
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
@@ -99,10 +99,11 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     field = engine._fields.__getitem__ if kind is WarpEngine else engine.field
     layout = engine._layout if kind is WarpEngine else engine.layout
     soft, foot = env.memory.softness.numpy()[:, None], layout.robot.stop - 1
-    usual = scene.CONTACT_SOLREF[0], *scene.CONTACT_SOLIMP[:3]
-    contact = field("geom_solref")[:, foot, :1], field("geom_solimp")[:, foot, :3]
+    usual, rubber = np.array(tuple(SOFT_RUBBER.values())).T
+    assert usual.tolist() == [scene.CONTACT_SOLREF[0], scene.CONTACT_SOLIMP[0], scene.CONTACT_SOLIMP[2]]
+    contact = field("geom_solref")[:, foot, :1], field("geom_solimp")[:, foot, :3:2]
     found = np.concatenate([torch.as_tensor(a).numpy() for a in contact], 1)
-    np.testing.assert_allclose(found, usual + soft * (np.array([SOFT_SOLREF_S, *SOFT_SOLIMP]) - usual), atol=1e-6)
+    np.testing.assert_allclose(found, usual + soft * (rubber - usual), atol=1e-6)
     env._control()
     for name, expected in (
         ("dof_armature", env.memory.armature.numpy()[:, None] * ROBOT.armature),

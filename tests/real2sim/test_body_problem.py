@@ -7,7 +7,7 @@ import pytest
 from standing_robot import Motion, run_log
 
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass
+from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass, SoftFeet
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
@@ -15,7 +15,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.support import carried_by
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.rebased import RebasedProblem
+from saltus.real2sim.rebased import NOT_HELD, RebasedProblem
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import RunLog
 
@@ -78,11 +78,26 @@ def test_a_simulator_with_the_limits_of_the_drives_leaves_noise(limit: TorqueSat
     assert closed < 1.2
 
 
+def test_feet_that_resist_rolling_close_the_gap() -> None:
+    """But for what the choice of the contact solver leaves, which is made before anything is fitted."""
+    problem = BodyProblem(run_log([SoftFeet(rolling=0.01)], motions=SHORT))
+    gap, less, closed = (np.mean(at(problem, soft_feet__rolling=value) ** 2) for value in (0.0, 0.007, 0.01))
+    assert closed < less < gap
+    assert closed - 1.0 < 0.05 * (gap - 1.0)
+
+
+def test_a_profile_whose_feet_stiffen_as_no_replay_does_is_not_dropped_silently(claimed: BodyProblem) -> None:
+    feet = [SoftFeet(rolling=0.01), SoftFeet(rolling=0.01, touch=0.1)]
+    held, lost = (RebasedProblem(claimed, Profile(body=(each,))) for each in feet)
+    assert "soft_feet" not in set(held.untestable) - set(claimed.untestable)
+    assert lost.untestable["soft_feet"] == NOT_HELD
+
+
 def test_sets_of_unknowns_do_not_mix(claimed: BodyProblem) -> None:
     start = np.array([s for c in claimed.candidates for s in c.starts[0]])
     sets = np.tile(start, (3, 1, 1))
     sets[1, 0, claimed.names.index("payload_mass.mass")] = 1.0
-    sets[2, 0, claimed.names.index("command_delay.delay")] = 0.004
+    sets[2, 0, claimed.names.index("soft_feet.rolling")] = 0.01
     together = claimed.residuals(sets)
     for one, alone in zip(sets, together, strict=True):
         np.testing.assert_allclose(claimed.residuals(one[None])[0], alone, atol=1e-6)

@@ -11,7 +11,14 @@ from saltus.effects.chain import BodyChain, ImuChain
 from saltus.effects.effect import Effect
 from saltus.effects.imu_bias import ImuBias
 from saltus.effects.imu_latency import ImuLatency
-from saltus.effects.offsets_and_factors import BaseInertia, ComOffset, ContactCompliance, FootFriction, PayloadMass
+from saltus.effects.offsets_and_factors import (
+    BaseInertia,
+    ComOffset,
+    ContactCompliance,
+    FootFriction,
+    PayloadMass,
+    SoftFeet,
+)
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
 from saltus.sim.plant import Plant
@@ -25,6 +32,7 @@ BODY: tuple[Effect[Any], ...] = (
     BaseInertia(scale=1.3),
     FootFriction(coefficient=0.4),
     ContactCompliance(time_constant=0.015),
+    SoftFeet(torsion=0.02, rolling=0.01, touch=0.1, depth=0.01),
 )
 
 

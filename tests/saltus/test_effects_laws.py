@@ -41,6 +41,7 @@ from saltus.effects.offsets_and_factors import (
     EncoderBias,
     FootFriction,
     PayloadMass,
+    SoftFeet,
     TorqueGain,
     VelocityScale,
     ViscousFriction,
@@ -127,6 +128,8 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     BaseInertia(scale=1.2),
     FootFriction(coefficient=0.5),
     ContactCompliance(time_constant=0.012),
+    SoftFeet(torsion=0.02, rolling=0.01),
+    SoftFeet(touch=0.1, depth=0.01),
     ImuBias(gyro_x=0.02, gyro_z=-0.03),
     ImuBias(roll=0.02, pitch=-0.01),
     ImuLatency(delay=0.006),
@@ -170,6 +173,10 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
                 inertia_scale=array(),
                 friction=array(),
                 contact_time_constant=array(),
+                touch_impedance=array(),
+                impedance_depth=array(),
+                torsion=array(),
+                rolling=array(),
             )
         if site == "imu":
             quaternion = array(4)

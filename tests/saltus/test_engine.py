@@ -1,9 +1,13 @@
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
 from samples import ROBOT
 
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, BodyModel
+from saltus.effects.body import claimed_body
+from saltus.effects.effect import map_arrays
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.warp import WarpEngine
 from saltus.terrain.boxes import Boxes
@@ -11,7 +15,7 @@ from saltus.terrain.boxes import Boxes
 COUNT, BOXES = 3, 4
 
 
-def prepared(engine, pitch=0.0, yaw=0.0):
+def prepared(engine, pitch=0.0, yaw=0.0, **feet):
     """Robots just above their own terrains: level, raised, and a step under the front feet; or all that turned."""
     center, half = torch.zeros(COUNT, BOXES, 3), torch.ones(COUNT, BOXES, 3)
     center[..., 2] = -1.0
@@ -22,12 +26,12 @@ def prepared(engine, pitch=0.0, yaw=0.0):
     turn = torch.tensor([pitch, yaw]).expand(COUNT, BOXES, 2)
     engine.set_terrain(Boxes(center=center, half_size=half, turn=turn if pitch or yaw else None))
     shift = torch.tensor([[0.0, 0.0, 0.0], [0.02, 0.0, 0.01], [0.0, -0.02, 0.0]])
-    body = BodyModel(
+    body = replace(
+        map_arrays(torch.tensor, claimed_body((COUNT,))),
         friction=torch.tensor([0.5, 0.8, 1.0]),
         payload_kg=torch.tensor([0.0, 0.75, 1.5]),
         com_shift=shift,
-        inertia_scale=1.0,
-        contact_time_constant=NOMINAL_CONTACT_TIME_CONSTANT_S,
+        **{name: torch.full((COUNT,), value) for name, value in feet.items()},
     )
     engine.set_bodies(body)
     qpos, qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
@@ -66,6 +70,14 @@ def test_both_engines_simulate_the_same_robots(results):
     (exact, touch), (other, other_touch) = results
     assert np.abs(exact - other).max() < 2e-3
     assert (touch == other_touch).mean() > 0.99
+
+
+def test_both_engines_have_feet_that_resist_rolling(results):
+    feet = {"torsion": 0.02, "rolling": 0.03, "touch_impedance": 0.2, "impedance_depth": 0.01}
+    kinds = (partial(BatchEngine, threads=1), partial(WarpEngine, device="cpu"))
+    (exact, _), (other, _) = (run(prepared(kind(ROBOT, COUNT, BOXES, dimensions=6), **feet), 120) for kind in kinds)
+    assert np.abs(exact - other).max() < 5e-3
+    assert np.abs(exact - results[0][0]).max() > 0.02
 
 
 def test_both_engines_know_turned_boxes_and_forget_them():

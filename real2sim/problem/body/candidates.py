@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
+from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
@@ -119,6 +119,12 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
             ),
         ),
         _one(
+            "soft_feet",
+            "feet",
+            Unknown(name="torsion", low=0.0, high=0.2, scale=0.01),
+            Unknown(name="rolling", low=0.0, high=0.1, scale=0.005),
+        ),
+        _one(
             "torque_gain",
             "joints",
             Unknown(name="excess", low=-0.5, high=0.5, scale=0.02),
@@ -165,6 +171,8 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         com_shift=np.stack([value[f"com_offset.{axis}"] for axis in "xyz"], axis=-1),
         inertia_scale=1.0 + value["base_inertia.excess"],
         contact_time_constant=claims.contact_time_constant * np.sqrt(1.0 + value["contact_compliance.softness"]),
+        torsion=LEAST_TURNING_M + value["soft_feet.torsion"],
+        rolling=LEAST_TURNING_M + value["soft_feet.rolling"],
     )
     return Rig(
         body=body,

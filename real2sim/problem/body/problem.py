@@ -39,6 +39,8 @@ USUAL = {
     "com_offset.z": 0.005,
     "base_inertia.excess": 0.2,
     "contact_compliance.softness": 1.0,
+    "soft_feet.torsion": 0.01,
+    "soft_feet.rolling": 0.005,
     "torque_gain.excess": 0.03,
     "viscous_friction.coefficient": 0.05,
     "coulomb_friction.torque": 0.1,
@@ -178,10 +180,11 @@ class BodyProblem(Problem):
         windows = self._windows
         some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
 
-        def squares(solver: Solver, softer: float, rougher: float) -> Floats:
+        def squares(solver: Solver, softer: float, rougher: float, rolling: float) -> Floats:
             replay, rig = self._replayed(solver, windows.taken(some)), self._rig()
             rig.body.contact_time_constant[:] *= softer
             rig.body.friction[:] *= rougher
+            rig.body.rolling[:] += rolling
             error = errors(windows.measured[some], replay.states(rig))
             return np.asarray(np.mean(noise.plain(_finite(error))[0] ** 2, axis=(1, 2)))
 

@@ -1,13 +1,14 @@
 """Replays windows of a log through the simulator, for many sets of effects at once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
-from saltus.effects.body import BodyModel
+from saltus.effects.body import LEAST_TURNING_M, BodyModel
 from saltus.effects.signals import Drive
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
@@ -84,10 +85,7 @@ class Replay:
         self._windows, self._limits = windows, sorted(limits, key=lambda limit: isinstance(limit, TorqueSaturation))
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
-        self._solver = solver
-        self._robots = FreeRobots(robot, self._sets * self._count, boxes, solver=solver)
-        if payload_position is not None:
-            self._robots.set_payload_position(np.asarray(payload_position))
+        self._solver, self._robot, self._boxes, self._payload_position = solver, robot, boxes, payload_position
         middle = windows.start_s + 0.5 * WINDOW_STEPS * PHYSICS_DT
         # a motor's torque reaches each joint through its reduction: limits of torque scale with it
         self._per_calf = robot.reduction / robot.reduction[2]
@@ -106,9 +104,11 @@ class Replay:
         qpos = np.broadcast_to(now.qpos, (n, *now.qpos.shape)) if qpos is None else qpos
         qvel = np.broadcast_to(now.qvel, (n, *now.qvel.shape)) if qvel is None else qvel
         out = np.empty((n, self._count, BLOCKS, 34))
-        for i in range(0, n, self._sets):
-            part = slice(i, i + self._sets)
-            out[part] = self._run(_taken(rig, part), qpos[part], qvel[part])
+        resists = np.maximum(rig.body.torsion, rig.body.rolling) > LEAST_TURNING_M
+        for own in (np.flatnonzero(~resists), np.flatnonzero(resists)):
+            for i in range(0, len(own), self._sets):
+                part = own[i : i + self._sets]
+                out[part] = self._run(_taken(rig, part), qpos[part], qvel[part])
         return out
 
     def foot_forces(self, rig: Rig) -> tuple[Floats, Floats]:
@@ -118,11 +118,29 @@ class Replay:
         along = forces.transpose(1, 0, 2, 3)
         return np.hypot(along[..., 0], along[..., 1]), along[..., 2]
 
+    @cached_property
+    def _sliding(self) -> FreeRobots:
+        """Robots whose feet slide."""
+        return self._made(self._solver)
+
+    @cached_property
+    def _turning(self) -> FreeRobots:
+        """Robots whose feet resist turning and rolling, too: twice the rows for a contact."""
+        return self._made(replace(self._solver, dimensions=6))
+
+    def _made(self, solver: Solver) -> FreeRobots:
+        robots = FreeRobots(self._robot, self._sets * self._count, self._boxes, solver=solver)
+        if self._payload_position is not None:
+            robots.set_payload_position(np.asarray(self._payload_position))
+        return robots
+
     def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
-        sets, windows, robots = len(rig.gain), self._windows, self._robots
+        sets, windows = len(rig.gain), self._windows
+        turns = max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M
+        robots = self._turning if turns else self._sliding
         sims = sets * self._count
-        robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
+        robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.derive(np.arange(sims))
         drives = _Drives(rig, windows, self._age, self._per_calf, self._limits)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
@@ -190,7 +208,7 @@ def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
     return solver.impratio * np.exp(-rig.creep), 1.0 / (1.0 + give)
 
 
-def _taken(rig: Rig, part: slice) -> Rig:
+def _taken(rig: Rig, part: Indices) -> Rig:
     body = BodyModel(**{f.name: getattr(rig.body, f.name)[part] for f in fields(BodyModel)})
     return Rig(body=body, **{f.name: getattr(rig, f.name)[part] for f in fields(Rig) if f.name != "body"})
 

@@ -43,6 +43,7 @@ NOT_SHOWN = {
     "end_stop": "moments in which a joint is near its stop are left out: a held robot that leans on it shows it",
     "foot_friction": "the ground's forces are inferred, not simulated: heave_and_pitch shows it",
     "contact_compliance": "the ground's forces are inferred, not simulated: drop shows it",
+    "soft_feet": "the ground's forces are inferred, not simulated: heave_and_pitch shows it",
 }
 """Effects of drives, body and ground that no log of jumps shows, and experiments that do."""
 LEAST_SIGMA = 6.0
