@@ -45,7 +45,8 @@ class Sensor:
 
 def _no_held_base(log: RunLog) -> str:
     if log.meta["base"] != "fixed":
-        return "the base is not held: what the ground does hides the joints"
+        jumps = not untold(log) and has_changing_gains(log) and not _no_free_base(log)
+        return f"the base is not held: {'see body' if jumps else 'what the ground does hides the joints'}"
     return untold(log) or (CHANGING_GAINS if has_changing_gains(log) else "")
 
 

@@ -172,7 +172,7 @@ def test_find_says_in_one_line_what_was_not_compared(
     assert main(["real2sim", "find", str(tmp_path / "log"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("not compared: ")]
     assert len(said) == 1
-    assert "joints (" in said[0]
+    assert "joints (the base is not held: see body)" in said[0]
 
 
 def test_a_landing_is_not_smoothed_out_of_the_motion_of_a_camera(logs: dict[str, RunLog]) -> None:

@@ -21,6 +21,7 @@ from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
 MAX_FRAMES = 300  # looked at of a log: more say little that these do not, and cost as much
+BLIND_M = 0.05  # nearer than this no depth camera sees anything
 AS_CLAIMED = CameraEffects()
 
 
@@ -61,11 +62,12 @@ def camera_data(log: RunLog) -> CameraData:
     if log.depth is None or not len(log.depth.frame_id):
         raise RecordingError("the log has no images: depth.npz is missing or empty")
     camera, motion, frames, segments = claimed_camera(log.meta), BaseMotion(log), frames_of(log.depth), segments_of(log)
-    kept, owner = _choose(frames, segments, motion, camera)
+    scenes = claimed_scenes(log.meta.get("terrain"))
+    kept, owner = _choose(frames, segments, motion, camera, scenes[0])
     images = log.depth.depth_mm[frames.index[kept]]
     grid = PixelGrid.of(*images.shape[1:])
     measured = 1e-3 * grid.of_images(images).astype(np.float64)
-    model = _likeliest(claimed_scenes(log.meta.get("terrain")), camera, motion, frames, grid, kept, measured)
+    model = _likeliest(scenes, camera, motion, frames, grid, kept, measured)
     model = replace(model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0)
     view = aligned(model, kept, measured)
     predicted = model.predict(view, kept)
@@ -105,12 +107,19 @@ def owners(time_s: Floats, segments: Sequence[Segment]) -> Indices:
 
 
 def _choose(
-    frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera
+    frames: Frames, segments: Sequence[Segment], motion: BaseMotion, camera: ClaimedCamera, scene: Scene
 ) -> tuple[Indices, Indices]:
-    """Evenly spaced frames of those that lie in a segment and within the measured motion."""
+    """Evenly spaced frames of those that lie in a segment and within the measured motion, and not in a box.
+
+    The camera of a simulated robot that falls may pass into the ground.
+    """
     owner = owners(frames.stamp_s, segments)
     exposed_s = frames.stamp_s - camera.latency_s
-    usable = np.flatnonzero((owner >= 0) & (exposed_s >= motion.start_s) & (exposed_s <= motion.end_s))
+    position, rotation = motion.at(exposed_s)
+    place = (position + rotation @ camera.position)[:, None]
+    is_within = np.all((place > scene.box_low - BLIND_M) & (place < scene.box_high + BLIND_M), axis=2).any(axis=1)
+    is_told = (owner >= 0) & (exposed_s >= motion.start_s) & (exposed_s <= motion.end_s)
+    usable = np.flatnonzero(is_told & ~is_within)
     if not usable.size:
         raise RecordingError("the log has no image within its segments and the measured motion of its base")
     kept = usable[np.unique(np.linspace(0, len(usable) - 1, MAX_FRAMES).astype(np.int64))]

@@ -88,7 +88,7 @@ class JumpProblem(Problem):
         self._balances = [Balance(stretch, self._robot, body) for stretch in self._stretches]
         self._slopes = np.array([self._changed(row) / row.max() for row in BODIES])
         self._limits = torque_limits(self.model).reshape(len(LEGS), len(LINKS))
-        self._reach = _reach_of(log)
+        self._reach = _reach_of(log, self.model.stand_pose)
         self._index(owners)
         self._weight = self._weights(log)
         self._set_candidates(())
@@ -217,10 +217,10 @@ def _noise(values: Floats) -> float:
     return quiet_sigma(np.diff(values, n=3, axis=0)) / float(np.sqrt(20.0))
 
 
-def _reach_of(log: RunLog) -> tuple[Reach, ...]:
-    """How far a log goes at each place of a leg."""
+def _reach_of(log: RunLog, stand: Floats) -> tuple[Reach, ...]:
+    """How far a log goes at each place of a leg; springs count from the stand pose, so that logs share them."""
     torque, speed = (np.quantile(np.abs(values), MOST, axis=0) for values in (drive_torque(log), rates(log.joints)))
-    of_legs = np.stack([speed, torque, log.joints.q.mean(axis=0)]).reshape(3, len(LEGS), len(LINKS))
+    of_legs = np.stack([speed, torque, stand]).reshape(3, len(LEGS), len(LINKS))
     return tuple(
         Reach(
             speed=float(speed.max()),
