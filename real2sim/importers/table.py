@@ -46,11 +46,13 @@ def read_table(path: Path, columns: Columns, joint_names: dict[str, str]) -> dic
             f"{path}: rows are {row_s:g} s apart, {low:g} to {high:g} s is allowed; check [columns] {key}"
         )
     if columns.states_every_s is not None:
-        rate = signals.pop("dq", None)
+        rate = signals.get("dq")
         if rate is None or columns.rate_hz is None:
             raise RecordingError("[columns] states_every_s is for rows without times: it needs rate_hz and dq")
         times = state_times(signals["q"], rate, row_s, columns.states_every_s)
-        signals["q"] = evenly(times, signals["q"], rate / rate_scale(signals["q"], rate, row_s), time_s)
+        scale = rate_scale(signals["q"], rate, row_s)
+        signals["q"], rate = evenly(times, signals["q"], rate / scale, time_s)
+        signals["dq"] = scale * rate
     usual = {gain: np.median(signals[gain], axis=0).tolist() for gain in GAINS if gain in signals}
     meta = {"joints": joints, "control_dt": row_s, **usual}
     if not columns.moves_freely:

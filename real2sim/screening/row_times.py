@@ -57,8 +57,13 @@ def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
     return np.asarray(np.sum(integral**2, axis=0) / np.maximum(np.sum(moved * integral, axis=0), 1e-12))
 
 
-def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> Floats:
-    """Angles at other times by a cubic through angles and velocities; `dq` must be the rate of `q`."""
+def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
+    """Angles at other times, by a cubic through angles and velocities, and velocities, which are noisier, linearly.
+
+    `dq` must be the rate of `q`.
+    """
     fresh = np.concatenate([[True], np.diff(times_s) > 0])
     curve = CubicHermiteSpline(times_s[fresh], q[fresh], dq[fresh])
-    return np.asarray(curve(np.clip(at_s, times_s[0], times_s[-1])))
+    at_s = np.clip(at_s, times_s[0], times_s[-1])
+    rate = np.stack([np.interp(at_s, times_s[fresh], joint) for joint in dq[fresh].T], axis=1)
+    return np.asarray(curve(at_s)), rate
