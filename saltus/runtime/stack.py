@@ -27,7 +27,7 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.access import write_client
+from saltus.wire.access import Network, write_client
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
 from saltus.wire.router import open_router
@@ -61,19 +61,28 @@ class Stack:
     """The processes of one run, as a context manager; tests bring their own table of programs.
 
     `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
-    start of the run on the monotonic clock is filled in. All limits below are in the clock of this run.
+    start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
+    the clock of this run.
 
     Raises:
         ConfigError, ModelError: there is no such robot, terrain or camera.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
     """
 
-    def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
+    def __init__(
+        self,
+        run_config: RunConfig,
+        run_dir: Path,
+        programs: tuple[Program, ...] = PROGRAMS,
+        *,
+        network: Network | None = None,
+    ) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.camera = load_camera(run_config.camera)
         self.robot = self.camera.mounted_on(load_robot(run_config.robot))
         self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
+        self._network = network
         self.finished = False
         """Whether the run came to its own end: the controller has returned."""
         self.rejected: dict[str, dict[str, int]] = {}
@@ -165,7 +174,7 @@ class Stack:
     def _open(self) -> None:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
-        access, router = open_router()
+        access, router = open_router(network=self._network)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, access)
         self._bus = ZenohBus(access, self.config.prefix, peer=self._links_directly)

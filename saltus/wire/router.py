@@ -6,13 +6,13 @@ from typing import Any
 import zenoh
 
 from saltus.errors import StackError
-from saltus.wire.access import Access, new_secret, open_session
+from saltus.wire.access import Access, Network, new_secret, open_session
 
 PORT_ATTEMPTS = 5
 
 
-def open_router(endpoint: str | None = None) -> tuple[Access, Any]:
-    """Opens a Zenoh router with a secret of its own, by default on a free port of loopback.
+def open_router(endpoint: str | None = None, network: Network | None = None) -> tuple[Access, Any]:
+    """Opens a Zenoh router with a secret of its own, by default on a free port of loopback, and on a network if asked.
 
     Returns:
         What it takes to join it, and its session.
@@ -24,12 +24,13 @@ def open_router(endpoint: str | None = None) -> tuple[Access, Any]:
     for _ in range(PORT_ATTEMPTS):
         access = Access(endpoint=endpoint or f"tcp/127.0.0.1:{_free_port()}", secret=secret)
         try:
-            return access, open_session("router", access)
+            return access, open_session("router", access, network)
         except zenoh.ZError as error:  # of a free port: somebody else took it in between
             last = error
-        if endpoint is not None:
+        if endpoint is not None or network is not None:
             reason = str(last).split(" at /")[0]  # without places in the source of Zenoh
-            raise StackError(f"cannot host a Zenoh router at {endpoint}: {reason}; is another one running there?")
+            places = " and ".join(place for place in (endpoint, network and network.listen) if place)
+            raise StackError(f"cannot host a Zenoh router at {places}: {reason}; is another one running there?")
     raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
 
 
