@@ -19,9 +19,9 @@ if [ -n "$wheels" ]; then
 fi
 export PYTHONPATH=$site:$PWD PYTHONUNBUFFERED=1 PYTHONWARNINGS=ignore
 export TORCHINDUCTOR_CACHE_DIR=${TORCHINDUCTOR_CACHE_DIR:-/tmp/inductor}
-# Twice what is hard to see or to be sure of: stairs and stones, ditches of any depth, and what is no course.
+# More of what is hard to see or to be sure of: stairs and stones, ditches of any depth, and what is no course.
 terrains=${TERRAINS:-flat stairs stairs stepping_stones stepping_stones step gap stairs_down step_down pyramid irregular
-  hurdles ditch ditch ramp_up ramp_down clutter clutter}
+  hurdles ditch ditch ditch ramp_up ramp_down clutter clutter}
 mkdir -p "$data" "$out"
 shard=0
 for policy in "$@"; do
