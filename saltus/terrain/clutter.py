@@ -17,8 +17,8 @@ FROM_X, TO_X, ASIDE_M = 0.6, 4.5, 0.8
 SIDE_M = (0.03, 2.0)
 """Of a thing along x and y before it is turned, in equal shares of the logarithm: from a stick to a wall."""
 LEAST_HEIGHT_M = 0.03
-IN_THE_AIR = 0.2
-"""Share of things that have nothing below them, like the plate of a table."""
+IN_THE_AIR = 0.3
+"""Share of things that have nothing below them, like the plate of a table; they are as often high as low."""
 FINISH_X = TO_X + FIRST_EDGE_X
 
 
@@ -32,7 +32,9 @@ def make(*, height_m: float, rng: np.random.Generator) -> Terrain:
 def _thing(rng: np.random.Generator, highest: float) -> Box:
     long, wide = np.exp(rng.uniform(np.log(SIDE_M[0]), np.log(SIDE_M[1]), 2)).tolist()
     top = float(np.exp(rng.uniform(np.log(LEAST_HEIGHT_M), np.log(highest))))
-    thick = rng.uniform(0.3, 1.0) * LEAST_HEIGHT_M if rng.uniform() < IN_THE_AIR else top
+    thick = top
+    if rng.uniform() < IN_THE_AIR:
+        top, thick = rng.uniform(LEAST_HEIGHT_M, highest), rng.uniform(0.3, 1.0) * LEAST_HEIGHT_M
     yaw = rng.uniform(0.0, np.pi)
     # Its edge, not its middle, is ahead of where a robot stands at first.
     clear = 0.5 * (abs(math.cos(yaw)) * long + abs(math.sin(yaw)) * wide)
