@@ -8,9 +8,10 @@
 # Each portion draws its own data, from SEED and PORTION; they stay on that machine, as do the shards of a portion that
 # was interrupted: the same command goes on there. Take OUT along: heightmap.pt (7 MB) and manifest.json, for
 #   saltus heightmap export --data OUT --checkpoint OUT/heightmap.pt --unseen DATASET
-# On one H200 a portion takes about 8 minutes: compilation 1 to 2, each policy's 4.9 million steps 1, 15,000 updates 3.
+# By the rates of one H200 (docs/heightmap.md, docs/history.md) a portion should take 8 minutes: compilation 1 to 2, each
+# policy's 4.9 million steps 1, 15,000 updates 3.
 set -euo pipefail
-if [ $# -lt 6 ]; then sed -n 2,13p "$0" >&2; exit 2; fi
+if [ $# -lt 6 ]; then sed -n 2,12p "$0" >&2; exit 2; fi
 wheels=$1; out=$2; seed=$3; portion=$4; commit=$5; shift 5
 site=${SITE:-/tmp/site}; device=${DEVICE:-cuda}; data=${DATA:-/tmp/heightmap_data}/$seed-$portion
 if [ "$portion" -gt 0 ] && [ ! -f "${START:-}" ]; then echo "portion $portion needs START, a checkpoint" >&2; exit 2; fi
