@@ -177,6 +177,9 @@ class DaggerConfig:
     """Windows in a gradient step."""
     seed: int = 0
     """Of terrains, trials, cameras, weights and noise."""
+    profile: str = SHIPPED
+    """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
+    file."""
     loop: ClosedLoop = field(default_factory=ClosedLoop)
 
     def __post_init__(self) -> None:

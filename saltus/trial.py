@@ -13,7 +13,7 @@ import numpy as np
 from saltus.config import Value
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import Effect
-from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.heightmap_shift import refuse_shift, shift_of
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -27,6 +27,7 @@ Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
 UPRIGHT_LIMIT = np.deg2rad(60.0)  # definition of success: |roll| and |pitch| below it
 TIME_LIMIT_S = 20.0  # definition of success
 NOMINAL_FEEDFORWARD_DELAY_S = 0.010  # original
+_SHIFT = 1  # names the random numbers of what a profile lets every robot draw of the shift
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +72,20 @@ class Trial(Value):
         )
 
     def applied_to(self, profile: Profile) -> Profile:
-        """The effects of this trial's robot: those of `profile`, moved by what the trial draws; see this module."""
+        """The effects of this trial's robot: those of `profile`, moved by what the trial draws; see this module.
+
+        Raises:
+            ConfigError: a profile that shifts true heights: robots that see with a camera have none.
+        """
+        refuse_shift(profile.heightmap, "a robot that sees with a camera")
         camera = drawn_around(profile.camera, latency_s=self.camera_delay_s, jitter_s=self.camera_jitter_s)
-        shifts = [e for e in profile.heightmap if isinstance(e, HeightmapShift)] or [HeightmapShift()]
-        shift = shifts[0].moved(x=self.height_shift_x, z=self.height_shift_z)
         drives = strengthened(profile.actuator, self.motor_strength)
-        return replace(profile, actuator=drives, camera=camera, heightmap=(shift,))
+        return replace(profile, actuator=drives, camera=camera)
+
+    def height_shift(self, profile: Profile) -> Floats:
+        """How far ahead, and how much too high, this robot is handed out true heights [m], shape (2,)."""
+        shift = shift_of(profile.heightmap).moved(x=self.height_shift_x, z=self.height_shift_z)
+        return shift.init((), np.random.default_rng((self.seed, _SHIFT)))
 
 
 def strengthened(drives: Effects, strength: float | Floats) -> Effects:

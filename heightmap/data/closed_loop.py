@@ -86,7 +86,7 @@ def _trajectories(
         [Trial.draw(first + i) for i in range(loop.robots)],
         MixedPlanner(robot, rng, loop.robots, learned=loop.learned, variation=loop.variation),
         profile=profile,
-        heights=_heights(robot, model, camera, profile, rng.uniform(0.0, TRAINING.loss)),
+        heights=_heights(robot, model, camera, rng.uniform(0.0, TRAINING.loss)),
         time_limit_s=np.inf,
     )
     steps = []
@@ -126,19 +126,20 @@ class MixedPlanner:
         return np.where(mask, policy, rules)
 
 
-def _heights(
-    robot: Robot, model: Path | None, camera: DepthCamera, profile: Profile, loss: float
-) -> HeightsFactory | None:
-    if model is None:
-        return None
-    lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
-    return partial(_predicted, HeightmapNetwork(robot, model), camera, lossy)
+def _heights(robot: Robot, model: Path | None, camera: DepthCamera, loss: float) -> HeightsFactory | None:
+    return None if model is None else partial(_predicted, HeightmapNetwork(robot, model), camera, loss)
 
 
 def _predicted(
-    network: HeightmapNetwork, camera: DepthCamera, profile: Profile, terrains: TerrainStack, trials: Sequence[Trial]
+    network: HeightmapNetwork,
+    camera: DepthCamera,
+    loss: float,
+    terrains: TerrainStack,
+    trials: Sequence[Trial],
+    profile: Profile,
 ) -> PredictedHeights:
-    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains, profile), trials, profile)
+    lossy = replace(profile, camera=drawn_around(profile.camera, loss=loss))
+    return PredictedHeights(network, IdealCameras(camera, network.robot, terrains, lossy), trials, lossy)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:

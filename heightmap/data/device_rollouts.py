@@ -13,6 +13,7 @@ from torch import Tensor
 
 from saltus.config import DEFAULT_ROBOT, from_toml
 from saltus.depth_camera import load_camera
+from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
 from saltus.grid import LINE
@@ -75,6 +76,8 @@ class DeviceRollouts:
         self._model = None if predictor is None else predictor.to(self._device).eval()
         cameras = {name: load_camera(name) for name in loop.cameras}
         known = load_profile(self.profile, robot)
+        if predictor is not None:
+            refuse_shift(known.heightmap, "a predictor")
         first = cameras[loop.cameras[0]]
         # no more images are under way than are taken meanwhile
         self._latency = replace(first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz)

@@ -13,8 +13,9 @@ from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_i
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import map_arrays
+from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.image_pixels import to_images
-from saltus.effects.profile import Profile, load_profile
+from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.late_images import LateImages
@@ -37,24 +38,22 @@ from saltus.trial import Trial
 class PredictedHeightsFactory:
     """Makes `PredictedHeights` for a batch; can be sent to another process."""
 
-    profile: str = "shipped"
-    """Effects of the hardware; those of the camera matter here."""
     model: Path | None = None
     """ONNX file; by default the shipped model."""
     camera: str = "ideal"
     """Name or TOML file; errors of stereo matching are made by the fast chain."""
 
-    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial]) -> "PredictedHeights":
+    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> "PredictedHeights":
         """A source of heights for one batch.
 
         Raises:
-            ConfigError: there is no such camera.
+            ConfigError: there is no such camera, or the profile shifts true heights.
             ModelError: the model cannot be used.
         """
         camera = load_camera(self.camera)
         robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
         network = HeightmapNetwork(robot, model_path("heightmap", self.model))
-        profile = camera.delivered(load_profile(self.profile, robot))
+        profile = camera.delivered(profile)
         cameras: RobotCameras
         if camera.ideal:
             cameras = IdealCameras(camera, robot, terrains, profile)
@@ -74,6 +73,7 @@ class PredictedHeights:
     def __init__(
         self, network: HeightmapNetwork, cameras: RobotCameras, trials: Sequence[Trial], profile: Profile
     ) -> None:
+        refuse_shift(profile.heightmap, "a predictor")
         count = len(trials)
         self._network = network
         self._cameras = cameras

@@ -20,7 +20,7 @@ from saltus.config import DEFAULT_ROBOT, PlannerName, TerrainConfig, check_betwe
 from saltus.depth import MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.depth_camera import load_camera
 from saltus.effects.camera import drawn_around
-from saltus.effects.profile import SHIPPED, load_profile
+from saltus.effects.profile import Profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.data.closed_loop import random_course
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
@@ -144,11 +144,11 @@ class HeldOutRuns:
         ticks: list["_Tick"],
         terrains: TerrainStack,
         trials: Sequence[Trial],
+        profile: Profile,
     ) -> "_RecordedSource":
         camera = load_camera(self.camera)
-        shipped = camera.delivered(load_profile(SHIPPED, network.robot))
-        lossy = drawn_around(shipped.camera, loss=rng.uniform(0.0, TRAINING.loss))
-        profile = dataclasses.replace(shipped, camera=lossy)
+        known = camera.delivered(profile).camera
+        profile = dataclasses.replace(profile, camera=drawn_around(known, loss=rng.uniform(0.0, TRAINING.loss)))
         cameras: RobotCameras
         if camera.ideal:
             cameras = IdealCameras(camera, network.robot, terrains, profile)

@@ -12,6 +12,7 @@ that was killed goes on with the round it was in, from the beginning of its coll
 what it would have given.
 """
 
+import hashlib
 import json
 import math
 import shutil
@@ -21,11 +22,13 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from saltus.config import from_table
+from saltus.config import DEFAULT_ROBOT, from_table
 from saltus.depth_camera import DepthCamera, load_camera
+from saltus.effects.profile import SHIPPED, load_profile, profile_to_toml
 from saltus.errors import ConfigError
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
+from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.inventory import merge, validate
 from saltus.heightmap.data.shards import (
     DatasetError,
@@ -43,9 +46,12 @@ from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import Progress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
+from saltus.robots.loading import load_robot
 
 CHECKPOINT, MODEL = "heightmap.pt", "heightmap.onnx"
 BEGUN = "dagger.json"
+_DIGESTS = ("start", "base", "profile_sha256")
+"""What it says beside the settings."""
 
 Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
 """Makes batches from a predictor and their keys, in the order of the keys."""
@@ -111,7 +117,7 @@ def dagger(
                 before,
                 config,
                 observer,
-                partial(closed_loop_batches, config.loop, processes=processes, cluster=cluster),
+                partial(closed_loop_batches, config.loop, profile=config.profile, processes=processes, cluster=cluster),
             )
         folder = directory / f"round_{index:03d}"
         if not folder.exists():
@@ -125,7 +131,7 @@ def begun_settings(directory: Path) -> DaggerConfig:
     path = directory / BEGUN
     try:
         begun = json.loads(path.read_text())
-        return from_table(DaggerConfig, {name: value for name, value in begun.items() if name not in ("start", "base")})
+        return from_table(DaggerConfig, {name: value for name, value in begun.items() if name not in _DIGESTS})
     except (OSError, ValueError, AttributeError, ConfigError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
 
@@ -137,18 +143,24 @@ def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: P
         "loop": config.loop.table,
         "start": start and file_sha256(start),
         "base": base and dataset_hash(read_records(base)),
+        "profile_sha256": _digest(config.profile),
     }
     path = directory / BEGUN
     if not path.exists():
         write_whole(path, lambda temporary: temporary.write_text(json.dumps(wanted, indent=1) + "\n"))
         return
     try:
-        begun = json.loads(path.read_text())
+        older = {"profile": SHIPPED, "profile_sha256": _digest(SHIPPED)}  # runs that did not name it
+        begun = older | json.loads(path.read_text())
         for name, value in wanted.items():
             if begun[name] != value:
                 raise DatasetError(f"{path}: this run was begun with {name} = {begun[name]}, not {value}")
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
+
+
+def _digest(profile: str) -> str:
+    return hashlib.sha256(profile_to_toml(load_profile(profile, load_robot(DEFAULT_ROBOT))).encode()).hexdigest()
 
 
 def _started(folder: Path, start: Path, camera: DepthCamera) -> Path:
@@ -174,6 +186,7 @@ def _collect(
     model = None if before is None else before / MODEL
     keys = [(config.seed, index, batch) for batch in range(config.batches)]
     table = round_table(config.loop, config.batches, index, model)
+    table |= hardware_table(config.profile, load_camera(config.loop.camera))
     # Whatever interrupts the writing, the workers end here and now, not when the iteration is forgotten.
     with closing(batches(model, keys)) as made:
         write_shard(data, _watched(made, index, observer), seed=config.seed, config=table)

@@ -93,7 +93,7 @@ class JumpEnv:
         shape (n,)."""
         self.views = Views(self.robot, self.memory, config, self.states, self._qpos, self._qvel)
         self._equip(profile)
-        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile.body_chain)
+        self.episodes = Episodes(self.memory, config, engine, self._estimator, self.views, profile)
         self.stages = [Stage(f, self.device) for f in (self._plan, self._control, self._sense, self._finish)]
         """Plan, control, sense and finish: what a step does around the physics."""
         self._begin(prepare=True)

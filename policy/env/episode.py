@@ -6,7 +6,8 @@ from torch import Tensor
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
 from saltus.effects.body import LEAST_TURNING_M, BodyModel
-from saltus.effects.chain import BodyChain
+from saltus.effects.heightmap_shift import shift_of
+from saltus.effects.profile import Profile
 from saltus.grid import HEIGHTMAP_X
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
@@ -34,13 +35,17 @@ class Episodes:
     """Judges and resets; results are tensors that are rewritten in place."""
 
     def __init__(
-        self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views, body: BodyChain
+        self, memory: Memory, config: EnvConfig, engine: Engine, estimator: Estimator, views: Views, profile: Profile
     ) -> None:
-        self._memory, self._config, self._engine, self._views, self._body = memory, config, engine, views, body
+        self._memory, self._config, self._engine, self._views = memory, config, engine, views
+        self._body, shift = profile.body_chain, shift_of(profile.heightmap)
         self._qpos, self._qvel = torch.as_tensor(engine.qpos), torch.as_tensor(engine.qvel)
         self._warmstart = torch.as_tensor(engine.warmstart)
         self._wrench = torch.as_tensor(engine.trunk_wrench)
         count, device = engine.count, memory.phase.device
+        self._shift = torch.tensor((shift.x, shift.z), device=device)
+        beside = torch.tensor((shift.x_range, shift.z_range), device=device)
+        self._shift_range = beside + torch.tensor(config.randomisation.height_shift_m, device=device)
         self._wide = config.randomisation.wide
         self._parts = [DRAWS, BODY_DRAWS, _START_DRAWS, _EVENT_DRAWS, self._wide.draws]
         self.draws = torch.zeros(count, sum(self._parts) + len(HEIGHTMAP_X), device=device)
@@ -131,7 +136,7 @@ class Episodes:
         self._engine.set_bodies(self._bodies())
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
-        shift = (2.0 * start[:, 16:18] - 1.0) * start.new_tensor(ranges.height_shift_m)
+        shift = self._shift + (2.0 * start[:, 16:18] - 1.0) * self._shift_range
         store(
             memory,
             mask,

@@ -89,6 +89,7 @@ class RandomisationConfig:
     """From a state to its plan being obeyed: 3 to 6 ms on two free cores (`saltus bench stack`), twice that on busy
     ones."""
     height_shift_m: tuple[float, float] = (0.08, 0.05)  # +-; paper: along the yaw, and vertical
+    """Around that of the profile, whose own ranges widen it."""
     height_noise_m: float = 0.01  # +-, each height and step: a predictor's errors vary within an episode
     pitch_torque_nm: float = 4.0  # +-; original: on the trunk, redrawn every 0.5 s
     torque_period_s: float = 0.5  # original

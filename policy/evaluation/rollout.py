@@ -20,6 +20,7 @@ from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Plan, plan_from_action
 from saltus.effects.chain import ActuatorChain
+from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.policy.evaluation.heights import HeightSource, TrueHeights
 from saltus.policy.evaluation.pushes import Pushes
@@ -38,8 +39,8 @@ from saltus.wire.messages import ControllerMode, Floats
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
 
 
-HeightsFactory = Callable[[TerrainStack, Sequence[Trial]], HeightSource]
-"""Makes a source of heights for a batch from the terrain and the trial of each robot."""
+HeightsFactory = Callable[[TerrainStack, Sequence[Trial], Profile], HeightSource]
+"""Makes a source of heights for a batch from the terrain and the trial of each robot, and the profile of all."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +66,7 @@ class Rollout:
         terrains: One for each trial.
         trials: What differs from robot to robot.
         planner: Plans for all of them.
-        profile: Hardware, by default as shipped; each trial's motor strength multiplies its torque gain.
+        profile: Hardware, by default as shipped; each trial draws around it.
         heights: Makes the source of heights; by default the true ones with each trial's shift.
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
@@ -110,7 +111,7 @@ class Rollout:
             imu=profile.imu_chain,
             threads=threads,
         )
-        self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials)
+        self._heights = (heights or shifted_heights)(self._plant.terrains, self.trials, profile)
         self._law, self._legs = LegController(robot), LegKinematics(robot)
         self._estimator = Estimator(robot)
         self._monitors = [TrialMonitor(terrain, time_limit_s) for terrain in terrains]
@@ -201,14 +202,14 @@ class Rollout:
         return states_of(self._plant.sensed, self._estimate, self._gait, self._index)
 
 
-def shifted_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSource:
+def shifted_heights(terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> HeightSource:
     """True heights with the shift of each trial."""
-    x = np.array([trial.height_shift_x for trial in trials])
-    z = np.array([trial.height_shift_z for trial in trials])
+    x, z = np.array([trial.height_shift(profile) for trial in trials]).T
     return TrueHeights(terrains, x, z)
 
 
-def exact_heights(terrains: TerrainStack, trials: Sequence[Trial]) -> HeightSource:
-    """True heights as they are."""
+def exact_heights(terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> HeightSource:
+    """True heights as they are; `ConfigError` for a profile that shifts them."""
     del trials
+    refuse_shift(profile.heightmap, "a planner that is given them as they are")
     return TrueHeights(terrains)

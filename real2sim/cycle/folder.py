@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from saltus.config import DEFAULT_ROBOT, load, to_toml
+from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import Profile, load_profile, profile_to_toml
 from saltus.errors import ConfigError
 from saltus.folders import ask_for_room, differences
@@ -109,9 +110,11 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
     if missing:
         raise ConfigError(f"logs = {missing[0]}: there is no such folder")
     begun = folder.settings.exists()
-    texts = {folder.known: profile_to_toml(load_profile(given.profile, robot))} if not begun else {}
-    if given.hidden is not None and not begun:
-        texts[folder.hidden] = profile_to_toml(load_profile(str(given.hidden), robot))
+    names = {folder.known: given.profile} | ({folder.hidden: str(given.hidden)} if given.hidden is not None else {})
+    profiles = {} if begun else {path: load_profile(name, robot) for path, name in names.items()}
+    for profile in profiles.values():
+        refuse_shift(profile.heightmap, "a robot that sees with a camera")
+    texts = {path: profile_to_toml(profile) for path, profile in profiles.items()}
     settings = replace(
         given,
         hidden=None if given.hidden is None else given.hidden.absolute(),

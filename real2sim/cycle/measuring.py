@@ -89,9 +89,7 @@ def run_trials(
     evaluation = Evaluation(
         course=COURSES[course], trials=count, seed=settings.seed + first, profile=str(folder.hidden)
     )
-    heights = PredictedHeightsFactory(
-        profile=str(folder.hidden), model=models["heightmap"], camera=settings.loop.camera
-    )
+    heights = PredictedHeightsFactory(model=models["heightmap"], camera=settings.loop.camera)
     return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)
 
 

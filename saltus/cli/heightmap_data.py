@@ -15,6 +15,7 @@ from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packag
 from saltus.cli.output import print_json
 from saltus.cli.run_options import mounted_camera
 from saltus.config import DEFAULT_ROBOT
+from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.flags import AT_LEAST_ONE, Flag, Group, Subcommands, shown
 from saltus.heightmap.settings import DaggerConfig, DeviceCollection, ProcessorCollection
@@ -55,7 +56,9 @@ class OnProcessors(SettingsCommand):
         with training_packages():
             from saltus.heightmap.collection import collect
 
-        load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
+        profile = load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT))
+        if self.settings.model is not None:
+            refuse_shift(profile.heightmap, "a predictor")
         mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
         check_processes(self.processes)
         total = self.settings.batches * self.settings.loop.ticks
@@ -187,6 +190,7 @@ class Dagger(SettingsCommand):
 
         check_processes(self.processes)
         mounted_camera(self.settings.loop.camera, load_robot(DEFAULT_ROBOT))
+        refuse_shift(load_profile(self.settings.profile, load_robot(DEFAULT_ROBOT)).heightmap, "a predictor")
         with _Bars(self.settings.batches, self.settings.updates, cache(self.print_differences)) as bars:
             observer = Observer(collected=bars.collected, trained=bars.trained)
             model = dagger(

@@ -71,12 +71,14 @@ class Eval:
 
     def run(self) -> int:
         """Runs them; 0 where all succeeded, else 1."""
+        from saltus.effects.heightmap_shift import refuse_shift
         from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
         from saltus.policy.planner import make_planner
         from saltus.robots.loading import load_robot
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
-        planner(load_robot(self.robot))  # what is wrong with a model is said at once
+        robot = load_robot(self.robot)
+        planner(robot)  # what is wrong with a model is said at once
         evaluation = Evaluation(
             robot=self.robot,
             course=self.course,
@@ -88,6 +90,8 @@ class Eval:
             plan_delay_s=self.plan_delay_s,
         )
         check_processes(self.processes)
+        if self.heightmap != "true":
+            refuse_shift(evaluation.hardware(robot).heightmap, f"--heightmap {self.heightmap}")
         heights = self._heights()
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
@@ -113,7 +117,7 @@ class Eval:
 
             _, robot = mounted_camera(self.camera, load_robot(self.robot))
             HeightmapNetwork(robot, model_path("heightmap", self.heightmap_model))
-            return PredictedHeightsFactory(profile=self.profile, model=self.heightmap_model, camera=self.camera)
+            return PredictedHeightsFactory(model=self.heightmap_model, camera=self.camera)
         if self.heightmap_model is not None:
             raise ConfigError(
                 f"heightmap_model = {self.heightmap_model}: --heightmap {self.heightmap} has no use for it; "

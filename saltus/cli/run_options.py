@@ -80,6 +80,7 @@ class RunOptions:
         Raises:
             ConfigError, ModelError: what is wrong.
         """
+        from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.models import model_path
@@ -89,7 +90,7 @@ class RunOptions:
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         make_terrain(self.course)
-        load_profile(self.profile, robot)
+        refuse_shift(load_profile(self.profile, robot).heightmap, "a robot that sees with a camera")
         policy, heightmap = (None if path is None else str(path) for path in (self.policy_model, self.heightmap_model))
         is_other = self.robot != DEFAULT_ROBOT  # for which the shipped models were not made
         if policy is not None or is_other:

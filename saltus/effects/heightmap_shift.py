@@ -1,5 +1,6 @@
 """A heightmap is read at a place that is not quite the right one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from saltus.arrays import namespace
 from saltus.effects.effect import Effect, parameter
 from saltus.effects.signals import HeightQuery
+from saltus.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,3 +37,16 @@ class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightma
         shift = namespace(signal.x).astype(state, signal.x.dtype)
         moved = HeightQuery(x=signal.x + shift[..., 0:1], offset=signal.offset + shift[..., 1:2])
         return moved, state
+
+
+def shift_of(effects: Sequence[Effect[Any]]) -> HeightmapShift:
+    """That of the part "heightmap" of a profile; none where it has none."""
+    return next((effect for effect in effects if isinstance(effect, HeightmapShift)), HeightmapShift())
+
+
+def refuse_shift(effects: Sequence[Effect[Any]], who: str) -> None:
+    """Raises `ConfigError` where true heights are to be shifted and `who`, e.g. "a camera", has no such heights."""
+    if not shift_of(effects).is_null():
+        raise ConfigError(
+            f"heightmap_shift: it shifts true heights, and {who} cannot hold it; leave it out of the profile"
+        )

@@ -109,10 +109,11 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
     assert contents(tmp_path / "run") == contents(whole)[:1]
 
 
-@pytest.mark.parametrize("field", ["batches", "updates", "seed", "loop", "start", "base"])
+@pytest.mark.parametrize("field", ["batches", "updates", "seed", "profile", "loop", "start", "base"])
 def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: str) -> None:
     changed: dict[str, dict[str, Any]] = {
         "loop": {"loop": ClosedLoop(hardest=0.1)},
+        "profile": {"profile": "ideal"},
         **{name: {name: 7} for name in ("batches", "updates", "seed")},
     }
     paths: dict[str, dict[str, Any]] = {

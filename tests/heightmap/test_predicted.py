@@ -11,7 +11,7 @@ from test_camera_family import CASES, with_latency
 
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.effect import Effect
-from saltus.effects.profile import profile_to_toml
+from saltus.effects.profile import load_profile, profile_to_toml
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
@@ -56,8 +56,9 @@ def ground_truth(step: RolloutStep, robot: int) -> GroundTruth:
 
 
 def rollout(model: Path, profile: str = "shipped", stand_steps: int = 60) -> Rollout:
-    planner, heights = make_planner("scripted", ROBOT), PredictedHeightsFactory(model=model, profile=profile)
-    return Rollout(ROBOT, TERRAINS, TRIALS, planner, heights=heights, stand_steps=stand_steps)
+    planner, heights = make_planner("scripted", ROBOT), PredictedHeightsFactory(model=model)
+    hardware = load_profile(profile, ROBOT)
+    return Rollout(ROBOT, TERRAINS, TRIALS, planner, profile=hardware, heights=heights, stand_steps=stand_steps)
 
 
 def deployed(profile: str, folder: Path) -> list[CameraProcess]:
@@ -91,7 +92,7 @@ def test_they_are_those_of_the_deployed_processes(
 
 def test_a_robot_that_starts_again_has_forgotten(model_path: Path) -> None:
     batch = rollout(model_path)
-    source: HeightSource = PredictedHeightsFactory(model=model_path)(TerrainStack(TERRAINS), TRIALS)
+    source: HeightSource = PredictedHeightsFactory(model=model_path)(TerrainStack(TERRAINS), TRIALS, PROFILE)
     assert isinstance(source, PredictedHeights)
     steps = [batch.step() for _ in range(40)]
     everyone, nobody = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)

@@ -1,6 +1,10 @@
-"""The drives of a training are those of the plant: every effect of an actuator, none left out."""
+"""Every effect in every simulator of robots: held as the plant holds it, or refused by name; none is dropped.
+
+Those of cameras have their own simulators and laws, in tests/heightmap/test_camera_family.py.
+"""
 
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,37 +12,49 @@ import pytest
 import torch
 from samples import EVERYTHING, PROFILE, ROBOT
 
-from saltus.constants import PHYSICS_DT
+from saltus.cli.main import main
+from saltus.config import TerrainConfig
+from saltus.constants import PHYSICS_DT, POLICY_DT
+from saltus.effects.body import NOMINAL_FRICTION
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
-from saltus.effects.effect import Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.offsets_and_factors import (
-    ContactCompliance,
-    SoftFeet,
-    TorqueGain,
-)
+from saltus.effects.heightmap_shift import HeightmapShift
+from saltus.effects.offsets_and_factors import ContactCompliance, PayloadMass, SoftFeet, TorqueGain
 from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError
-from saltus.policy.env.env import JumpEnv
+from saltus.grid import HEIGHTMAP_X
+from saltus.policy.env.env import JumpEnv, _reading
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.states import engine_states
+from saltus.policy.evaluation.rollout import Rollout
+from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.engine import MEDIUM_PAYLOAD_KG
-from saltus.sim.plant import Plant
+from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.warp import WarpEngine
+from saltus.states import Sensed
 from saltus.terrain import flat
 from saltus.terrain.batch import BOXES
-from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
+from saltus.terrain.curriculum import make_terrain
+from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S, Trial
 from saltus.wire.messages import JointCommand
 
 ACTUATOR = EVERYTHING.actuator
+BODY = (*EVERYTHING.body, ContactCompliance(time_constant=0.012))
+ROBOTS = {"actuator": ACTUATOR, "body": BODY, "imu": EVERYTHING.imu}
+FAMILY = [Profile(**{part: (effect,)}) for part, effects in ROBOTS.items() for effect in effects]  # type: ignore[arg-type]
+SHIFT = HeightmapShift(x=0.1, z=-0.07)
 STEPS = 80
 HIGH = 2.0  # above the ground [m]: the robot falls for longer
-BATCH_RAD, TRAINING_RAD = 1e-8, 2e-4
-"""How far joints of the batch, and of a training in single precision, may be from those of the plant."""
+BATCH_RAD, TRAINING_RAD = 1e-8, 1e-5
+"""How far what robots sense in the batch, and in a training in single precision, may be from that of the plant."""
+SHOWS_RAD = 4e-3  # at least, of each effect
 USUAL = RandomisationConfig(
+    friction=(NOMINAL_FRICTION,) * 2,
     payload_kg=(MEDIUM_PAYLOAD_KG,) * 2,
     motor_strength=(1.0, 1.0),
     com_shift_m=(0.0, 0.0, 0.0),
@@ -62,17 +78,37 @@ def each(command: JointCommand, make: Any) -> JointCommand:
     return JointCommand(**{f.name: make(getattr(command, f.name)) for f in fields(command)})
 
 
-def of_plant(effects: tuple[Effect[Any], ...]) -> np.ndarray:
-    plant = Plant(ROBOT, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, chain=ActuatorChain(effects))
-    plant.reset(clearance=HIGH)
-    return np.array([plant.step(command).joint_position for command in commands()])
+def clearance_of(profile: Profile) -> float:
+    """What is wrong with bodies and ground shows where robots stand, what is wrong with drives where they do not."""
+    return CLEARANCE if profile.body else HIGH
 
 
-def of_batch(effects: tuple[Effect[Any], ...]) -> np.ndarray:
-    plant = BatchPlant(ROBOT, flat.make(), 2, payload_kg=MEDIUM_PAYLOAD_KG, chain=ActuatorChain(effects), threads=1)
-    plant.reset(clearance=HIGH)
+def what_is(profile: Profile) -> dict[str, Any]:
+    return {
+        "payload_kg": MEDIUM_PAYLOAD_KG,
+        "chain": profile.actuator_chain,
+        "body": profile.body_chain,
+        "imu": profile.imu_chain,
+    }
+
+
+def angles(sensed: Sensed) -> np.ndarray:
+    """What encoders and IMUs say, as angles [rad]: how far the base turns within 10 ms, too."""
+    turned = POLICY_DT * np.asarray(sensed.angular_velocity_base)
+    return np.concatenate([sensed.joint_position, sensed.quaternion_base_in_world, turned], axis=-1)
+
+
+def of_plant(profile: Profile) -> np.ndarray:
+    plant = Plant(ROBOT, flat.make(), **what_is(profile))
+    plant.reset(clearance=clearance_of(profile))
+    return np.array([(plant.step(command), angles(plant.sensed))[1] for command in commands()])
+
+
+def of_batch(profile: Profile) -> np.ndarray:
+    plant = BatchPlant(ROBOT, flat.make(), 2, threads=1, **what_is(profile))
+    plant.reset(clearance=clearance_of(profile))
     told = [each(command, lambda a: np.stack([a, a])) for command in commands()]
-    return np.array([plant.step(command).joint_position[1] for command in told])
+    return np.array([(plant.step(command), angles(plant.sensed)[1])[1] for command in told])
 
 
 def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL) -> JumpEnv:
@@ -82,16 +118,18 @@ def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: Rando
     return JumpEnv(engine, config, seed=0)
 
 
-def of_training(effects: tuple[Effect[Any], ...], path: Any) -> np.ndarray:
-    env = env_of(Profile(actuator=effects), path)
+def of_training(profile: Profile, path: Any) -> np.ndarray:
+    env = env_of(profile, path)
     env.memory.first_time_s.zero_()
     env.memory.time_s.zero_()
     engine, law, others = env._engine, env._law, []
     start = Plant(ROBOT, flat.make())
-    start.reset(clearance=HIGH)
+    start.reset(clearance=clearance_of(profile))
     engine.qpos[:], engine.qvel[:] = start.data.qpos, 0.0
     engine.trunk_wrench[:] = 0.0
-    positions = []
+    if env._imu.effects:
+        env.memory.imu = env._imu.step(_reading(engine_states(engine, env.memory)), env._time_s(), env._imu.blank)
+    sensed = []
     for told in commands():
 
         class Told:
@@ -105,20 +143,63 @@ def of_training(effects: tuple[Effect[Any], ...], path: Any) -> np.ndarray:
         env._control()
         engine.step()
         env._sense()
-        positions.append(env.states().joint_position[1].numpy())
-    return np.array(positions)
+        sensed.append(angles(env.states())[1])
+    return np.array(sensed)
 
 
 def test_there_is_an_example_of_every_effect() -> None:
-    assert {type(effect) for effect in ACTUATOR} == set(ActuatorChain.order)
+    examples = (*ACTUATOR, *BODY, *EVERYTHING.imu, *EVERYTHING.camera, SHIFT)
+    assert {effect.name for effect in examples} == set(EFFECTS)
 
 
-@pytest.mark.parametrize("effects", [*((effect,) for effect in ACTUATOR), ACTUATOR], ids=lambda e: e[0].name)
-def test_every_simulator_has_the_drives_of_the_plant(effects: tuple[Effect[Any], ...], tmp_path: Any) -> None:
-    plant = of_plant(effects)
-    assert np.abs(plant - of_plant(())).max() > 20.0 * TRAINING_RAD, "the motion shows the effect"
-    assert np.abs(of_batch(effects) - plant).max() < BATCH_RAD
-    assert np.abs(of_training(effects, tmp_path / "p.toml") - plant).max() < TRAINING_RAD
+@pytest.mark.parametrize(
+    "profile",
+    [*FAMILY, Profile(actuator=ACTUATOR, imu=EVERYTHING.imu)],
+    ids=lambda profile: next(iter(profile.effects)),
+)
+def test_every_simulator_has_the_robots_of_the_plant(profile: Profile, tmp_path: Any) -> None:
+    plant = of_plant(profile)
+    nothing = of_plant(Profile(body=(PayloadMass(),)) if profile.body else Profile())
+    assert np.abs(plant - nothing).max() > SHOWS_RAD, "the motion shows the effect"
+    assert np.abs(of_batch(profile) - plant).max() < BATCH_RAD
+    assert np.abs(of_training(profile, tmp_path / "p.toml") - plant).max() < TRAINING_RAD
+
+
+def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: Any) -> None:
+    profile, terrain = Profile(heightmap=(SHIFT,)), make_terrain(TerrainConfig(terrain="stairs"))
+    rollout = Rollout(ROBOT, [terrain], [Trial(position_x=1.2)], ScriptedPlanner(ROBOT), profile=profile)
+    step = rollout.step()
+    position = step.truth.position_base_in_world[0]
+    seen = terrain.height_at(position[0] + HEIGHTMAP_X + SHIFT.x, 0.0) - position[2] + SHIFT.z
+    np.testing.assert_allclose(step.heights[0], seen, atol=1e-9)
+    drawn = env_of(profile, tmp_path / "p.toml", BatchEngine(ROBOT, 64, BOXES, threads=1)).memory.height_shift
+    spread = (drawn - torch.tensor([SHIFT.x, SHIFT.z])).abs().amax(0)
+    np.testing.assert_allclose(spread, RandomisationConfig().height_shift_m, rtol=0.1)
+    assert (spread <= torch.tensor(RandomisationConfig().height_shift_m) + 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "demo --profile {profile}",
+        "policy eval --heightmap predicted --profile {profile}",
+        "policy eval --heightmap true-exact --profile {profile}",
+        "heightmap collect cpu --model models/heightmap.onnx --profile {profile}",
+        "heightmap collect gpu --device cpu --predictor models/checkpoints/heightmap.pt --profile {profile}",
+        "heightmap dagger --profile {profile}",
+        "real2sim cycle --hidden {profile}",
+        "real2sim cycle --hidden examples/late_camera.toml --profile {profile}",
+    ],
+)
+def test_who_has_no_true_heights_refuses_their_shift_by_name(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "shifted.toml"
+    path.write_text(profile_to_toml(Profile(heightmap=(SHIFT,))))
+    assert main([*command.format(profile=path).split(), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert "heightmap_shift" in said.err
+    assert not (tmp_path / "out").exists()
 
 
 def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:

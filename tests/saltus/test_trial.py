@@ -11,6 +11,7 @@ from saltus.effects.feedforward_delay import FeedforwardDelay
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.offsets_and_factors import TorqueGain
 from saltus.effects.profile import IDEAL, Profile
+from saltus.errors import ConfigError
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.trial import Outcome, Trial, TrialMonitor, judge
@@ -74,17 +75,20 @@ def test_a_trial_draws_around_what_was_found() -> None:
     found = Profile(
         actuator=(FeedforwardDelay(delay=0.04), TorqueGain(gain=(0.7, 0.8, 0.9) * 4)),
         camera=(CameraLatency(latency=0.13, jitter=0.01),),
-        heightmap=(HeightmapShift(x=0.1, z_range=0.02),),
     )
+    shifted = dataclasses.replace(found, heightmap=(HeightmapShift(x=0.1, z_range=0.02),))
     changed: list[Any] = [Trial.draw(seed).applied_to(found) for seed in range(300)]
+    shifts = np.array([Trial.draw(seed).height_shift(shifted) for seed in range(2000)])
     values = {
         (0.04, 0.04): [profile.actuator[0].delay for profile in changed],
         (0.9 * 0.8, 1.1 * 0.8): [profile.actuator[1].gain[1] for profile in changed],
         (0.110, 0.140): [profile.camera[0].latency for profile in changed],
         (0.015, 0.015): [profile.camera[0].jitter for profile in changed],
-        (0.02, 0.18): [profile.heightmap[0].x for profile in changed],
-        (0.02, 0.02): [profile.heightmap[0].z_range for profile in changed],
+        (0.02, 0.18): shifts[:, 0],
+        (-0.07, 0.07): shifts[:, 1],
     }
+    with pytest.raises(ConfigError, match="heightmap_shift"):
+        Trial().applied_to(shifted)
     for (low, high), drawn in values.items():
         room = 0.05 * (high - low) + 1e-12
         assert low - 1e-12 <= min(drawn) <= low + room
