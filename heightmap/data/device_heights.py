@@ -9,7 +9,7 @@ from saltus.effects.effect import map_arrays
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S, DeliveryModel
-from saltus.heightmap.data.late_images import LateImages
+from saltus.heightmap.data.late_images import LateImages, UsedImages
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, model_image
 from saltus.heightmap.service.service import MAX_HEIGHT_M
 
@@ -33,6 +33,7 @@ class DeviceHeights:
 
     def __init__(self, model: HeightmapModel, images: LateImages) -> None:
         self._images, self._model = images, model
+        self._used = UsedImages(model_image(images.in_hand.depth), images.in_hand.time_s)
         count, device = len(images.in_hand.time_s), model.height_mean.device
         self._hidden = torch.zeros(count, model.config.hidden, device=device)
         self._heights = torch.zeros(count, len(HEIGHTMAP_X), device=device)
@@ -50,13 +51,13 @@ class DeviceHeights:
         Returns:
             Heights [m], shape (n, 30); where the network's are not plausible, the last that were.
         """
-        rows = fresh[:, None]
-        self._hidden = torch.where(rows, 0.0, self._hidden)
-        self._heights = torch.where(rows, 0.0, self._heights)
-        new = self._images.step(exposed, tick * TICK_S, fresh)
-        image, age_s = self._images.in_hand, tick * TICK_S - self._images.in_hand.time_s
-        seen, age = model_image(image.depth), age_s.clamp(max=_LONGEST_S).float()
-        estimate, hidden = self._model.step(seen, age, new.float(), proprioception, self._hidden)
+        arrived = self._images.step(exposed, tick * TICK_S, fresh)
+        image = self._images.in_hand
+        new, forgets = self._used.step(arrived, model_image(image.depth), image.time_s, fresh)
+        self._hidden = torch.where((fresh | forgets)[:, None], 0.0, self._hidden)
+        self._heights = torch.where(fresh[:, None], 0.0, self._heights)
+        age = (tick * TICK_S - self._used.captured_s).clamp(max=_LONGEST_S).float()
+        estimate, hidden = self._model.step(self._used.image, age, new.float(), proprioception, self._hidden)
         good = ((estimate.height.abs() <= MAX_HEIGHT_M).all(-1) & torch.isfinite(hidden).all(-1))[:, None]
         self._hidden = torch.where(good, hidden, self._hidden)
         self._heights = torch.where(good, estimate.height, self._heights)

@@ -18,7 +18,7 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.late_images import LateImages
+from saltus.heightmap.data.late_images import LateImages, UsedImages
 from saltus.heightmap.data.robot_cameras import IdealCameras, RobotCameras, StereoCameras
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
@@ -78,9 +78,7 @@ class PredictedHeights:
         self._network = network
         self._cameras = cameras
         self._images = _late_images(profile, trials)
-        self._image = np.zeros((count, 2, MODEL_CAMERA.height, MODEL_CAMERA.width), np.float32)
-        self.captured_s = np.full(count, -np.inf)
-        """Capture time of the image in use of each robot [s]; minus infinity before the first."""
+        self._used = UsedImages(_as_sent(self._images.in_hand.depth), self._images.in_hand.time_s)
         self.half_width_90 = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_HALF_WIDTH_M)
         """Half of the 90 % interval of the newest heights [m], shape (n, 30)."""
         self.depth: NDArray[np.float32] | None = None
@@ -96,21 +94,27 @@ class PredictedHeights:
         self.depth = depth
         time_s = np.full(len(fresh), float(states.time_s))
         exposed = None if depth is None else DepthImage(depth=depth, time_s=time_s)
-        new = self._images.step(exposed, states.time_s, fresh)
-        self.captured_s[:] = self._images.in_hand.time_s
-        self._image[new] = _as_sent(self._images.in_hand.depth[new])
+        arrived, image = self._images.step(exposed, states.time_s, fresh), self._used.image.copy()
+        in_hand = self._images.in_hand
+        image[arrived] = _as_sent(in_hand.depth[arrived])
+        new, forgets = self._used.step(arrived, image, in_hand.time_s, fresh)
+        self._hidden[forgets] = 0.0
         features = proprioception_of_states(states, self._network.legs)
-        tick = self._network.ticks(self._image, states.time_s - self.captured_s, new, features, self._hidden)
+        tick = self._network.ticks(self._used.image, states.time_s - self.captured_s, new, features, self._hidden)
         good = _plausible(tick)
         self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
         self.half_width_90[good] = tick.half_width_90[good]
         return self._heights.copy()
 
+    @property
+    def captured_s(self) -> Floats:
+        """Capture time of the image in use of each robot [s], shape (n,); minus infinity before the first."""
+        return self._used.captured_s
+
     def _forget(self, mask: NDArray[np.bool_]) -> None:
         """Robots that start anew have seen nothing yet."""
         self._hidden[mask] = 0.0
         self._heights[mask], self.half_width_90[mask] = 0.0, UNKNOWN_HALF_WIDTH_M
-        self._image[mask, 0], self._image[mask, 1] = 1.0, 0.0
 
 
 def _late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:

@@ -14,7 +14,7 @@ from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import TOPICS, Topic
 
 MAX_HEIGHT_M = 2.0  # ditches that a robot jumps over are up to 1 m deep, its base up to 0.6 m above their rims
 MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's state is a weighted mean of values in (-1, 1)
@@ -28,8 +28,10 @@ LOSS_MARGIN_S = 0.020
 """Two ticks of 100 Hz: an image may have arrived a tick before it is taken, and what would be too late at the next tick
 is said at this one."""
 
-_DEPTH = TOPICS["camera/depth"]
-_DEGRADED_LOST = DEGRADED_LOST_SHARE * _DEPTH.rate_hz * 1e-9 * WINDOW_NS
+DEPTH = TOPICS["camera/depth"]
+LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / DEPTH.rate_hz
+"""Between two images that are used: after a longer one the hidden state is emptied."""
+_DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +49,15 @@ class _View:
 class HeightmapService:
     """Holds the hidden state of one robot; one call of `step` for each robot state. Services may share a network.
 
-    The service ignores duplicates, frames older than the one in use, frames from the future, and frames too old to be
-    used. It keeps the last image where the new one has hardly a valid pixel. It replaces the hidden state only by one
-    that is finite and plausible.
+    The service ignores duplicates, frames older than the one in use, frames from the future, and frames that are older
+    than `depth` allows. It keeps the last image where the new one has hardly a valid pixel. It replaces the hidden
+    state only by one that is finite and plausible.
     """
 
     _hidden: Singles
 
-    def __init__(self, network: HeightmapNetwork) -> None:
-        self._network = network
+    def __init__(self, network: HeightmapNetwork, depth: Topic = DEPTH) -> None:
+        self._network, self._depth = network, depth
         self._low, self._high = _bounds(self._network.hidden_size)
         self.reset()
 
@@ -158,7 +160,7 @@ class HeightmapService:
     def _accept(self, frame: DepthFrame, now_ns: int) -> bool:
         """Takes a frame into use if it is news."""
         age_s = (now_ns - frame.time_ns) * 1e-9
-        if not -MAX_FUTURE_S <= age_s <= _DEPTH.invalid_age_s:
+        if not -MAX_FUTURE_S <= age_s <= self._depth.invalid_age_s:
             return False
         newest = self._newest
         if newest is not None and (frame.frame_id == newest.frame_id or frame.time_ns <= newest.time_ns):
@@ -169,7 +171,7 @@ class HeightmapService:
         blind = self._newest.invalid_fraction > INVALID_INVALID_PIXELS
         if not blind:
             gap_s = 0.0 if self._view is None else (frame.time_ns - self._view.time_ns) * 1e-9
-            if gap_s * _DEPTH.rate_hz > MAX_MISSED_FRAMES + 1.5:
+            if gap_s > LONGEST_GAP_S:
                 self._forget()
             self._view = self._newest
             self._frames += 1
@@ -178,18 +180,18 @@ class HeightmapService:
 
     def _input_status(self, state: RobotState, now_ns: int) -> HeightmapStatus:
         """The worst of what is known about the input."""
-        extra = _DEPTH.max_extra_age_s
+        extra = self._depth.max_extra_age_s
         newest, view = self._newest, self._view
         if newest is None:
             waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
-            return HeightmapStatus.INVALID if waiting_s > _DEPTH.invalid_age_s else HeightmapStatus.WARMING
+            return HeightmapStatus.INVALID if waiting_s > self._depth.invalid_age_s else HeightmapStatus.WARMING
         if view is None or view is not newest:
             return HeightmapStatus.INVALID
         age_s = (max(now_ns, state.time_ns) - view.time_ns) * 1e-9
         silent_s = (now_ns - view.arrival_ns) * 1e-9
-        if age_s > _DEPTH.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
+        if age_s > self._depth.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
             return HeightmapStatus.INVALID
-        late = age_s > _DEPTH.degraded_age_s or silent_s > 0.5 * extra
+        late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
         patchy = view.invalid_fraction > DEGRADED_INVALID_PIXELS or self._loss.count(now_ns) > _DEGRADED_LOST
         if late or patchy:
             return HeightmapStatus.DEGRADED
