@@ -11,7 +11,6 @@ from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.effects.profile import load_profile
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.trial import Trial
@@ -31,8 +30,7 @@ AT_REST = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.DAMP)
 def body(context: ProcessContext) -> None:
     """Runs one trial, to its end or until the process is told to stop."""
     trial = Trial.draw(context.config.seed)
-    profile = trial.applied_to(load_profile(context.config.profile, context.robot))
-    robot = MujocoRobot(context.robot, context.terrain, trial, profile)
+    robot = MujocoRobot(context.robot, context.terrain, trial, trial.applied_to(context.profile))
     robot.reset()
     try:
         run = Run(context, robot)

@@ -3,7 +3,6 @@
 import sys
 
 from saltus.effects.image_pixels import to_images
-from saltus.effects.profile import load_profile
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.exposure import Exposure, PerfectExposure
@@ -21,8 +20,7 @@ def build(context: ProcessContext) -> CameraProcess:
     """The camera of a run."""
     config, camera = context.config, context.camera
     terrain = context.terrain
-    nominal = camera.delivered(load_profile(config.profile, context.robot))
-    profile = Trial.draw(config.seed).applied_to(nominal)
+    profile = Trial.draw(config.seed).applied_to(context.profile)
     exposure: Exposure
     if camera.ideal:
         view = RobotCamera.on(context.robot, camera.image).moved(profile.view_chain)

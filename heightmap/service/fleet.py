@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs, Tick
-from saltus.heightmap.service.service import HeightmapService
+from saltus.heightmap.service.service import DEPTH, HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
+from saltus.wire.topics import Topic
 
 TAKEOVER_NS = 3_000_000_000
 """A model that is to take over must have become as good as the running one in this time: far more than its warm-up
@@ -32,8 +33,8 @@ class Arrival:
 class _Robot:
     """The service in use for one robot, and the one that is to replace it."""
 
-    def __init__(self, network: HeightmapNetwork) -> None:
-        self.service = HeightmapService(network)
+    def __init__(self, network: HeightmapNetwork, depth: Topic) -> None:
+        self.service = HeightmapService(network, depth)
         self.coming: HeightmapService | None = None
         self.coming_since_ns: int | None = None
         self._robot_boot: bytes | None = None
@@ -81,11 +82,12 @@ class FleetService:
     """Answers the states of several robots, by name, and waits for none of them.
 
     Each robot has a hidden state of its own, which is emptied when that robot or its camera is restarted, and never
-    because of another robot.
+    because of another robot. `depth` says how old images may be.
     """
 
-    def __init__(self, network: HeightmapNetwork, robots: Iterable[str]) -> None:
-        self._robots = {robot: _Robot(network) for robot in robots}
+    def __init__(self, network: HeightmapNetwork, robots: Iterable[str], depth: Topic = DEPTH) -> None:
+        self._depth = depth
+        self._robots = {robot: _Robot(network, depth) for robot in robots}
         self.swaps = 0
         """How often a robot has got another model."""
         self.given_up = 0
@@ -98,7 +100,7 @@ class FleetService:
         heights all the time. Where its answers do not become as good within three seconds, it is dropped.
         """
         for robot in self._robots.values():
-            robot.coming, robot.coming_since_ns = HeightmapService(network), None
+            robot.coming, robot.coming_since_ns = HeightmapService(network, self._depth), None
 
     def step(self, arrivals: Mapping[str, Arrival]) -> dict[str, Heightmap]:
         """Answers those robots that ask, by name, each as `HeightmapService.step` would."""

@@ -5,13 +5,14 @@ from saltus.runtime.process import ProcessContext
 from saltus.runtime.ticker import freshness
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
+from saltus.wire.topics import Topic
 
 
 class RobotLink:
-    """Takes a robot's states and frames, and publishes its heightmaps."""
+    """Takes a robot's states and frames, whose limits of age `depth` says, and publishes its heightmaps."""
 
-    def __init__(self, context: ProcessContext) -> None:
-        self.context = context
+    def __init__(self, context: ProcessContext, depth: Topic) -> None:
+        self.context, self._depth = context, depth
         self.ticks = 0
         """Heightmaps so far."""
         self._states = context.bus.latest("controller/state")
@@ -78,7 +79,7 @@ class RobotLink:
         if heightmap.status == self._status:
             return
         self._status = heightmap.status
-        late = heightmap.depth_age_s > self._frames.topic.degraded_age_s
+        late = heightmap.depth_age_s > self._depth.degraded_age_s
         lost = late and heightmap.status == HeightmapStatus.INVALID
         code = "depth_lost" if lost else f"heightmap_{heightmap.status.name.lower()}"
         self.context.event(code, f"step {heightmap.step}, image {heightmap.depth_age_s * 1e3:.0f} ms old")

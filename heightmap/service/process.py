@@ -28,8 +28,9 @@ class HeightmapProcess:
         first = contexts[0]
         network = HeightmapNetwork(first.robot, model_path("heightmap", first.config.heightmap_model))
         self._bell = first.bus.bell
-        self._links = {context.bus.prefix: RobotLink(context) for context in contexts}
-        self._fleet = FleetService(network, self._links)
+        depth = first.profile.depth_topic
+        self._links = {context.bus.prefix: RobotLink(context, depth) for context in contexts}
+        self._fleet = FleetService(network, self._links, depth)
         self._lockstep = first.config.pace == "lockstep"
         self._inbox = ModelInbox(first.robot, first.run_dir / FILE)
         self._next_look_s = 0.0

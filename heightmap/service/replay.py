@@ -8,7 +8,7 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
-from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
+from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S, depth_topic
 
 
 class Predictor(Protocol):
@@ -32,7 +32,8 @@ def replay_frames(
         frames: In order of capture.
         states: Recorded states, in order of time and in the clock of the frames; or a stand-in, which has one state
             for each frame.
-        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given.
+        arrival_ns: When each frame could first be used; 50 ms after its capture, as on the robot, where not given. The
+            fastest frame says how late the camera is.
 
     Returns:
         One heightmap for each state.
@@ -41,7 +42,8 @@ def replay_frames(
         states = states.states(network.robot, frames)
     if arrival_ns is None:
         arrival_ns = [frame.time_ns + round(1e9 * CAMERA_LATENCY_S) for frame in frames]
-    return replay_predictor(HeightmapService(network), frames, states, arrival_ns)
+    fastest_ns = min((arrival - frame.time_ns for arrival, frame in zip(arrival_ns, frames, strict=True)), default=0)
+    return replay_predictor(HeightmapService(network, depth_topic(1e-9 * fastest_ns)), frames, states, arrival_ns)
 
 
 def replay_standing(network: HeightmapNetwork, frames: Sequence[DepthFrame], level: LevelRobot) -> list[Heightmap]:

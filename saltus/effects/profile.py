@@ -28,6 +28,7 @@ from saltus.effects.registry import EFFECTS
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_profiles
+from saltus.wire.topics import Topic, depth_topic
 
 PARTS = {
     "command": "actuator",
@@ -80,6 +81,11 @@ class Profile:
     def camera_chain(self) -> CameraChain:
         """The effects on the camera's images in their order."""
         return CameraChain(tuple(effect for effect in self.camera if effect.site == "depth"))
+
+    @property
+    def depth_topic(self) -> Topic:
+        """That of this robot's images."""
+        return depth_topic(float(self.camera_chain.latency.latency))
 
     @property
     def view_chain(self) -> ViewChain:

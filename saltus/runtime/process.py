@@ -25,6 +25,7 @@ from saltus import config
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
+from saltus.effects.profile import Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
@@ -82,6 +83,11 @@ class ProcessContext:
     def camera(self) -> DepthCamera:
         """The camera of the run."""
         return config.load(DepthCamera, self.run_dir / CAMERA_FILE)
+
+    @cached_property
+    def profile(self) -> Profile:
+        """Hardware of the run, without what its trial draws; the errors of `load_profile`."""
+        return self.camera.delivered(load_profile(self.config.profile, self.robot))
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""

@@ -1,6 +1,6 @@
 """THE table of topics: what travels under which key, how often, and how old it may be."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from saltus.wire import messages
 from saltus.wire.messages import Message
@@ -25,7 +25,7 @@ class Topic:
     """The processes that subscribe to it; others record or show it."""
     rate_hz: float = 100.0
     nominal_age_s: float = 0.0
-    """Age (now - capture time) of a message that is on time, when it is used."""
+    """Age (now - capture time) of a message that is on time, when it is used; of images see `depth_topic`."""
     max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
     recorded: bool = True
@@ -60,3 +60,11 @@ _ROWS = (
     Topic("status", messages.ProcessStatus, "*", (), 2.0, max_extra_age_s=1.0),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
+
+
+def depth_topic(latency_s: float) -> Topic:
+    """That of a camera whose images arrive so long after exposure [s]: then they are on time.
+
+    Images of a faster camera than the one that predictors know may be as old as that one's.
+    """
+    return replace(TOPICS["camera/depth"], nominal_age_s=max(latency_s, CAMERA_LATENCY_S) + CAMERA_PERIOD_S)

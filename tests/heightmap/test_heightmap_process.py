@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from heightmap_inputs import on_time, states
-from samples import ROBOT, put_robot
+from samples import ROBOT, put_run
 
 from saltus.config import Pace, RunConfig
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -28,7 +28,7 @@ class House:
     def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
         self.hub = MemoryHub()
         config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns() - 1_000_000_000)
-        self.context = ProcessContext("heightmap", config, put_robot(run_dir), MemoryBus(config.prefix, self.hub))
+        self.context = ProcessContext("heightmap", config, put_run(run_dir, config), MemoryBus(config.prefix, self.hub))
         self.process = HeightmapProcess([self.context])
         self.epoch_ns = config.epoch_ns
         self.bus = MemoryBus(config.prefix, self.hub)
@@ -145,7 +145,7 @@ def test_junk_on_the_keys_of_one_robot_does_not_touch_another(model_path: Path, 
     hub = MemoryHub()
     names = ("robot/0", "robot/1", "robot/2")
     configs = [RunConfig(prefix=name, pace="lockstep", heightmap_model=str(model_path)) for name in names]
-    put_robot(tmp_path)
+    put_run(tmp_path, configs[0])
     contexts = [ProcessContext("heightmap", config, tmp_path, MemoryBus(config.prefix, hub)) for config in configs]
     process = HeightmapProcess(contexts)
     stop = threading.Event()

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from heightmap_inputs import MS, WARMUP, frame, on_time, service_of, states
+from samples import ROBOT
 
-from saltus.heightmap.service.network import Tick
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile
+from saltus.heightmap.service.network import HeightmapNetwork, Tick
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
@@ -113,17 +116,21 @@ def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path)
     assert set(statuses[last + 9 :]) == {INVALID}
 
 
+@pytest.mark.parametrize("camera_ms", [0, 50, 165])
 @pytest.mark.parametrize("extra_ms", range(0, 200, 10))
-def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra_ms: int) -> None:
-    frames = {step: on_time(step - extra_ms // 10) for step in range(100)}
-    answers = run(service_of(model_path), frames, 100)[60:]
+def test_late_frames_switch_the_status_at_the_thresholds(model_path: Path, extra_ms: int, camera_ms: int) -> None:
+    usual_ms = max(50, camera_ms)
+    depth = Profile(camera=(CameraLatency(latency=1e-3 * camera_ms),)).depth_topic
+    frames = {step: on_time(step - (usual_ms - 50 + extra_ms) // 10) for step in range(110)}
+    service = HeightmapService(HeightmapNetwork(ROBOT, model_path), depth)
+    answers = run(service, frames, 110)[70:]
     for answer in answers:
-        if extra_ms > 120:  # older than 170 ms on arrival
+        if extra_ms > 120:  # 120 ms older than usual on arrival
             assert answer.status == INVALID
             assert answer.frame_id == -1
         else:
-            late = answer.depth_age_s > 0.12 + 1e-6
-            lost = answer.depth_age_s > 0.17 + 1e-6
+            late = answer.depth_age_s > 1e-3 * usual_ms + 0.07 + 1e-6
+            lost = answer.depth_age_s > 1e-3 * usual_ms + 0.12 + 1e-6
             assert answer.status == (INVALID if lost else DEGRADED if late else OK)
 
 

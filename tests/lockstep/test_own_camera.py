@@ -83,3 +83,15 @@ def test_it_is_measured_and_replayed_with_the_same_camera(folder: Path, capsys: 
     evaluation = f"policy eval --terrain flat --trials 1 --heightmap predicted --heightmap-model {model}"
     assert main([*evaluation.split(), "--camera", CAMERA, "--no-report", "--json"]) in (0, 1)
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["camera"] == CAMERA
+
+
+def test_images_are_as_late_as_the_profile_says_and_not_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile, out = EXAMPLES / "late_camera.toml", tmp_path / "run"  # 160 ms, where others are lost after 170 ms
+    assert main(f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 3".split()) in (0, 1)
+    answers = read_recording(out / "recording.mcap").of(Heightmap)[100:]
+    assert min(answer.depth_age_s for answer in answers) > 0.13
+    assert {answer.status for answer in answers} == {HeightmapStatus.OK}
+    assert main(["replay", f"{out}/recording.mcap", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["max_difference_m"] < 1e-6
