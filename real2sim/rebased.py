@@ -10,6 +10,7 @@ from saltus.arrays import Floats
 from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS, Profile
 from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.replay import Limit
@@ -35,6 +36,8 @@ class RebasedProblem(WrappedProblem):
         ):  # no candidate can represent a measured curve
             inner = _saturated(inner, saturation)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
+        if isinstance(inner, JointProblem) and any(isinstance(e, TorqueSpeedLimit) for e in profile.actuator):
+            inner = inner.with_held_limit()
         if isinstance(inner, BodyProblem):
             inner = inner.with_limits(
                 [e.fitted(_owner(e, inner.model)) for e in profile.actuator if isinstance(e, Limit)]

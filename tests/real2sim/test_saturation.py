@@ -1,18 +1,22 @@
 """A saturation as a curve: from a robot to its log, and from a profile to the simulator that a log is compared with."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import CURVE, ROBOT
+from samples import CURVE, PROFILE, ROBOT
 
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
+from saltus.real2sim.pipeline import find
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.rebased import RebasedProblem
+from saltus.recordings.run_log import write_run_log
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
@@ -34,6 +38,20 @@ def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(curve: tuple[tuple
     told = calf.parameters(np.array([0.0, 10.0, 1.0]))
     assert told["knee"].value == pytest.approx(13.4, abs=0.1)
     assert told["plateau"].value == pytest.approx(25.9, abs=0.1)
+
+
+def test_a_simulator_with_the_speed_limit_of_the_robot_leaves_noise() -> None:
+    robot = Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=12.0), TorqueSaturation(curve=CURVE)))
+    inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
+    limited = RebasedProblem(inner, robot)
+    assert np.mean(limited.residuals(limited.absent * np.ones((1, len(inner.blocks), 1))) ** 2) == pytest.approx(
+        1.0, abs=0.12
+    )
+
+
+def test_nothing_is_missing_of_a_robot_with_the_profile_that_it_has(tmp_path: Path) -> None:
+    write_run_log(run(EXPERIMENTS["joint_tour"], ROBOT, PROFILE, seed=70000), tmp_path / "log", ROBOT)
+    assert find([tmp_path / "log"], tmp_path / "found", profile=PROFILE, report=False).verdict.verdict == "no_gap"
 
 
 def test_a_curve_of_each_joint_has_as_many_columns_as_joints() -> None:

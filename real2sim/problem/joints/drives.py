@@ -66,6 +66,8 @@ class Drives:
     """Of measured over true velocity, less 1."""
     rate: Floats | None = None
     """Of the drive's loop: 0 at the replay's own, 1 without end."""
+    holds_limit: bool = False
+    """Whether a speed limit sees the velocity once an instant, as in the plant, and not as it changes meanwhile."""
 
     @property
     def is_dry(self) -> bool:
@@ -160,7 +162,7 @@ class Drives:
         share = np.clip((no_load - np.abs(velocity)) / (no_load - corner), 0.0, 1.0)
         bound = self.limit * share
         allowed = np.maximum(np.minimum(along, bound), -self.limit)
-        falls = (along > bound) & (share > 0.0) & (share < 1.0)
+        falls = (along > bound) & (share > 0.0) & (share < 1.0) & (not self.holds_limit)
         steepness = np.where(falls, weight * self.limit / (no_load - corner), 0.0)
         return torque + weight * (allowed - along) * direction, steepness
 

@@ -53,6 +53,7 @@ class JointProblem(Problem):
 
     name = "joints"
     _assumed: Hinges = ()
+    _holds_limit = False
 
     def __init__(self, log: RunLog) -> None:
         meta = log.meta
@@ -98,8 +99,8 @@ class JointProblem(Problem):
             corners: Torque from which on each piece takes [Nm], shape (places, pieces).
             slopes: What share it takes, shape (sets, blocks, places, pieces).
         """
-        drives = self._candidates.drives(unknowns, self._motion.dt_s)
-        return self._whitened(replace(drives, hinges=_hinges(corners, slopes))).reshape(len(slopes), -1)
+        drives = replace(self._drives(unknowns), hinges=_hinges(corners, slopes))
+        return self._whitened(drives).reshape(len(slopes), -1)
 
     def with_saturation(self, corners: Floats, slopes: Floats) -> "JointProblem":
         """The problem on a simulator that has a saturation in pieces already; a fitted one adds to it.
@@ -111,6 +112,12 @@ class JointProblem(Problem):
         problem = copy(self)
         problem._assumed = _hinges(corners, slopes[None])
         problem.candidates = problem._with_saturations()
+        return problem
+
+    def with_held_limit(self) -> "JointProblem":
+        """The problem on a simulator with a speed limit, which the plant applies once a step."""
+        problem = copy(self)
+        problem._holds_limit = True
         return problem
 
     def columns_of(self, effect: str, place: str) -> slice:
@@ -145,7 +152,10 @@ class JointProblem(Problem):
         )
 
     def _residuals(self, unknowns: Floats) -> Floats:
-        return self._whitened(replace(self._candidates.drives(unknowns, self._motion.dt_s), hinges=self._assumed))
+        return self._whitened(replace(self._drives(unknowns), hinges=self._assumed))
+
+    def _drives(self, unknowns: Floats) -> Drives:
+        return replace(self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit)
 
     def _whitened(self, drives: Drives) -> Floats:
         apart = self._apart(self._simulate(drives))
