@@ -62,10 +62,10 @@ class Cycle:
             return
         logs = finding.record_logs(self.folder, self.settings, self.observer.at)
         self.observer.say(f"logs: {', '.join(log.name for log in logs)}")
-        found, again, refused = finding.find_effects(self.folder, self.settings, logs, self.observer.at)
+        found, again = finding.find_effects(self.folder, self.settings, logs, self.observer.at)
         known, patched = (self.folder.read(file) for file in (self.folder.known, self.folder.profile))
         self.observer.say(f"found: {sentence(found.verdict, known)}")
-        for line in refused:
+        for line in finding.not_applied(self.folder):
             self.observer.say(line)
         with_it = None if again is None else f"with what was found: {sentence(again.verdict, patched)}"
         self.observer.say(with_it or NOTHING_FOUND)

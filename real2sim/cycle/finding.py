@@ -16,7 +16,7 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments.footage import Camera
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.patch import Patch
+from saltus.real2sim.patch import Patch, load_patch
 from saltus.real2sim.pipeline import find
 from saltus.real2sim.progress import Progress
 from saltus.real2sim.reporting.words import sentence
@@ -74,11 +74,10 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: s
 
 def find_effects(
     folder: CycleFolder, settings: CycleSettings, logs: Sequence[Path], tell: Progress
-) -> tuple[Judgement, Judgement | None, tuple[str, ...]]:
+) -> tuple[Judgement, Judgement | None]:
     """Searches the logs, adds what is found to what is known, and searches them again with it.
 
-    Returns both judgements, without the second where nothing was found that could be added, and what could not be, a
-    line each.
+    Returns both judgements, without the second where nothing was found that could be added.
 
     Raises:
         RecordingError: a log contradicts itself.
@@ -88,10 +87,10 @@ def find_effects(
     found, logs = search_until_told(logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded)
     if found.verdict.verdict == "bad_log":
         raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
-    patched, refused = apply_what_can_be(found.patch, known)
+    patched, _ = apply_what_can_be(found.patch, known)
     again = _look(folder.again, patched, settings.seed, tell, "again", logs) if patched != known else None
     folder.profile.write_text(profile_to_toml(patched))
-    return found, again, refused
+    return found, again
 
 
 def apply_what_can_be(patch: Patch, known: Profile) -> tuple[Profile, tuple[str, ...]]:
@@ -103,6 +102,11 @@ def apply_what_can_be(patch: Patch, known: Profile) -> tuple[Profile, tuple[str,
         except ConfigError as error:
             refused.append(f"not applied: {effect.name}: {error}")
     return known, tuple(refused)
+
+
+def not_applied(folder: CycleFolder) -> tuple[str, ...]:
+    """A line for each effect that was found and that the profile cannot have."""
+    return apply_what_can_be(load_patch(folder.found / "patch.toml"), folder.read(folder.known))[1]
 
 
 def _look(out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]) -> Judgement:

@@ -16,7 +16,7 @@ from saltus.policy.evaluation.evaluate import collect, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle import figures
-from saltus.real2sim.cycle.finding import gaps_of
+from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.measuring import COURSES, MOMENTS, NOT_MEASURED, Measured, When, measured, run_trials
 from saltus.real2sim.cycle.settings import CycleSettings
@@ -38,6 +38,7 @@ def results(folder: CycleFolder) -> dict[str, Any]:
         "found": _verdict(folder.found),
         "again": _verdict(folder.again),
         "effects": [asdict(row) for row in rows_of(folder)],
+        "not_applied": not_applied(folder),
         "models": trained(folder),
         "courses": {
             course: {
@@ -121,7 +122,8 @@ def _found(folder: CycleFolder, rows: list[Row]) -> list[str]:
          "-" if row.ci90 is None else f"{_number(row.ci90[0])} to {_number(row.ci90[1])}", row.remark)
         for row in rows
     ]  # fmt: skip
-    return [*parts, table(head, cells, "text"), _link(folder.found)]
+    refused = (f"<p>{html.escape(line)}</p>" for line in not_applied(folder))
+    return [*parts, table(head, cells, "text"), *refused, _link(folder.found)]
 
 
 def _gap(folder: CycleFolder) -> list[str]:

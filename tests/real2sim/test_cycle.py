@@ -1,5 +1,6 @@
 """The cycle: a hidden effect is found and trained with, nothing is done twice, a training may be carried away."""
 
+import html
 import json
 import shlex
 from dataclasses import replace
@@ -10,10 +11,12 @@ import pytest
 
 from saltus.cli.main import command_of, main
 from saltus.effects.offsets_and_factors import CoulombFriction
-from saltus.effects.profile import load_profile
+from saltus.effects.profile import load_profile, profile_to_toml
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import finding, measuring, training
+from saltus.real2sim.cycle.report import write_cycle_report
+from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.patch import Applicability, Patch
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.robots.loading import load_robot
@@ -73,16 +76,24 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
     assert all(word in report for word in ("coulomb_friction", GAP, "1 of 1 hidden parameters found"))
 
 
-def test_what_no_profile_can_have_is_said_and_the_rest_is_applied() -> None:
+def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path) -> None:
     def found(name: str, **values: float) -> FoundEffect:
         params = {key: Interval(value=value, ci90=(value, value), unit="Nm") for key, value in values.items()}
         return FoundEffect(name=name, where="all", params=params)
 
     effects = (found("torque_saturation", knee=35.55, plateau=34.9), found("coulomb_friction", torque=HIDDEN))
     shipped = load_profile("shipped", load_robot("go1"))
-    patched, (refused,) = finding.apply_what_can_be(Patch(effects=effects, evidence=(), range=Applicability()), shipped)
+    patch, folder = Patch(effects=effects, evidence=(), range=Applicability()), measuring.CycleFolder(tmp_path)
+    patched, (refused,) = finding.apply_what_can_be(patch, shipped)
     assert refused.startswith("not applied: torque_saturation: ")
     assert patched == replace(shipped, actuator=(*shipped.actuator, CoulombFriction(torque=HIDDEN)))
+    folder.found.mkdir()
+    (folder.found / "patch.toml").write_text(patch.to_toml())
+    (folder.found / "verdict.json").write_text('{"verdict": "named", "gap": null, "untestable": []}')
+    folder.known.write_text(profile_to_toml(shipped))
+    folder.settings.write_text("")
+    write_cycle_report(folder, CycleSettings())
+    assert html.escape(refused) in folder.report.read_text()
 
 
 def test_what_is_done_is_not_repeated(
