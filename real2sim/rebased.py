@@ -122,7 +122,7 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
     NaN where no unknowns within their bounds make such an effect.
     """
     offset = np.zeros((len(problem.blocks), len(candidate.unknowns)))
-    effect = _effect(profile, candidate.effect)
+    effect = profile.effects.get(candidate.effect)
     if effect is None or candidate.is_nuisance:
         return offset
     told = candidate.parameters(candidate.absent)
@@ -136,11 +136,6 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
             fits = all(abs(found[name].value - value) <= FITS * abs(value) for name, value in wanted.items())
             offset[block] = unknowns if fits else np.nan
     return offset
-
-
-def _effect(profile: Profile, name: str) -> Effect[Any] | None:
-    parts = (profile.actuator, profile.camera, profile.imu, profile.body)
-    return next((effect for part in parts for effect in part if effect.name == name), None)
 
 
 def _of_body(effect: Effect[Any]) -> list[tuple[str, Any]]:

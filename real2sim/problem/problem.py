@@ -7,7 +7,8 @@ variance. The search (`saltus.real2sim.search.search`) knows nothing of robots, 
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class Segment:
     condition: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Unknown:
     """One number to be estimated, in a coordinate in which residuals change smoothly."""
 
@@ -37,6 +38,7 @@ class Unknown:
     high: float
     scale: float
     """A small change that matters, e.g. 1 ms of a delay. Finite differences step by a fraction of it."""
+    _: KW_ONLY
     is_shape: bool = False
     """A shape matters only where another unknown of its candidate is not 0, e.g. the knee of a saturation."""
     stated: float | None = None
@@ -53,9 +55,11 @@ class Coordinates:
     """Of parameters by name."""
 
     @classmethod
-    def less(cls, name: str, null: float) -> "Coordinates":
-        """One unknown: the parameter less the value without effect."""
-        return cls(parameters=lambda x: {name: null + float(x[0])}, unknowns=lambda values: (values[name] - null,))
+    def less(cls, name: str, claimed: float) -> "Coordinates":
+        """One unknown: the parameter less the value that a log claims."""
+        return cls(
+            parameters=lambda x: {name: claimed + float(x[0])}, unknowns=lambda values: (values[name] - claimed,)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +85,7 @@ class Candidate:
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
     coordinates: Coordinates | None = None
-    """None where the unknowns that are not `stated` are the parameters."""
+    """None where the unknowns that are not `stated` are the parameters of the same names, less their null values."""
     base: tuple[tuple[float, ...], ...] = ()
     """For each block, what the unknowns count from: those of a profile that the simulator has; empty where it is 0."""
 
@@ -101,22 +105,36 @@ class Candidate:
         """
         if self.base:
             unknowns = unknowns + np.asarray(self.base[block])
-        declared = fields(EFFECTS[self.effect]) if self.effect in EFFECTS else ()
-        units = {field.name: field.metadata.get("unit", "") for field in declared}
         if self.coordinates is None:
             named = zip(self.unknowns, unknowns, strict=True)
-            found = {unknown.name: value for unknown, value in named if unknown.stated is None}
+            found = {u.name: self._null(u) + value for u, value in named if u.stated is None}
         else:
             found = self.coordinates.parameters(unknowns)
-        return {name: Estimate(value=float(value), unit=units.get(name, "")) for name, value in found.items()}
+        return {
+            name: Estimate(value=float(value), unit=self._declared(name).get("unit", ""))
+            for name, value in found.items()
+        }
 
     def unknowns_of(self, parameters: Mapping[str, float]) -> Floats:
         """Unknowns within their bounds at which the effect has these parameters, or those that are nearest to them."""
         if self.coordinates is None:
-            found = [parameters[u.name] if u.stated is None else u.stated for u in self.unknowns]
+            found = [parameters[u.name] - self._null(u) if u.stated is None else u.stated for u in self.unknowns]
         else:
             found = list(self.coordinates.unknowns(parameters))
         return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])
+
+    def _null(self, unknown: Unknown) -> float:
+        return float(self._declared(unknown.name).get("null", 0.0))
+
+    def _declared(self, parameter: str) -> Mapping[str, Any]:
+        """What the effect says of a parameter; nothing of that of a nuisance."""
+        known = fields(EFFECTS[self.effect]) if self.effect in EFFECTS else ()
+        return next((field.metadata for field in known if field.name == parameter), {})
+
+
+def candidate(effect: str, *unknowns: Unknown, where: str, **more: Any) -> Candidate:
+    """A candidate in one line; `more` are other fields of it."""
+    return Candidate(effect=effect, where=where, unknowns=unknowns, **more)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
 LARGEST_TIME_CONSTANT_S = 0.05
@@ -70,14 +70,9 @@ class Claims:
 def trunk_candidates() -> tuple[Candidate, ...]:
     """What may be otherwise about the mass of the trunk and what it carries."""
     return (
-        _one("payload_mass", "trunk", Unknown(name="mass", low=-2.5, high=8.0, scale=0.4)),
-        _one("com_offset", "trunk", *(Unknown(name=a, low=-0.1, high=0.1, scale=0.01) for a in "xyz")),
-        _one(
-            "base_inertia",
-            "trunk",
-            Unknown(name="excess", low=-0.7, high=2.0, scale=0.8),
-            coordinates=Coordinates.less("scale", 1.0),
-        ),
+        candidate("payload_mass", Unknown("mass", -2.5, 8.0, 0.4), where="trunk"),
+        candidate("com_offset", *(Unknown(a, -0.1, 0.1, 0.01) for a in "xyz"), where="trunk"),
+        candidate("base_inertia", Unknown("scale", -0.7, 2.0, 0.8), where="trunk"),
     )
 
 
@@ -95,66 +90,54 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
     lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
     return (
         *trunk_candidates(),
-        _one(
+        candidate(
             "foot_friction",
-            "feet",
             Unknown(
-                name="less",
-                low=min(claims.friction - FRICTION_RANGE[1], 0.0),
-                high=max(claims.friction - FRICTION_RANGE[0], 0.0),
-                scale=slip_step,
+                "less",
+                min(claims.friction - FRICTION_RANGE[1], 0.0),
+                max(claims.friction - FRICTION_RANGE[0], 0.0),
+                slip_step,
             ),
+            where="feet",
             coordinates=Coordinates(
                 parameters=lambda x: {"coefficient": claims.friction - float(x[0])},
                 unknowns=lambda values: (claims.friction - values["coefficient"],),
             ),
         ),
-        _one(
+        candidate(
             "contact_compliance",
-            "feet",
-            Unknown(name="softness", low=lowest, high=highest, scale=2.0),
+            Unknown("softness", lowest, highest, 2.0),
+            where="feet",
             coordinates=Coordinates(
                 parameters=lambda x: {"time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + x[0]))},
                 unknowns=lambda values: (claims.softness(values["time_constant"]),),
             ),
         ),
-        _one(
-            "soft_feet",
-            "feet",
-            Unknown(name="torsion", low=0.0, high=0.2, scale=0.01),
-            Unknown(name="rolling", low=0.0, high=0.1, scale=0.005),
-        ),
-        _one(
-            "torque_gain",
-            "joints",
-            Unknown(name="excess", low=-0.5, high=0.5, scale=0.02),
-            coordinates=Coordinates.less("gain", 1.0),
-        ),
-        _one("battery_sag", "joints", Unknown(name="loss_at_end", low=-0.1, high=0.6, scale=0.04)),
-        _one("command_delay", "joints", Unknown(name="delay", low=0.0, high=0.05, scale=0.004)),
-        Candidate(
-            effect="torque_saturation",
+        candidate("soft_feet", Unknown("torsion", 0.0, 0.2, 0.01), Unknown("rolling", 0.0, 0.1, 0.005), where="feet"),
+        candidate("torque_gain", Unknown("gain", -0.5, 0.5, 0.02), where="joints"),
+        candidate("battery_sag", Unknown("loss_at_end", -0.1, 0.6, 0.04), where="joints"),
+        candidate("command_delay", Unknown("delay", 0.0, 0.05, 0.004), where="joints"),
+        candidate(
+            "torque_saturation",
+            Unknown("loss", 0.0, 0.95, 0.2),
+            Unknown("corner", 3.0, 35.0, 2.0, is_shape=True),
             where="joints",
-            unknowns=(
-                Unknown(name="loss", low=0.0, high=0.95, scale=0.2),
-                Unknown(name="corner", low=3.0, high=35.0, scale=2.0, is_shape=True),
-            ),
             starts=tuple((0.0, corner) for corner in CORNERS_NM),
             coordinates=Coordinates(
                 parameters=lambda x: _knee_and_plateau(float(x[0]), float(x[1]), calf_limit),
                 unknowns=lambda values: _loss_and_corner(values["knee"], values["plateau"], calf_limit),
             ),
         ),
-        _one("viscous_friction", "joints", Unknown(name="coefficient", low=0.0, high=2.0, scale=0.05)),
-        _one("coulomb_friction", "joints", Unknown(name="torque", low=0.0, high=4.0, scale=0.1)),
-        _one("drive_rate", "joints", Unknown(name="continuous", low=0.0, high=1.0, scale=1.0), is_nuisance=True),
+        candidate("viscous_friction", Unknown("coefficient", 0.0, 2.0, 0.05), where="joints"),
+        candidate("coulomb_friction", Unknown("torque", 0.0, 4.0, 0.1), where="joints"),
+        candidate("drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"),
         # of a contact a log claims friction and time constant; engines want more to be said, and a step of time
-        _one(
+        candidate(
             "contact_solver",
-            "feet",
-            Unknown(name="creep", low=-LARGEST_CREEP, high=LARGEST_CREEP, scale=0.5),
-            Unknown(name="give", low=-LARGEST_GIVE, high=LARGEST_GIVE, scale=0.5),
-            Unknown(name="fineness", low=0.0, high=1.0, scale=1.0),
+            Unknown("creep", -LARGEST_CREEP, LARGEST_CREEP, 0.5),
+            Unknown("give", -LARGEST_GIVE, LARGEST_GIVE, 0.5),
+            Unknown("fineness", 0.0, 1.0, 1.0),
+            where="feet",
             is_nuisance=True,
         ),
     )
@@ -169,14 +152,14 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         friction=claims.friction - value["foot_friction.less"],
         payload_kg=claims.payload_kg + value["payload_mass.mass"],
         com_shift=np.stack([value[f"com_offset.{axis}"] for axis in "xyz"], axis=-1),
-        inertia_scale=1.0 + value["base_inertia.excess"],
+        inertia_scale=1.0 + value["base_inertia.scale"],
         contact_time_constant=claims.contact_time_constant * np.sqrt(1.0 + value["contact_compliance.softness"]),
         torsion=LEAST_TURNING_M + value["soft_feet.torsion"],
         rolling=LEAST_TURNING_M + value["soft_feet.rolling"],
     )
     return Rig(
         body=body,
-        gain=claims.motor_strength * (1.0 + value["torque_gain.excess"]),
+        gain=claims.motor_strength * (1.0 + value["torque_gain.gain"]),
         sag=value["battery_sag.loss_at_end"],
         delay_s=value["command_delay.delay"],
         loss=value["torque_saturation.loss"],
@@ -213,7 +196,3 @@ def _loss_and_corner(knee: float, plateau: float, limit: float) -> tuple[float, 
     """The inverse of `_knee_and_plateau`."""
     loss = (limit - plateau - 0.05 * knee) / (limit - knee) if knee < limit else 0.0
     return loss, limit - (limit - plateau) / loss if loss > 0.0 else limit
-
-
-def _one(effect: str, where: str, *unknowns: Unknown, **more: Any) -> Candidate:
-    return Candidate(effect=effect, where=where, unknowns=unknowns, **more)

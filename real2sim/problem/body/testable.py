@@ -9,10 +9,10 @@ from saltus.real2sim.problem.problem import Problem
 TYPICAL = {
     "payload_mass.mass": 1.0,
     "com_offset.x": 0.02,
-    "base_inertia.excess": 0.2,
+    "base_inertia.scale": 0.2,
     "contact_compliance.softness": 3.0,
     "soft_feet.rolling": 0.01,
-    "torque_gain.excess": 0.1,
+    "torque_gain.gain": 0.1,
     "battery_sag.loss_at_end": 0.1,
     "command_delay.delay": 0.005,
     "torque_saturation.loss": 0.4,

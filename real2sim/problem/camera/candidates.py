@@ -2,21 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
 
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 
-def _unknown(name: str, low: float, high: float, scale: float) -> Unknown:
-    return Unknown(name=name, low=low, high=high, scale=scale)
-
-
-def _candidate(effect: str, *unknowns: Unknown, **more: Any) -> Candidate:
-    return Candidate(effect=effect, where="camera", unknowns=unknowns, **more)
+_candidate = partial(candidate, where="camera")
 
 
 def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, float]) -> tuple[Candidate, ...]:
@@ -29,29 +24,26 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
     return (
         _candidate(
             "camera_latency",
-            _unknown("latency", -latency_s, 0.3, 1e-3),
+            Unknown("latency", -latency_s, 0.3, 1e-3),
             coordinates=Coordinates.less("latency", latency_s),
         ),
         # lag in frames, (1 - alpha) / alpha: what an image is behind by in the mean is linear in it
         _candidate(
             "temporal_smear",
-            _unknown("lag", 0.0, 24.0, 0.05),
+            Unknown("lag", 0.0, 24.0, 0.05),
             coordinates=Coordinates(
                 parameters=lambda x: {"alpha": 1.0 / (1.0 + float(x[0]))},
                 unknowns=lambda values: (1.0 / values["alpha"] - 1.0,),
             ),
         ),
-        _candidate("camera_pitch", _unknown("offset", -0.2, 0.2, 1e-3)),
-        _candidate("camera_height", _unknown("offset", -0.1, 0.1, 1e-3)),
-        *(
-            _candidate(name, _unknown("scale", -0.2, 0.25, 3e-3), coordinates=Coordinates.less("scale", 1.0))
-            for name in ("camera_fov", "depth_scale")
-        ),
-        _candidate("depth_bias", _unknown("bias", -0.1, 0.1, 1e-3)),
+        _candidate("camera_pitch", Unknown("offset", -0.2, 0.2, 1e-3)),
+        _candidate("camera_height", Unknown("offset", -0.1, 0.1, 1e-3)),
+        *(_candidate(name, Unknown("scale", -0.2, 0.25, 3e-3)) for name in ("camera_fov", "depth_scale")),
+        _candidate("depth_bias", Unknown("bias", -0.1, 0.1, 1e-3)),
         # of what lies beyond the end, how much is cut; where the end is, images say themselves
         _candidate(
             "range_clip",
-            _unknown("share", 0.0, 1.0, 0.05),
+            Unknown("share", 0.0, 1.0, 0.05),
             coordinates=Coordinates(
                 parameters=lambda x: {"max": farthest_m + float(x[0]) * (clip_m - farthest_m)},
                 unknowns=lambda values: ((values["max"] - farthest_m) / min(clip_m - farthest_m, -1e-9),),
@@ -60,18 +52,18 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
         # variance: noise adds up in it
         _candidate(
             "depth_noise",
-            _unknown("variance", 0.0, 400.0, 0.2),
+            Unknown("variance", 0.0, 400.0, 0.2),
             coordinates=Coordinates(
                 parameters=lambda x: {"subpixel_sigma": FLOOR * math.sqrt(float(x[0])) * focal_px * BASELINE_M},
                 unknowns=lambda values: ((values["subpixel_sigma"] / sigma_px) ** 2,),
             ),
         ),
-        _candidate("edge_holes", _unknown("width", 0.0, 30.0, 0.3)),
-        _candidate("hole_fill", _unknown("reach", 0.0, 30.0, 0.3)),
+        _candidate("edge_holes", Unknown("width", 0.0, 30.0, 0.3)),
+        _candidate("hole_fill", Unknown("reach", 0.0, 30.0, 0.3)),
         # the square root of a share has a scatter that does not depend on the share
         _candidate(
             "frame_drop",
-            _unknown("angle", 0.0, 1.2, 0.03),
+            Unknown("angle", 0.0, 1.2, 0.03),
             coordinates=Coordinates(
                 parameters=lambda x: {"fraction": math.sin(float(x[0])) ** 2},
                 unknowns=lambda values: (math.asin(math.sqrt(values["fraction"])),),
@@ -79,11 +71,11 @@ def camera_candidates(latency_s: float, focal_px: float, ends_m: tuple[float, fl
         ),
         _candidate(
             "noise_floor",
-            _unknown("level", math.log(0.02), math.log(1.6), 0.05),
-            _unknown("constant", math.log(0.03), math.log(5.0), 0.1),
+            Unknown("level", math.log(0.02), math.log(1.6), 0.05),
+            Unknown("constant", math.log(0.03), math.log(5.0), 0.1),
             is_nuisance=True,
         ),
-        _candidate("arrival_jitter", _unknown("share", 0.0, 1.0, 0.1), is_nuisance=True),
+        _candidate("arrival_jitter", Unknown("share", 0.0, 1.0, 0.1), is_nuisance=True),
     )
 
 

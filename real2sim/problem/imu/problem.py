@@ -11,7 +11,7 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DELAY_S, STEP_S, WINDOW_STEPS, cut_windows
 from saltus.real2sim.problem.log import sampled, segments_of
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown, candidate
 from saltus.recordings.run_log import RunLog
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 
@@ -29,35 +29,15 @@ LEAST_SIGMA = 6.0
 
 def imu_candidates() -> tuple[Candidate, ...]:
     """The effects of an IMU, nuisances last."""
-    angles = ("roll", "pitch")
+    tilt = [Unknown(name, -0.3, 0.3, 0.01) for name in ("roll", "pitch")]
+    axes = [Unknown(name, -0.3, 0.3, 0.02) for name in ("roll", "pitch", "yaw")]
     return (
-        Candidate(
-            effect="imu_bias",
-            where="imu",
-            unknowns=(
-                *(Unknown(name=f"gyro_{axis}", low=-0.3, high=0.3, scale=0.01) for axis in "xyz"),
-                *(Unknown(name=name, low=-0.3, high=0.3, scale=0.01) for name in angles),
-            ),
-        ),
-        Candidate(
-            effect="imu_latency",
-            where="imu",
-            unknowns=(Unknown(name="delay", low=0.0, high=LONGEST_DELAY_S, scale=0.002),),
-        ),
+        candidate("imu_bias", *(Unknown(f"gyro_{axis}", -0.3, 0.3, 0.01) for axis in "xyz"), *tilt, where="imu"),
+        candidate("imu_latency", Unknown("delay", 0.0, LONGEST_DELAY_S, 0.002), where="imu"),
         # a bias of the reported tilt may or may not turn the gyroscope's axes too
-        Candidate(
-            effect="gyro_axes",
-            where="imu",
-            unknowns=tuple(Unknown(name=name, low=-0.3, high=0.3, scale=0.02) for name in (*angles, "yaw")),
-            is_nuisance=True,
-        ),
+        candidate("gyro_axes", *axes, where="imu", is_nuisance=True),
         # a gyroscope's sample may stand for the step before it, or for the one after
-        Candidate(
-            effect="gyro_sampling",
-            where="imu",
-            unknowns=(Unknown(name="lead", low=-SAMPLING_S, high=SAMPLING_S, scale=0.001),),
-            is_nuisance=True,
-        ),
+        candidate("gyro_sampling", Unknown("lead", -SAMPLING_S, SAMPLING_S, 0.001), where="imu", is_nuisance=True),
     )
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.drives import Drives
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown
+from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
@@ -16,32 +17,26 @@ LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 
 
-def _size(name: str, low: float, high: float, scale: float) -> Unknown:
-    return Unknown(name=name, low=low, high=high, scale=scale)
-
-
 def _weight() -> Unknown:
     """How much of an effect there is that is there or not: a fit may come from absence to presence by degrees."""
-    return Unknown(name="weight", low=0.0, high=1.0, scale=0.2, stated=1.0)
+    return Unknown("weight", 0.0, 1.0, 0.2, stated=1.0)
 
 
 def _shape(name: str, low: float, high: float, scale: float) -> Unknown:
-    return Unknown(name=name, low=low, high=high, scale=scale, is_shape=True)
+    return Unknown(name, low, high, scale, is_shape=True)
 
 
-def _kind(effect: str, *unknowns: Unknown, **more: Any) -> Candidate:
-    """An effect at any joint; starts that are shares of what a log reaches are scaled later."""
-    return Candidate(effect=effect, where="", unknowns=unknowns, **more)
+_kind = partial(candidate, where="")  # at any joint; starts that are shares of what a log reaches are scaled later
 
 
 # Bounds are those of the effects, or what drives of this class can have; scales are the smallest changes that matter on
 # hardware (magnitudes published for robots of this class). Resolutions are what fits find in logs without any effect
 # that another simulator made, whose velocities are half an integration step, 0.06 ms, late.
 KINDS = (
-    _kind("command_delay", _size("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=5e-5),
+    _kind("command_delay", Unknown("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=5e-5),
     # packets come with jitter, of which a delay says nothing
-    _kind("feedforward_delay", _size("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=4e-4),
-    _kind("actuator_lag", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind("feedforward_delay", Unknown("delay", 0.0, 0.06, 1e-3), starts=((0.004,), (0.012,)), resolution=4e-4),
+    _kind("actuator_lag", Unknown("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
     _kind(  # starts are shares of the largest speed of the log
         "torque_speed_limit",
         _weight(),
@@ -55,44 +50,39 @@ KINDS = (
     ),
     _kind(  # the corner's starts are shares of the largest torque
         "torque_saturation",
-        _size("loss", 0.0, 1.0, 0.05),
+        Unknown("loss", 0.0, 1.0, 0.05),
         _shape("corner", 1.0, 34.0, 0.5),
         _shape("rounding", 0.05, 10.0, 0.5),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
     ),
-    _kind(
-        "torque_gain",
-        _size("excess", -0.7, 1.0, 0.01),
-        resolution=4e-3,
-        coordinates=Coordinates.less("gain", 1.0),
-    ),
-    _kind("battery_sag", _size("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
-    _kind("viscous_friction", _size("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
-    _kind("coulomb_friction", _size("torque", 0.0, 5.0, 0.04), starts=((0.2,),), resolution=2e-3),
+    _kind("torque_gain", Unknown("gain", -0.7, 1.0, 0.01), resolution=4e-3),
+    _kind("battery_sag", Unknown("loss_at_end", 0.0, 0.7, 0.01), starts=((0.1,),)),
+    _kind("viscous_friction", Unknown("coefficient", 0.0, 5.0, 0.02), starts=((0.1,),), resolution=2e-3),
+    _kind("coulomb_friction", Unknown("torque", 0.0, 5.0, 0.04), starts=((0.2,),), resolution=2e-3),
     _kind(
         "stiction",
-        _size("breakaway", 0.0, 5.0, 0.1),
+        Unknown("breakaway", 0.0, 5.0, 0.1),
         _shape("stribeck_velocity", 0.01, 2.0, 0.02),
         starts=((0.3, 0.05), (0.3, 0.25)),
         model_error=0.12,  # bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
         closable_share=0.95,
     ),
-    _kind("backlash", _size("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
-    _kind("joint_spring", _size("pull", -10.0, 10.0, 0.05), _size("stiffness", 0.0, 20.0, 0.2)),
+    _kind("backlash", Unknown("width", 0.0, 0.15, 2e-3), starts=((0.01,),)),
+    _kind("joint_spring", Unknown("pull", -10.0, 10.0, 0.05), Unknown("stiffness", 0.0, 20.0, 0.2)),
     _kind(  # how far the stop reaches into the range of the log
         "end_stop",
-        _size("stiffness", 0.0, 3000.0, 10.0),
+        Unknown("stiffness", 0.0, 3000.0, 10.0),
         _shape("depth", 0.0, 0.4, 0.005),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
     ),
-    _kind("armature", _size("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
-    _kind("encoder_bias", _size("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
+    _kind("armature", Unknown("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
+    _kind("encoder_bias", Unknown("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
     _kind(
         "encoder_quantisation", _weight(), _shape("step", 2e-4, 0.1, 1e-6), starts=((1.0, 0.005),), closable_share=0.95
     ),
-    _kind("velocity_filter", _size("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
-    _kind("velocity_scale", _size("excess", -0.7, 3.0, 0.02), coordinates=Coordinates.less("scale", 1.0)),
-    _kind(LOOP_RATE, _size("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
+    _kind("velocity_filter", Unknown("time_constant", 0.0, 0.05, 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5),
+    _kind("velocity_scale", Unknown("scale", -0.7, 3.0, 0.02)),
+    _kind(LOOP_RATE, Unknown("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 
 
@@ -148,40 +138,15 @@ class JointCandidates:
 
     def drives(self, unknowns: Floats, dt_s: float) -> Drives:
         """What sets of unknowns, shape (sets, branches, unknowns), do to the drives."""
-
-        def get(effect: str) -> tuple[Floats, ...] | None:
-            return self._values(effect, unknowns)
-
-        def single(effect: str) -> Floats | None:
-            values = get(effect)
-            return None if values is None else values[0]
-
-        speed, saturation = get("torque_speed_limit"), get("torque_saturation")
-        spring, stop = get("joint_spring"), get("end_stop")
-        return Drives(
-            count=len(unknowns),
-            dt_s=dt_s,
-            limit=self._limit[..., None],
-            command_delay=single("command_delay"),
-            feedforward_delay=single("feedforward_delay"),
-            lag=single("actuator_lag"),
-            speed=None if speed is None else (speed[0], speed[1], speed[1] + speed[2]),
-            saturation=None if saturation is None else (saturation[0], saturation[1], saturation[2]),
-            gain=single("torque_gain"),
-            sag=single("battery_sag"),
-            viscous=single("viscous_friction"),
-            coulomb=single("coulomb_friction"),
-            stiction=_pair(get("stiction")),
-            width=single("backlash"),
-            spring=None if spring is None else (spring[0] + spring[1] * self._middle, spring[1]),
-            stop=None if stop is None else (self._side, self._end - self._side * stop[1], stop[0]),
-            armature=single("armature"),
-            bias=single("encoder_bias"),
-            quantisation=_pair(get("encoder_quantisation")),
-            velocity_filter=single("velocity_filter"),
-            velocity_excess=single("velocity_scale"),
-            rate=single(LOOP_RATE),
-        )
+        found = {kind.effect: self._values(kind, unknowns) for kind in KINDS}
+        own: dict[str, Any] = {e: v[0] if len(v) == 1 else v for e, v in found.items() if v is not None}
+        if "joint_spring" in own:
+            pull, stiffness = own["joint_spring"]
+            own["joint_spring"] = pull + stiffness * self._middle, stiffness
+        if "end_stop" in own:
+            stiffness, depth = own["end_stop"]
+            own["end_stop"] = self._side, self._end - self._side * depth, stiffness
+        return Drives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
 
     def columns(self, effect: str, joint: int) -> slice:
         """Where the unknowns of an effect at the joint of a leg stand."""
@@ -195,13 +160,12 @@ class JointCandidates:
                 found |= np.any(unknowns[:, :, columns.start] != 0.0, axis=1)
         return found
 
-    def _values(self, effect: str, unknowns: Floats) -> tuple[Floats, ...] | None:
+    def _values(self, kind: Candidate, unknowns: Floats) -> tuple[Floats, ...] | None:
         """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
-        columns = [self._column.get((effect, joint)) for joint in range(len(self._places))]
+        columns = [self._column.get((kind.effect, joint)) for joint in range(len(self._places))]
         present = [columns[0] if c is None else c for c in columns if columns[0] is not None]
         if not present or not np.any(unknowns[:, :, [c.start for c in present]]):
             return None
-        kind = next(kind for kind in KINDS if kind.effect == effect)
         values = []
         for i, unknown in enumerate(kind.unknowns):
             array = np.ascontiguousarray(unknowns[:, :, [c.start + i for c in present]].transpose(1, 2, 0))
@@ -243,7 +207,3 @@ def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[st
     knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE
     plateau = limit - float(taken(np.array([limit]))[0])
     return {"knee": knee, "plateau": plateau}
-
-
-def _pair(values: tuple[Floats, ...] | None) -> tuple[Floats, Floats] | None:
-    return None if values is None else (values[0], values[1])

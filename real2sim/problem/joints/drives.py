@@ -36,35 +36,35 @@ class Drives:
     dt_s: float
     limit: Floats
     """Torque limits of the joints [Nm], shape (branches, joints, 1)."""
-    command_delay: Floats | None = None
-    feedforward_delay: Floats | None = None
-    lag: Floats | None = None
-    speed: tuple[Floats, Floats, Floats] | None = None
-    """Weight, corner and no-load speed [rad/s]."""
-    saturation: tuple[Floats, Floats, Floats] | None = None
-    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
     hinges: Hinges = ()
     """A saturation in pieces: slopes that are lost, and the torque [Nm] from which on, shape (joints, 1)."""
-    gain: Floats | None = None
+    command_delay: Floats | None = None
+    feedforward_delay: Floats | None = None
+    actuator_lag: Floats | None = None
+    torque_speed_limit: tuple[Floats, Floats, Floats] | None = None
+    """Weight, corner, and from there to the no-load speed [rad/s]."""
+    torque_saturation: tuple[Floats, Floats, Floats] | None = None
+    """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see `lost`."""
+    torque_gain: Floats | None = None
     """Less 1."""
-    sag: Floats | None = None
-    viscous: Floats | None = None
-    coulomb: Floats | None = None
+    battery_sag: Floats | None = None
+    viscous_friction: Floats | None = None
+    coulomb_friction: Floats | None = None
     stiction: tuple[Floats, Floats] | None = None
     """Breakaway [Nm] and Stribeck velocity [rad/s]."""
-    width: Floats | None = None
-    spring: tuple[Floats, Floats] | None = None
+    backlash: Floats | None = None
+    joint_spring: tuple[Floats, Floats] | None = None
     """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
-    stop: tuple[Floats, Floats, Floats] | None = None
+    end_stop: tuple[Floats, Floats, Floats] | None = None
     """Side, +1 at large angles and -1 at small ones, where it begins [rad], and stiffness [Nm/rad]."""
     armature: Floats | None = None
-    bias: Floats | None = None
-    quantisation: tuple[Floats, Floats] | None = None
+    encoder_bias: Floats | None = None
+    encoder_quantisation: tuple[Floats, Floats] | None = None
     """Weight and step [rad]."""
     velocity_filter: Floats | None = None
-    velocity_excess: Floats | None = None
+    velocity_scale: Floats | None = None
     """Of measured over true velocity, less 1."""
-    rate: Floats | None = None
+    drive_rate: Floats | None = None
     """Of the drive's loop: 0 at the replay's own, 1 without end."""
     holds_limit: bool = False
     """Whether a speed limit sees the velocity once an instant, as in the plant, and not as it changes meanwhile."""
@@ -72,7 +72,7 @@ class Drives:
     @property
     def is_dry(self) -> bool:
         """Whether there is dry friction."""
-        return self.coulomb is not None or self.stiction is not None
+        return self.coulomb_friction is not None or self.stiction is not None
 
     def sent(self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices) -> Floats:
         """Law and feed-forward [Nm] that the drives use at the instants, shape (windows, branches, joints, sets).
@@ -96,10 +96,10 @@ class Drives:
 
     def sensed(self, position: Floats, velocity: Floats, state: DriveState) -> tuple[Floats, Floats]:
         """What the encoders read."""
-        if self.bias is not None:
-            position = position + self.bias
-        if self.quantisation is not None:
-            weight, step = self.quantisation
+        if self.encoder_bias is not None:
+            position = position + self.encoder_bias
+        if self.encoder_quantisation is not None:
+            weight, step = self.encoder_quantisation
             position = position + weight * (np.round(position / step) * step - position)
         if self.velocity_filter is not None:
             if state.velocity is None or state.filtered is None:
@@ -109,39 +109,39 @@ class Drives:
                 filtered = new * velocity + old * state.velocity + kept * state.filtered
             state.velocity, state.filtered = velocity.copy(), filtered
             velocity = filtered
-        return position, velocity if self.velocity_excess is None else velocity * (1.0 + self.velocity_excess)
+        return position, velocity if self.velocity_scale is None else velocity * (1.0 + self.velocity_scale)
 
     def delivered(self, torque: Floats, velocity: Floats, elapsed: Floats, state: DriveState) -> Floats:
         """Torque on the motor's side of the play."""
-        if self.lag is not None:
+        if self.actuator_lag is not None:
             start = torque if state.lagged is None else state.lagged
-            in_mean, at_end = lag_weights(self.lag, self.dt_s)
+            in_mean, at_end = lag_weights(self.actuator_lag, self.dt_s)
             state.lagged = torque + at_end * (start - torque)
             torque = torque + in_mean * (start - torque)
-        if self.speed is not None:
-            torque, state.steepness = self._limited(torque, velocity, *self.speed)
-        if self.saturation is not None or self.hinges:
+        if self.torque_speed_limit is not None:
+            torque, state.steepness = self._limited(torque, velocity, *self.torque_speed_limit)
+        if self.torque_saturation is not None or self.hinges:
             torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
-        if self.gain is not None:
-            torque = torque * (1.0 + self.gain)
-        if self.sag is not None:
-            torque = torque * (1.0 - elapsed * self.sag)
+        if self.torque_gain is not None:
+            torque = torque * (1.0 + self.torque_gain)
+        if self.battery_sag is not None:
+            torque = torque * (1.0 - elapsed * self.battery_sag)
         return torque
 
     def held_back(self, position: Floats) -> Floats | float:
         """Torque against positive motion of springs and stops [Nm]."""
         torque: Floats | float = 0.0
-        if self.spring is not None:
-            pull, stiffness = self.spring
+        if self.joint_spring is not None:
+            pull, stiffness = self.joint_spring
             torque = stiffness * position - pull
-        if self.stop is not None:
-            side, begin, stiffness = self.stop
+        if self.end_stop is not None:
+            side, begin, stiffness = self.end_stop
             torque = torque + side * stiffness * np.maximum(side * (position - begin), 0.0)
         return torque
 
     def friction(self, velocity: Floats) -> Floats:
         """Level of dry friction [Nm]."""
-        level = np.zeros(()) if self.coulomb is None else self.coulomb
+        level = np.zeros(()) if self.coulomb_friction is None else self.coulomb_friction
         if self.stiction is not None:
             breakaway, width = self.stiction
             level = level + breakaway * np.exp(-((velocity / width) ** 2))
@@ -149,14 +149,15 @@ class Drives:
 
     def _saturated(self, magnitude: Floats) -> Floats:
         """What saturation takes from a commanded torque >= 0; a law and pieces add up."""
-        missing = np.zeros(()) if self.saturation is None else lost(magnitude, *self.saturation)
+        missing = np.zeros(()) if self.torque_saturation is None else lost(magnitude, *self.torque_saturation)
         for slope, corner in self.hinges:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
 
     def _limited(
-        self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, no_load: Floats
+        self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, span: Floats
     ) -> tuple[Floats, Floats]:
+        no_load = corner + span
         direction = np.sign(velocity)
         along = torque * direction
         share = np.clip((no_load - np.abs(velocity)) / (no_load - corner), 0.0, 1.0)

@@ -161,7 +161,7 @@ class JointProblem(Problem):
         apart = self._apart(self._simulate(drives))
         white = self._whitening.white(apart, self._fresh)[self._kept]  # (samples, signals, branches, joints, sets)
         if self._grid.exists:
-            grid = self._grid.residuals(drives.quantisation, drives.count)[self._kept]
+            grid = self._grid.residuals(drives.encoder_quantisation, drives.count)[self._kept]
             white = np.concatenate([white, grid[:, None]], axis=1)
         white = np.nan_to_num(white, nan=LARGEST_RESIDUAL, posinf=LARGEST_RESIDUAL, neginf=-LARGEST_RESIDUAL)
         white = np.clip(white, -LARGEST_RESIDUAL, LARGEST_RESIDUAL)

@@ -134,15 +134,15 @@ class _Simulation:
         self._q, self._v = self._state[:, :, :joints], self._state[:, :, joints:]
         self._q[...] = windows.position[..., None]
         self._v[...] = windows.velocity[..., None]
-        if drives.bias is not None:
-            self._q -= drives.bias
-        if drives.velocity_excess is not None:
-            self._v /= 1.0 + drives.velocity_excess
+        if drives.encoder_bias is not None:
+            self._q -= drives.encoder_bias
+        if drives.velocity_scale is not None:
+            self._v /= 1.0 + drives.velocity_scale
         self._acceleration, self._earlier = np.zeros((2, *shape))
-        self._loop = None if drives.rate is None else _FastLoop.of(drives.rate, motion.dt_s)
+        self._loop = None if drives.drive_rate is None else _FastLoop.of(drives.drive_rate, motion.dt_s)
         self._kp, self._kd, self._claimed = motion.kp[..., None], motion.kd[..., None], motion.armature[..., None]
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
-        self._play = None if drives.width is None else Play(drives.width, rotor, shape)
+        self._play = None if drives.backlash is None else Play(drives.backlash, rotor, shape)
         self._drive_state = DriveState()
         self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
         self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
@@ -172,15 +172,15 @@ class _Simulation:
         torque = drives.delivered(torque, v, motion.elapsed[rows][:, None, None, None], self._drive_state)
         # 2. what resists it
         load = motion.offset[rows][..., None] + motion.feedback[rows] @ self._state
-        if drives.spring is not None or drives.stop is not None:
+        if drives.joint_spring is not None or drives.end_stop is not None:
             load = load + drives.held_back(q + 0.5 * dt * v)
         added = drives.armature
         if self._play is not None:
             torque, missing = self._play.transmitted(torque)
             added = -missing if added is None else np.where(missing > 0.0, -self._claimed, added)
-        if drives.viscous is not None:  # the midpoint rule: at half of the step's change of velocity
-            load = load + drives.viscous * v
-            added = 0.5 * dt * drives.viscous + (0.0 if added is None else added)
+        if drives.viscous_friction is not None:  # the midpoint rule: at half of the step's change of velocity
+            load = load + drives.viscous_friction * v
+            added = 0.5 * dt * drives.viscous_friction + (0.0 if added is None else added)
         if self._drive_state.steepness is not None:
             stiff = self._drive_state.steepness
             change = dt * stiff * self._mobility[rows]  # of velocity in one step, relative

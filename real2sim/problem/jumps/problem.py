@@ -147,8 +147,8 @@ class JumpProblem(Problem):
         """What drives and bodies leave to explain, shape (n, b, 18)."""
         split = len(LEGS) * self._joints.count
         drives = self._joints.drives(unknowns[:, :split].reshape(len(unknowns), len(LEGS), -1), PHYSICS_DT)
-        strength = self._claims.motor_strength * (1.0 if drives.gain is None else 1.0 + drives.gain)
-        drives = replace(drives, hinges=self._assumed, gain=np.asarray(strength - 1.0))
+        strength = self._claims.motor_strength * (1.0 if drives.torque_gain is None else 1.0 + drives.torque_gain)
+        drives = replace(drives, hinges=self._assumed, torque_gain=np.asarray(strength - 1.0))
         each = [b.left(s.torque(drives)) for s, b in zip(self._stretches, self._balances, strict=True)]
         left = np.moveaxis(np.concatenate(each), -1, 0)
         return left + np.einsum("np,pbs->nbs", unknowns[:, split:], self._slopes[self._trunk])

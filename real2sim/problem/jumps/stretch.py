@@ -87,14 +87,14 @@ class Stretch:
         q_des, dq_des, kp, kd = (sent(each, none) for each in self.commands[:4])  # a late packet is averaged by fields
         torque = kp * (q_des - angle) + kd * (dq_des - rate) + sent(none, self.commands[4])
         torque = _lagged(torque, drives)
-        torque = replace(drives, lag=None).delivered(torque, rate, self.elapsed, DriveState())
+        torque = replace(drives, actuator_lag=None).delivered(torque, rate, self.elapsed, DriveState())
         rate = rate + 0.5 * PHYSICS_DT * change  # what resists does so all through a step
         torque = torque - drives.friction(rate) * np.clip(rate / STILL, -1.0, 1.0)
-        if drives.spring is not None:
-            pull, stiffness = drives.spring
+        if drives.joint_spring is not None:
+            pull, stiffness = drives.joint_spring
             torque = torque + pull - stiffness * angle
-        if drives.viscous is not None:
-            torque = torque - drives.viscous * rate
+        if drives.viscous_friction is not None:
+            torque = torque - drives.viscous_friction * rate
         return torque if drives.armature is None else torque - drives.armature * change
 
 
@@ -206,11 +206,11 @@ def _commands(log: RunLog, time_s: Floats) -> Floats:
 
 def _lagged(torque: Floats, drives: Drives) -> Floats:
     """The torque after the lag of each joint, as the drives' law has it step by step; shape (n, 4, 3, sets)."""
-    if drives.lag is None:
+    if drives.actuator_lag is None:
         return torque
-    shape = (len(torque), *np.broadcast_shapes(torque.shape[1:], drives.lag.shape))
+    shape = (len(torque), *np.broadcast_shapes(torque.shape[1:], drives.actuator_lag.shape))
     lagged = np.array(np.broadcast_to(torque, shape))
-    in_mean, at_end = (np.broadcast_to(weight, shape[1:]) for weight in lag_weights(drives.lag, drives.dt_s))
+    in_mean, at_end = (np.broadcast_to(weight, shape[1:]) for weight in lag_weights(drives.actuator_lag, drives.dt_s))
     for place in zip(*np.nonzero(in_mean), strict=True):
         asked, kept = lagged[(slice(None), *place)].copy(), at_end[place]
         state, _ = lfilter([1.0 - kept], [1.0, -kept], asked[:-1], zi=[kept * asked[0]])
