@@ -3,7 +3,7 @@
 The other user joins whatever listens on loopback, with the run's secret where he can read it, and signals the process
 that holds the robot. The owner does the same: what does not work for him either is not tested.
 
-    sudo saltus bench other_user
+    saltus bench other_user
 """
 
 import contextlib

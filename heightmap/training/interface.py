@@ -5,7 +5,7 @@ from dataclasses import asdict
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera_latency import CameraLatency
-from saltus.heightmap.data.delivery import TRAINING
+from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.robots.robot import Robot
 
@@ -91,9 +91,11 @@ def frames_and_feet(robot: Robot) -> str:
     return _FRAMES.format(thigh=robot.thigh_length, calf=robot.calf_length, hip_x=x, hip_y=y, side=side)
 
 
-def interface(robot: Robot, camera: DepthCamera, latency: CameraLatency, hidden: int) -> str:
+def interface(
+    robot: Robot, camera: DepthCamera, latency: CameraLatency, hidden: int, trained: DeliveryModel = TRAINING
+) -> str:
     """What the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
-    soonest_s, latest_s = TRAINING.range_s(latency)
+    soonest_s, latest_s = trained.range_s(latency)
     return _INTERFACE.format(
         features=len(PROPRIOCEPTION),
         hidden=hidden,

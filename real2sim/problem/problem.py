@@ -85,7 +85,8 @@ class Candidate:
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive hunts."""
     coordinates: Coordinates | None = None
-    """None where the unknowns that are not `stated` are the parameters of the same names, less their null values."""
+    """None where the unknowns that are not `stated` are the parameters of the same names, less their null values
+    (shapes: as they are)."""
     base: tuple[tuple[float, ...], ...] = ()
     """For each block, what the unknowns count from: those of a profile that the simulator has; empty where it is 0."""
 
@@ -124,7 +125,8 @@ class Candidate:
         return np.clip(found, [u.low for u in self.unknowns], [u.high for u in self.unknowns])
 
     def _null(self, unknown: Unknown) -> float:
-        return float(self._declared(unknown.name).get("null", 0.0))
+        """What it counts from; a shape counts from 0, as an effect may be absent by an infinite one."""
+        return 0.0 if unknown.is_shape else float(self._declared(unknown.name).get("null", 0.0))
 
     def _declared(self, parameter: str) -> Mapping[str, Any]:
         """What the effect says of a parameter; nothing of that of a nuisance."""
