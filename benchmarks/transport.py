@@ -40,11 +40,10 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.loading import load_robot
 from saltus.runtime.child import ENVIRONMENT
 from saltus.runtime.process import PEER_FLAG
-from saltus.runtime.run_folder import CLIENT_FILE, write_run
+from saltus.runtime.run_folder import write_run
 from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.access import Access, write_client
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
 from saltus.wire.messages import DepthFrame, Floats, Message, PlanStatus, RobotState
@@ -77,14 +76,14 @@ class Benchmark(Command):
     """Whom one service answers."""
 
     def measure(self) -> dict[str, Any]:
-        access, router = open_router()
+        endpoint, router = open_router()
         with closing(router):
-            table = {name: self._topic(access, name, message) for name, message in sample_messages().items()}
+            table = {name: self._topic(endpoint, name, message) for name, message in sample_messages().items()}
         return {**frame_to_heightmap(self.count, self.robots), "transport": table}
 
-    def _topic(self, access: Access, topic: str, message: Message) -> dict[str, float]:
+    def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
         data, kind = encode(message), type(message)
-        times = latencies_ms(access, topic, self.messages)
+        times = latencies_ms(endpoint, topic, self.messages)
         latency = percentiles(times)
         return {
             "bytes": len(data),
@@ -104,22 +103,22 @@ def sample_messages() -> dict[str, Message]:
     return {"policy/plan": plan, "controller/state": standing_state(load_robot(DEFAULT_ROBOT)), "camera/depth": frame}
 
 
-def send(access: Access, topic: str, count: int) -> None:
+def send(endpoint: str, topic: str, count: int) -> None:
     """The sending process."""
     message = sample_messages()[topic]
     ticker = Ticker(RATE_HZ)
-    with ZenohBus(access, PREFIX, peer=True) as bus:
+    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
         publisher = bus.publisher(topic)
         for _ in range(count):
             ticker.wait()
             publisher.put(replace(message, time_ns=time.monotonic_ns()))
 
 
-def latencies_ms(access: Access, topic: str, count: int) -> list[float]:
+def latencies_ms(endpoint: str, topic: str, count: int) -> list[float]:
     """Receives what another process sends."""
-    sender = SPAWN.Process(target=send, args=(access, topic, count))
+    sender = SPAWN.Process(target=send, args=(endpoint, topic, count))
     times: list[float] = []
-    with ZenohBus(access, PREFIX, peer=True) as bus:
+    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
         latest = bus.latest(topic)
         sender.start()
         while sender.is_alive():
@@ -146,8 +145,8 @@ class Scenes:
 class Robot:
     """A robot's place on the bus: sends images and states, receives heightmaps."""
 
-    def __init__(self, access: Access, prefix: str, count: int, bell: Bell) -> None:
-        self.bus = ZenohBus(access, prefix, peer=True, bell=bell)
+    def __init__(self, endpoint: str, prefix: str, count: int, bell: Bell) -> None:
+        self.bus = ZenohBus(endpoint, prefix, peer=True, bell=bell)
         self.latency_ms: Floats = np.full(count, np.inf)
         self.newest = -1
         """The image of the newest heightmap."""
@@ -169,11 +168,11 @@ class Robot:
             self.latency_ms[self.newest] = 1e-6 * (time.monotonic_ns() - self._sent_times[self.newest])
 
 
-def run_robots(access: Access, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
+def run_robots(endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any) -> None:
     """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
     os.environ.update(ENVIRONMENT)
     scenes, bell = Scenes(), Bell()
-    robots = [Robot(access, prefix, count, bell) for prefix in prefixes]
+    robots = [Robot(endpoint, prefix, count, bell) for prefix in prefixes]
     ticker = Ticker(RATE_HZ)
     for number in range(count):
         ticker.wait()
@@ -194,11 +193,11 @@ def run_robots(access: Access, prefixes: list[str], epoch_ns: int, count: int, n
         robot.bus.close()
 
 
-def run_slow_consumer(access: Access, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any) -> None:
+def run_slow_consumer(endpoint: str, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any) -> None:
     """Takes heightmaps at a quarter of the rate and any phase: age [ms], and how many newer ones there were already."""
     rng, ages, behind = np.random.default_rng(0), [], []
     ticker = Ticker(RATE_HZ / SLOWER)
-    with ZenohBus(access, prefix, peer=True) as bus:
+    with ZenohBus(endpoint, prefix, peer=True) as bus:
         heightmaps = bus.latest("heightmap/heightmap")
         while not over.is_set():
             ticker.wait()
@@ -220,23 +219,24 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
     epoch_ns, load = time.monotonic_ns(), os.getloadavg()[0]
-    access, router = open_router()
+    endpoint, router = open_router()
     with (
         closing(router),
         tempfile.TemporaryDirectory() as directory,
-        ZenohBus(access, prefixes[0], peer=True) as bus,
+        ZenohBus(endpoint, prefixes[0], peer=True) as bus,
     ):
         config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
         write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
         status = bus.latest("status", "heightmap")
-        write_client(Path(directory) / CLIENT_FILE, access)
-        arguments = ["--run-dir", directory, PEER_FLAG, "--robots", *prefixes]
+        arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
         environment = {**os.environ, **ENVIRONMENT}
         service = subprocess.Popen([sys.executable, "-m", "saltus.heightmap", *arguments], env=environment)
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")
-            latency, overruns, ages, behind, share, memory_mb = _watched(service.pid, access, prefixes, epoch_ns, count)
+            latency, overruns, ages, behind, share, memory_mb = _watched(
+                service.pid, endpoint, prefixes, epoch_ns, count
+            )
         finally:
             service.terminate()
             service.wait()
@@ -267,15 +267,15 @@ def allowed_latency_us() -> int | None:
 
 
 def _watched(
-    pid: int, access: Access, prefixes: list[str], epoch_ns: int, count: int
+    pid: int, endpoint: str, prefixes: list[str], epoch_ns: int, count: int
 ) -> tuple[Floats, int, list[float], list[int], float, float]:
     """Latencies [ms] and overruns of the sender, ages [ms] and lags of the consumer, core share and MB of service."""
     newest, over = SPAWN.Value("q", -1), SPAWN.Event()
     robots_end, robots_result = SPAWN.Pipe(duplex=False)
     consumer_end, consumer_result = SPAWN.Pipe(duplex=False)
-    robots = SPAWN.Process(target=run_robots, args=(access, prefixes, epoch_ns, count, newest, robots_result))
+    robots = SPAWN.Process(target=run_robots, args=(endpoint, prefixes, epoch_ns, count, newest, robots_result))
     consumer = SPAWN.Process(
-        target=run_slow_consumer, args=(access, prefixes[0], epoch_ns, newest, over, consumer_result)
+        target=run_slow_consumer, args=(endpoint, prefixes[0], epoch_ns, newest, over, consumer_result)
     )
     start_s, before_s = time.monotonic(), processor_s([pid])
     robots.start()

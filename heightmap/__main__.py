@@ -8,11 +8,12 @@ from dataclasses import replace
 from functools import partial
 
 from saltus.heightmap.service.process import HeightmapProcess
-from saltus.runtime.process import ProcessContext, run_process
+from saltus.runtime.process import PEER_FLAG, ProcessContext, run_process
+from saltus.wire.zenoh_bus import ZenohBus
 
 
-def body(context: ProcessContext, robots: Sequence[str]) -> None:
-    """Serves `robots`, each on a bus of its own; run.toml's robot where there are none."""
+def body(context: ProcessContext, robots: Sequence[str], endpoint: str, *, peer: bool) -> None:
+    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none."""
     own = context.config.prefix
     with contextlib.ExitStack() as buses:
         contexts = []
@@ -20,7 +21,7 @@ def body(context: ProcessContext, robots: Sequence[str]) -> None:
             if robot == own:
                 contexts.append(context)
                 continue
-            bus = buses.enter_context(context.bus.of_robot(robot))
+            bus = buses.enter_context(ZenohBus(endpoint, robot, peer=peer, bell=context.bus.bell))
             contexts.append(ProcessContext(context.name, replace(context.config, prefix=robot), context.run_dir, bus))
         process = HeightmapProcess(contexts)
         for each in contexts:
@@ -32,8 +33,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Reads what this process has beyond every process's arguments, and runs it."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--robots", nargs="+", default=[])
+    parser.add_argument("--endpoint", default="")
+    parser.add_argument(PEER_FLAG, action="store_true")
     own, others = parser.parse_known_args(arguments)
-    return run_process("heightmap", partial(body, robots=own.robots), others)
+    run = partial(body, robots=own.robots, endpoint=own.endpoint, peer=own.peer)
+    shared = [*(["--endpoint", own.endpoint] if own.endpoint else []), *([PEER_FLAG] if own.peer else [])]
+    return run_process("heightmap", run, [*others, *shared])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """`saltus heightmap`: the service, and all that makes and measures its models."""
 
-import contextlib
 import sys
 import time
 from dataclasses import dataclass, field
@@ -13,7 +12,6 @@ from saltus.cli.heightmap_data import Collect, Dagger, Dataset
 from saltus.cli.heightmap_eval import Eval
 from saltus.cli.heightmap_report import Report
 from saltus.cli.heightmap_train import Export, Train
-from saltus.cli.output import run_directory
 from saltus.cli.serve import serve
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.errors import RecordingError, SaltusError
@@ -32,10 +30,10 @@ class Serve:
     """
 
     endpoint: Annotated[
-        str | None, shown("STR", "the one that the folder names; with --recording and no folder a router of its own")
+        str | None, shown("STR", "the one that the folder names; with --recording a router of its own")
     ] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
-    run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
+    run_dir: Annotated[Path | None, shown("PATH", "none, with --recording; else it is needed")] = None
     """Folder of the run: of `saltus up` or `saltus router`."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
     """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
@@ -65,8 +63,6 @@ class Serve:
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.robots.loading import load_robot
-        from saltus.runtime.run_folder import CLIENT_FILE, access_of
-        from saltus.wire.access import Access, write_client
         from saltus.wire.messages import HeightmapStatus
         from saltus.wire.router import open_router
         from saltus.wire.zenoh_bus import ZenohBus
@@ -78,20 +74,11 @@ class Serve:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         heightmaps = replay_frames(network, frames, self.level)
-        with contextlib.ExitStack() as resources:
-            if self.run_dir is not None:
-                access = access_of(self.run_dir, self.endpoint)
-            elif self.endpoint is not None:
-                access = Access(endpoint=self.endpoint)
-            else:
-                access, router = open_router()
-                resources.callback(router.close)
-                client = run_directory("heightmap-serve", None) / CLIENT_FILE
-                write_client(client, access)
-                print(f"join it with {client}, which only you can read")
-            with ZenohBus(access, self.prefix) as bus:
+        endpoint, router = (self.endpoint, None) if self.endpoint else open_router()
+        try:
+            with ZenohBus(endpoint, self.prefix) as bus:
                 depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
-                print(f"serving at {access.endpoint}, keys under {self.prefix}")
+                print(f"serving at {endpoint}, keys under {self.prefix}")
                 before_ns = frames[0].time_ns
                 for frame, heightmap in zip(frames, heightmaps, strict=True):
                     time.sleep(1e-9 * max(frame.time_ns - before_ns, 0))
@@ -99,6 +86,9 @@ class Serve:
                     depth.put(frame)
                     heights.put(heightmap)
                     print(f"frame {frame.frame_id}: {HeightmapStatus(heightmap.status).name.lower()}")
+        finally:
+            if router is not None:
+                router.close()
         return 0
 
 

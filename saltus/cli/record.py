@@ -28,11 +28,11 @@ class Record:
     def run(self) -> int:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
         from saltus.recordings.recorder import Recorder
-        from saltus.runtime.run_folder import access_of, read_run
+        from saltus.runtime.run_folder import endpoint_of, read_run
         from saltus.wire.zenoh_bus import ZenohBus
 
         run = read_run(self.run_dir)
-        with ZenohBus(access_of(self.run_dir, self.endpoint), run.config.prefix) as bus:
+        with ZenohBus(self.endpoint or endpoint_of(self.run_dir), run.config.prefix) as bus:
             path = run_directory("record", self.out) / "recording.mcap"
             with Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder:
                 stream = bus.stream()

@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import run_directory
-from saltus.cli.run_options import NetworkOptions, mounted_camera
+from saltus.cli.run_options import mounted_camera
 from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
-from saltus.errors import ConfigError
 from saltus.flags import shown
 
 LOOK_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Router(NetworkOptions):
+class Router:
     """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
 
     The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
@@ -35,7 +34,7 @@ class Router(NetworkOptions):
     prefix: str = RunConfig().prefix
     """Of the keys."""
     endpoint: str = "tcp/127.0.0.1:7447"
-    """Where programs of this machine join, on loopback."""
+    """Where it listens."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
     """Folder."""
 
@@ -44,23 +43,17 @@ class Router(NetworkOptions):
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
         from saltus.terrain.curriculum import make_terrain
-        from saltus.wire.access import loopback, write_client
-        from saltus.wire.router import open_router
+        from saltus.wire.router import open_router, write_client
 
-        if not loopback(self.endpoint):
-            raise ConfigError(f"--endpoint {self.endpoint} is not on loopback: --listen, with --keys, is for a network")
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
         config.check()
-        access, router = open_router(self.endpoint, self.network(self.prefix))
+        endpoint, router = open_router(self.endpoint)
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
             write_run(directory, config, robot, make_terrain(terrain), camera)
-            write_client(directory / CLIENT_FILE, access)
-            joined = f"join it with {directory / CLIENT_FILE}, which only you can read"
-            print(f"router at {access.endpoint}, keys under {self.prefix}; {joined}", flush=True)
-            if self.listen is not None:
-                print(f"and at tls/{self.listen} for who has a certificate of {self.keys}", flush=True)
+            write_client(directory / CLIENT_FILE, endpoint)
+            print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)
             while True:
                 time.sleep(LOOK_S)

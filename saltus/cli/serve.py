@@ -22,12 +22,13 @@ def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bo
         ConfigError: the folder holds no run.
     """
     from saltus.runtime.process import PEER_FLAG
-    from saltus.runtime.run_folder import RUN_FILE, access_of
+    from saltus.runtime.run_folder import RUN_FILE, endpoint_of
 
     load(RunConfig, run_dir / RUN_FILE)
-    access_of(run_dir, endpoint)  # what is wrong with it is said at once
-    links = [*(["--endpoint", endpoint] if endpoint else []), *([PEER_FLAG] if peer else [])]
-    command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), *links, *more]
+
+    endpoint = endpoint or endpoint_of(run_dir)
+    links = [PEER_FLAG] if peer else []
+    command = [sys.executable, "-P", "-m", module, "--run-dir", str(run_dir), "--endpoint", endpoint, *links, *more]
     with subprocess.Popen(command) as process:
         try:
             return process.wait()

@@ -30,7 +30,7 @@ from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.runtime import cue
 from saltus.runtime.priority import prefer_loop, prefer_process
-from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, RUN_FILE, TERRAIN_FILE, access_of
+from saltus.runtime.run_folder import CAMERA_FILE, ROBOT_FILE, RUN_FILE, TERRAIN_FILE
 from saltus.terrain.terrain import Terrain
 from saltus.wire.bus import Bus
 from saltus.wire.messages import Event, ProcessStatus
@@ -142,7 +142,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
     parser.add_argument("--run-dir", type=Path, required=True, help="folder of the run, with run.toml")
-    parser.add_argument("--endpoint", help="Zenoh router, if not the one that the folder names")
+    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
     )
@@ -150,8 +150,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     options = parser.parse_args(arguments)
     try:
         run_config = config.load(RunConfig, options.run_dir / RUN_FILE)
-        access = access_of(options.run_dir, options.endpoint)
-        with ZenohBus(access, run_config.prefix, peer=options.peer) as bus:
+        with ZenohBus(options.endpoint, run_config.prefix, peer=options.peer) as bus:
             context = ProcessContext(name, run_config, options.run_dir, bus, cued=options.cued)
             _stop_on_signals(context)
             if (

@@ -1,6 +1,6 @@
 """The folder of a run: what all who take part in it read."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from saltus import config
@@ -8,7 +8,7 @@ from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.access import Access, read_client
+from saltus.wire.router import read_client
 
 RUN_FILE = "run.toml"
 ROBOT_FILE = "robot.toml"
@@ -52,13 +52,6 @@ def read_run(run_dir: Path) -> RunFolder:
     )
 
 
-def access_of(run_dir: Path, endpoint: str | None = None) -> Access:
-    """What it takes to join the run's router, which may be reached at another endpoint than the folder says.
-
-    Raises:
-        StackError: neither the folder nor the caller names an endpoint.
-    """
-    if endpoint is not None and not (run_dir / CLIENT_FILE).exists():
-        return Access(endpoint=endpoint)  # a router of somebody else's
-    access = read_client(run_dir / CLIENT_FILE)
-    return access if endpoint is None else replace(access, endpoint=endpoint)
+def endpoint_of(run_dir: Path) -> str:
+    """Endpoint of the run's router; `StackError` where the folder does not name one."""
+    return read_client(run_dir / CLIENT_FILE)

@@ -27,10 +27,9 @@ from saltus.runtime.process import PEER_FLAG
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
-from saltus.wire.access import Network, write_client
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.messages import Done, Event, ProcessStatus
-from saltus.wire.router import open_router
+from saltus.wire.router import open_router, write_client
 from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
@@ -61,28 +60,21 @@ class Stack:
     """The processes of one run, as a context manager; tests bring their own table of programs.
 
     `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
-    start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
-    the clock of this run.
+    start of the run on the monotonic clock is filled in. All limits below are in the clock of this run.
 
     Raises:
         ConfigError, ModelError: there is no such robot, terrain or camera.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
     """
 
-    def __init__(
-        self,
-        run_config: RunConfig,
-        run_dir: Path,
-        programs: tuple[Program, ...] = PROGRAMS,
-        *,
-        network: Network | None = None,
-    ) -> None:
+    def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.camera = load_camera(run_config.camera)
         self.robot = self.camera.mounted_on(load_robot(run_config.robot))
         self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
-        self._network = network
+        self.endpoint = ""
+        """Where the router listens."""
         self.finished = False
         """Whether the run came to its own end: the controller has returned."""
         self.rejected: dict[str, dict[str, int]] = {}
@@ -174,10 +166,10 @@ class Stack:
     def _open(self) -> None:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
-        access, router = open_router(network=self._network)
+        self.endpoint, router = open_router()
         self._resources.callback(router.close)
-        write_client(self.run_dir / CLIENT_FILE, access)
-        self._bus = ZenohBus(access, self.config.prefix, peer=self._links_directly)
+        write_client(self.run_dir / CLIENT_FILE, self.endpoint)
+        self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._events = self._bus.publisher("event", SUPERVISOR)
@@ -213,7 +205,7 @@ class Stack:
     @property
     def _arguments(self) -> list[str]:
         links = [PEER_FLAG] if self._links_directly else []
-        return ["--run-dir", str(self.run_dir), *links]
+        return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, *links]
 
     @property
     def _links_directly(self) -> bool:
@@ -364,9 +356,9 @@ def loopback_round_trip(messages: int = 50) -> float:
     Raises:
         StackError: no router can be had, or nothing arrives.
     """
-    access, router = open_router()
+    endpoint, router = open_router()
     times = []
-    with contextlib.closing(router), ZenohBus(access, "saltus") as here, ZenohBus(access, "saltus") as there:
+    with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:
         ping, pong = here.publisher("done", "ping"), there.publisher("done", "pong")
         ping_in, pong_in = there.latest("done", "ping"), here.latest("done", "pong")
         for step in range(messages):

@@ -231,10 +231,6 @@ class Bus(ABC):
         """Of the keys that were asked for."""
 
     @abstractmethod
-    def of_robot(self, prefix: str) -> "Bus":
-        """The same bus below the prefix of another robot's keys, with the same bell."""
-
-    @abstractmethod
     def publisher(self, topic: str, suffix: str = "") -> Publisher:
         """A publisher of `topic`, or of `topic/suffix` where every process has a key of its own."""
 

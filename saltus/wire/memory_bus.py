@@ -42,10 +42,6 @@ class MemoryBus(Bus):
         self.hub = hub or MemoryHub()
         super().__init__(prefix, self.hub.bell)
 
-    def of_robot(self, prefix: str) -> "MemoryBus":
-        """See `Bus.of_robot`."""
-        return MemoryBus(prefix, self.hub)
-
     def publisher(self, topic: str, suffix: str = "") -> "MemoryPublisher":
         """See `Bus.publisher`."""
         return MemoryPublisher(self.hub, self._key(topic, suffix), self.boot_id)

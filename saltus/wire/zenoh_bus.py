@@ -1,14 +1,16 @@
 """The bus over Zenoh."""
 
 import ctypes
+import json
 import threading
 import time
 from typing import Any
 
 import zenoh
 
+from saltus.errors import StackError
+from saltus.resources import resource
 from saltus.wire import codec
-from saltus.wire.access import Access, open_session
 from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
@@ -24,17 +26,21 @@ class ZenohBus(Bus):
     from the endpoint: behind a tunnel peers would not find each other, and what is between two peers no router carries.
 
     Raises:
-        StackError: no router answers at the endpoint, or it does not let us in.
+        StackError: no router answers at the endpoint.
     """
 
-    def __init__(self, access: Access, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
+    def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
         super().__init__(prefix, bell or Bell())
-        self._access, self._peer = access, peer
-        self._session = open_session("peer" if peer else "client", access)
-
-    def of_robot(self, prefix: str) -> "ZenohBus":
-        """See `Bus.of_robot`."""
-        return ZenohBus(self._access, prefix, peer=self._peer, bell=self.bell)
+        role = "peer" if peer else "client"
+        settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
+        try:
+            settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        except zenoh.ZError as error:
+            raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
+        try:
+            self._session = zenoh.open(settings)
+        except zenoh.ZError as error:
+            raise StackError(f"no Zenoh router at {endpoint}: {error}") from error
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""

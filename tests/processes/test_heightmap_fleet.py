@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from samples import ROBOT, put_robot
+from samples import ROBOT, put_run
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig, to_toml
@@ -21,9 +21,8 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.model_inbox import FILE, give
 from saltus.model_file import ModelFile, put_model
 from saltus.resources import resource
-from saltus.runtime.run_folder import CLIENT_FILE, RUN_FILE
+from saltus.runtime.run_folder import RUN_FILE
 from saltus.runtime.ticker import Ticker
-from saltus.wire.access import Access, write_client
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
@@ -36,8 +35,8 @@ PATIENCE_S = 30.0
 class Robot:
     """Sends a state every 10 ms and an image every 20 ms, 50 ms old; keeps what it is answered."""
 
-    def __init__(self, access: Access, prefix: str, clock: RunClock) -> None:
-        self.bus = ZenohBus(access, prefix)
+    def __init__(self, endpoint: str, prefix: str, clock: RunClock) -> None:
+        self.bus = ZenohBus(endpoint, prefix)
         self.answered: Counter[tuple[str, HeightmapStatus]] = Counter()
         self.events: list[str] = []
         self.refused = 0
@@ -76,13 +75,12 @@ class Robot:
 
 @pytest.fixture
 def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
-    access, router = open_router()
+    endpoint, router = open_router()
     began_ns = time.monotonic_ns() - round(1e9 / speed)
     config = RunConfig(pace="realtime", epoch_ns=began_ns, time_limit_s=600.0, speed=speed)
-    (put_robot(tmp_path) / RUN_FILE).write_text(to_toml(config))
-    write_client(tmp_path / CLIENT_FILE, access)
+    (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
     clock = RunClock.of(config)
-    robots = [Robot(access, prefix, clock) for prefix in ROBOTS]
+    robots = [Robot(endpoint, prefix, clock) for prefix in ROBOTS]
     process = subprocess.Popen(
         [
             sys.executable,
@@ -90,6 +88,8 @@ def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
             "saltus.heightmap",
             "--run-dir",
             str(tmp_path),
+            "--endpoint",
+            endpoint,
             "--robots",
             *ROBOTS,
         ],

@@ -18,12 +18,12 @@ from samples import message_of
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
+from saltus.resources import resource
 from saltus.robots.loading import load_robot
-from saltus.runtime.run_folder import CLIENT_FILE, write_run
+from saltus.runtime.run_folder import write_run
 from saltus.runtime.stack import PROGRAMS
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire import codec, schemas
-from saltus.wire.access import Access, open_session, write_client
 from saltus.wire.bus import Latest
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Done, Message
@@ -101,7 +101,7 @@ def first_float(kind: type[Message]) -> str:
 class Victim:
     """A real process on a prefix of its own, fed by nobody but the test."""
 
-    def __init__(self, name: str, access: Access, directory: Path, speed: float) -> None:
+    def __init__(self, name: str, endpoint: str, directory: Path, speed: float) -> None:
         self.name = name
         self.prefix = f"victim/{name}"
         directory.mkdir()
@@ -116,15 +116,14 @@ class Victim:
         )
         self.clock = RunClock.of(config)
         write_run(directory, config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
-        write_client(directory / CLIENT_FILE, access)
-        self.bus = ZenohBus(access, self.prefix)
+        self.bus = ZenohBus(endpoint, self.prefix)
         self.status = self.bus.latest("status", name)
         self.triggers = {topic: self.bus.publisher(topic) for topic in SUBSCRIBED[name]}
         self.log = directory / "log"
         with self.log.open("wb") as file:
             command = [sys.executable, "-P", "-m", MODULES.get(name, name)]
             self.process = subprocess.Popen(
-                [*command, "--run-dir", str(directory)],
+                [*command, "--run-dir", str(directory), "--endpoint", endpoint],
                 stdout=file,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": str(HERE), "OMP_NUM_THREADS": "1"},
@@ -153,25 +152,27 @@ class Victim:
 
 
 @pytest.fixture(scope="module")
-def access() -> Iterator[Access]:
-    access, router = open_router()
-    yield access
+def endpoint() -> Iterator[str]:
+    endpoint, router = open_router()
+    yield endpoint
     router.close()
 
 
 @pytest.fixture(scope="module")
-def victims(access: Access, speed: float, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
+def victims(endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Victim]]:
     """All processes at once: they load at the same time."""
     root = tmp_path_factory.mktemp("victims")
-    victims = {name: Victim(name, access, root / name, speed) for name in SUBSCRIBED}
+    victims = {name: Victim(name, endpoint, root / name, speed) for name in SUBSCRIBED}
     yield victims
     for victim in victims.values():
         victim.close()
 
 
 @pytest.fixture(scope="module")
-def attacker(access: Access) -> Iterator[Any]:
-    with open_session("client", access) as session:
+def attacker(endpoint: str) -> Iterator[Any]:
+    settings = zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5")))
+    settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    with zenoh.open(settings) as session:
         yield session
 
 

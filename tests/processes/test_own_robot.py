@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from saltus.robots.loading import load_robot
-from saltus.runtime.run_folder import CLIENT_FILE, access_of, read_run
+from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
 from saltus.wire import schemas
 from saltus.wire.messages import Heightmap, HeightmapStatus
 from saltus.wire.zenoh_bus import ZenohBus
@@ -44,7 +44,7 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with running("router", "--out", str(folder), "--endpoint", endpoint) as router:
         assert router.stdout is not None
         assert router.stdout.readline().startswith(f"router at {endpoint}")
-        with ZenohBus(access_of(folder), "robot/0") as bus:
+        with ZenohBus(endpoint_of(folder), "robot/0") as bus:
             status = bus.latest("status", "heightmap")
             with running("heightmap", "serve", "--run-dir", str(folder)):
                 assert status.wait(PATIENCE_S) is not None
@@ -55,7 +55,7 @@ def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> No
     built_in: dict[int, Heightmap] = {}
     told = run_dir / "told.jsonl"
     command = [sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "3", "--json"]
-    with ZenohBus(access_of(run_dir), "robot/0") as bus, told.open("w") as file:
+    with ZenohBus(endpoint_of(run_dir), "robot/0") as bus, told.open("w") as file:
         heightmaps = bus.latest("heightmap/heightmap")
         with subprocess.Popen(command, stdout=file) as robot:
             while robot.poll() is None:
@@ -87,7 +87,7 @@ def test_a_router_says_what_runs(run_dir: Path) -> None:
     assert run.config.pace == "realtime"
     assert (run_dir / CLIENT_FILE).stat().st_mode & 0o777 == 0o600
     before_ns = time.monotonic_ns()
-    with ZenohBus(access_of(run_dir), run.config.prefix) as bus:
+    with ZenohBus(endpoint_of(run_dir), run.config.prefix) as bus:
         sample = bus.latest("status", "heightmap").wait(PATIENCE_S)
     assert sample is not None
     assert sample.message.time_ns >= before_ns - 10**9  # the run's clock is that of the machine

@@ -12,8 +12,7 @@ from saltus import clock as clock_module
 from saltus.config import RunConfig, to_toml
 from saltus.errors import ModelError
 from saltus.runtime.process import EXIT_ERROR, ProcessContext, run_process
-from saltus.runtime.run_folder import CLIENT_FILE, RUN_FILE
-from saltus.wire.access import write_client
+from saltus.runtime.run_folder import RUN_FILE
 from saltus.wire.bus import Latest
 from saltus.wire.memory_bus import MemoryBus
 from saltus.wire.router import open_router
@@ -104,10 +103,9 @@ def test_errors_are_one_line_and_exit_code_2(tmp_path: Path, capsys: pytest.Capt
     def body(_: ProcessContext) -> None:
         raise ModelError("the model file is damaged")
 
-    access, router = open_router()
+    endpoint, router = open_router()
     (tmp_path / RUN_FILE).write_text(to_toml(RunConfig()))
-    write_client(tmp_path / CLIENT_FILE, access)
-    arguments = ["--run-dir", str(tmp_path)]
+    arguments = ["--run-dir", str(tmp_path), "--endpoint", endpoint]
     assert run_process("heightmap", body, arguments) == EXIT_ERROR
     assert capsys.readouterr().err == "heightmap: the model file is damaged\n"
     assert run_process("heightmap", lambda _: None, arguments) == 0
