@@ -95,7 +95,10 @@ def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
         ],
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
-    assert robots[0]._status.wait(clock.machine_s(READY_S)) is not None
+    deadline_s = time.monotonic() + clock.machine_s(READY_S)
+    while robots[0]._status.wait(0.1) is None:
+        assert process.poll() is None, "the service has died"
+        assert time.monotonic() < deadline_s
     yield robots
     process.terminate()
     assert process.wait(clock.machine_s(PATIENCE_S)) == 0
