@@ -31,9 +31,8 @@ class RebasedProblem(WrappedProblem):
     def __init__(self, inner: Problem, profile: Profile) -> None:
         self._bare, self._profile = inner, profile
         saturation = next((e for e in profile.actuator if isinstance(e, TorqueSaturation)), None)
-        if saturation is not None and isinstance(
-            inner, JointProblem | JumpProblem
-        ):  # no candidate can represent a measured curve
+        # No candidate can represent a measured curve.
+        if saturation is not None and isinstance(inner, JointProblem | JumpProblem):
             inner = _saturated(inner, saturation)
             profile = replace(profile, actuator=tuple(e for e in profile.actuator if e is not saturation))
         if isinstance(inner, JointProblem) and any(isinstance(e, TorqueSpeedLimit) for e in profile.actuator):
