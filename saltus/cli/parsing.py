@@ -83,7 +83,7 @@ def _one_line(box: str) -> str:
 
 def _unknown(word: str, text: str) -> str:
     """What cannot be understood, and what is like it among what tyro lists."""
-    if commands := re.search(r"Available subcommands: (.*?) For full", text):
+    if commands := re.search(r"Available subcommands: (.*?) (?:Perhaps|For full)", text):
         return f"there is no command '{word}': {nearest_hint(word, [*commands[1].split(', '), '--help', '--version'])}"
     entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
     commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}

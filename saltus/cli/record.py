@@ -1,21 +1,23 @@
-"""`saltus record`: record a stack that somebody else has started."""
+"""`saltus record`: record a stack that somebody else has started, and repair recordings."""
 
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import tyro
+
 from saltus.cli.output import run_directory
-from saltus.flags import shown
+from saltus.flags import Group, Subcommands, shown
 
 DRAIN_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class Run:
     """Records a running stack until Ctrl-C or until its router is gone.
 
-    Example: saltus record --run-dir runs/one
+    Example: saltus record run --run-dir runs/one
     """
 
     run_dir: Path
@@ -43,3 +45,36 @@ class Record:
                     recorder.flush()
                     time.sleep(DRAIN_PERIOD_S)
         return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """Writes what is sound of a damaged recording as a file that every reader of MCAP opens.
+
+    For example:
+      saltus record repair runs/one/recording.mcap
+      saltus record repair cut.mcap --out whole.mcap
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """The recording (.mcap), which stays as it is."""
+    out: Annotated[Path | None, shown("PATH", "beside it, NAME.repaired.mcap")] = None
+    """The new file."""
+
+    def run(self) -> int:
+        """Repairs it, and says what is lost; 0, also where there is nothing to repair."""
+        from saltus.recordings.repair import repair
+
+        out = self.out or self.recording.with_suffix(".repaired.mcap")
+        recording = repair(self.recording, out)
+        for line in recording.lost:
+            print(f"lost: {line}")
+        print(f"{self.recording} is whole" if recording.complete else f"repaired {out}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Group):
+    """Recordings: run (of a stack that somebody else has started), repair."""
+
+    command: Subcommands[Run | Repair]

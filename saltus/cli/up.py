@@ -1,11 +1,13 @@
 """`saltus up`: the processes, until Ctrl-C."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from saltus.cli.output import follow, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.config import LONGEST_RUN_S, Pace
+from saltus.errors import RecordingError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +36,8 @@ class Up(RunOptions):
                     pass
         finally:
             if stack.recording.is_file():
-                _tell(stack.recording, stack.restarts)
+                with contextlib.suppress(RecordingError):  # the disk was full at the start, as is being said
+                    _tell(stack.recording, stack.restarts)
         return 0
 
 

@@ -40,6 +40,9 @@ RECORDING_FILE = "recording.mcap"
 """Name of a recording in the folder of its run."""
 METADATA = "saltus"
 METADATA_END = "saltus/end"
+LOST = "lost"
+"""Key of the latter: what a repaired recording lacks, as a JSON list of lines."""
+PROFILE = "ros2"
 PACKAGES = ("saltus", "numpy", "mujoco", "eclipse-zenoh", "onnxruntime", "mcap", "rosbags")
 SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
 
@@ -66,7 +69,7 @@ class Recorder:
         with _writing(path):
             self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library=LIBRARY)
+        self._writer.start(profile=PROFILE, library=LIBRARY)
         self._writer.add_metadata(METADATA, describe(run_config, robot, terrain, camera))
 
     def write(self, raw: RawSample) -> None:

@@ -1,8 +1,8 @@
 """Reads a recorded run, whole or damaged, and measures it.
 
-A file that was cut off or has flipped bits reads up to what is lost: `Recording.complete` is false and
-`Recording.lost` says what. Writing is `saltus.recordings.recorder`, run logs of plain tables are
-`saltus.recordings.run_log`.
+A file that was cut off reads up to the cut, one with flipped bits without what they hit: `Recording.complete` is false
+and `Recording.lost` says what; `saltus.recordings.repair` makes a whole file of it. Writing is
+`saltus.recordings.recorder`, run logs of plain tables are `saltus.recordings.run_log`.
 """
 
 import hashlib
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar, cast
 
 import numpy as np
+from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -23,7 +24,8 @@ from saltus import config
 from saltus.config import DEFAULT_ROBOT, RunConfig
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError, MessageError, RecordingError
-from saltus.recordings.recorder import LIBRARY, METADATA, METADATA_END
+from saltus.recordings.chunks import RECORD_MAX, sound_records, torn_chunk
+from saltus.recordings.recorder import LIBRARY, LOST, METADATA, METADATA_END
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.terrain.curriculum import make_terrain
@@ -36,7 +38,6 @@ from saltus.wire.topics import TOPICS
 
 Kind = TypeVar("Kind", bound=Message)
 
-RECORD_MAX = 32 * 2**20  # bytes; a chunk is 256 KiB and one message at most 4 MiB longer
 DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "controller/state")
 
 
@@ -56,7 +57,7 @@ class Recording:
     """What is missing, one line each."""
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, Channel] = field(default_factory=dict)
-    _chunks: list[Chunk] = field(default_factory=list)
+    _chunks: list[Chunk] = field(default_factory=list, repr=False)
 
     @cached_property
     def robot(self) -> Robot:
@@ -206,16 +207,26 @@ class _Reader:
     def read(self, file: BinaryIO) -> None:
         reader = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_MAX)
         lost = self.recording.lost
+        start = 0
         try:
             for record in reader.records:
                 self._take(record)
+                start = file.tell()
         except Exception as error:  # damaged bytes fail in many ways; all mean the same
             if not self.begun:
                 raise RecordingError(f"{self.recording.path} is not a recording (MCAP): {_reason(error)}") from error
             lost.append(f"everything after part {len(self.recording._chunks)}: {_reason(error)}")
+            self._take_torn(file, start)
         if not self.ended and not lost:
             lost.append("the end of the file")
         self.recording.complete = self.ended and not lost
+
+    def _take_torn(self, file: BinaryIO, start: int) -> None:
+        """The first messages of the chunk that begins at `start`, where the file ends inside of it."""
+        file.seek(start)
+        with suppress(Exception):  # as above: then nothing of it is whole
+            chunk = torn_chunk(file.read(RECORD_MAX))
+            self._keep(chunk, sound_records(chunk))
 
     def _take(self, record: McapRecord) -> None:
         recording = self.recording
@@ -233,25 +244,24 @@ class _Reader:
             self.ended = True
 
     def _take_chunk(self, chunk: Chunk) -> None:
-        recording = self.recording
         try:
-            if chunk.uncompressed_size > RECORD_MAX:
-                raise RecordingError(f"claims {chunk.uncompressed_size} bytes")
-            records = breakup_chunk(chunk, validate_crc=True)
+            self._keep(chunk, sound_records(chunk))
         except Exception as error:  # as above
             start, end = 1e-9 * chunk.message_start_time, 1e-9 * chunk.message_end_time
-            recording.lost.append(f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}")
-            return
-        recording._chunks.append(chunk)
+            self.recording.lost.append(f"messages between {start:.2f} s and {end:.2f} s: {_reason(error)}")
+
+    def _keep(self, chunk: Chunk, records: list[McapRecord]) -> None:
+        self.recording._chunks.append(chunk)
         for record in records:
             if isinstance(record, Channel):
-                recording._channels[record.id] = record
+                self.recording._channels[record.id] = record
             elif isinstance(record, Schema):
-                recording._schemas[record.id] = record
+                self.recording._schemas[record.id] = record
 
     def _take_metadata(self, record: Metadata) -> None:
         if record.name == METADATA_END:
             self.recording.summary = record.metadata
+            self.recording.lost += map(str, json.loads(record.metadata.get(LOST, "[]")))
         elif record.name == METADATA:
             self.recording.metadata = record.metadata
             try:
@@ -266,7 +276,7 @@ def _fields(definition: str) -> list[str]:
 
 
 def _reason(error: Exception) -> str:
-    return str(error) or type(error).__name__
+    return "the file ends" if isinstance(error, EndOfFile) else str(error) or type(error).__name__
 
 
 def digest(recording: Recording) -> str:

@@ -2,15 +2,20 @@
 
 import os
 import signal
+import subprocess
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import StackError
+from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
 from saltus.runtime.stack import SUPERVISOR, Stack
 from saltus.wire.bus import Latest
 from saltus.wire.messages import (
@@ -24,11 +29,13 @@ from saltus.wire.messages import (
     PlanStatus,
     RobotState,
 )
+from saltus.wire.zenoh_bus import ZenohBus
 
 RUN_TIMEOUT_S = 20.0
 BACK_S, LANDED_S = 2.0, 2.0
 """Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or never will."""
 STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
+SILENT_S = 1.0  # a controller that is not heard for so long has gone
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
@@ -91,9 +98,54 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
         running_s=after_s,
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
         mode=states[-1].mode,
-        upright=_upright(recording),
+        upright=is_upright(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
     )
+
+
+def witness(
+    supervisor: "subprocess.Popen[str]", run_dir: Path, path: Path, after_s: float, strike: Callable[[], None]
+) -> Recording:
+    """Records a run that another process hosts from beside it, until the controller has gone.
+
+    So the end of a run can be judged whose own recording cannot be written, or whose supervisor was killed.
+
+    Args:
+        supervisor: The process that hosts the run.
+        run_dir: Folder of the run.
+        path: Of the recording that is made here.
+        after_s: When `strike` is called [s of the run's clock], counted from when the robot began to run.
+        strike: Does what the run should survive.
+
+    Raises:
+        StackError: the supervisor ended before the run began.
+    """
+    while not (run_dir / CLIENT_FILE).is_file():
+        if supervisor.poll() is not None:
+            raise StackError(f"the supervisor ended with {supervisor.returncode} before its run began")
+        time.sleep(0.02)
+    run = read_run(run_dir)
+    silent_s = RunClock.of(run.config).machine_s(SILENT_S)
+    heard_s, begun_s = time.monotonic(), None
+    with (
+        ZenohBus(endpoint_of(run_dir), run.config.prefix, peer=run.config.pace == "realtime") as bus,
+        Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder,
+    ):
+        stream, states = bus.stream(), bus.latest("controller/state")
+        while supervisor.poll() is None or time.monotonic() < heard_s + silent_s:
+            for raw in stream.drain():
+                recorder.write(raw)
+            sample = states.wait(0.02)
+            if sample is None or not isinstance(sample.message, RobotState):
+                continue
+            heard_s = time.monotonic()
+            time_s = 1e-9 * sample.message.time_ns
+            if begun_s is None and sample.message.mode == ControllerMode.RUN:
+                begun_s = time_s
+            if begun_s is not None and time_s >= begun_s + after_s:
+                after_s = float("inf")
+                strike()
+    return read_recording(path)
 
 
 def _until(stack: Stack, timeout_s: float, seen: Callable[[], bool]) -> bool:
@@ -150,9 +202,9 @@ def _complaints(recording: Recording, process: str) -> Iterable[int]:
                 yield arrival
 
 
-def _upright(recording: Recording) -> bool:
-    """Whether the robot stands, upright and at rest, in the last half second."""
-    truths = recording.of(GroundTruth)[-50:]
+def is_upright(recording: Recording, steps: int = 50) -> bool:
+    """Whether the robot stands, upright and at rest, in the last `steps` of 10 ms."""
+    truths = recording.of(GroundTruth)[-steps:]
     _, x, y, _ = np.array([truth.quaternion_base_in_world for truth in truths]).T
     height = -np.array([truth.height for truth in truths])[:, 10]  # the point under the base
     speed = np.linalg.norm([truth.velocity_base_in_world for truth in truths], axis=1)

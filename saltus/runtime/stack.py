@@ -65,6 +65,7 @@ class Stack:
     Raises:
         ConfigError, ModelError: there is no such robot, terrain or camera.
         StackError: on entry where a process does not become ready; from `poll` and `wait` where the run cannot go on.
+        RecordingError: from these and on exit, where the recording cannot be written any more.
     """
 
     def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
@@ -148,8 +149,11 @@ class Stack:
 
         Raises:
             StackError: the controller died; in lockstep any process; or a process does not become ready again.
+            RecordingError: the recording cannot be written any more.
         """
         self._drain()
+        if self.recording_error is not None:
+            raise RecordingError(self.recording_error)
         for child in self._children.values():
             self._look_after(child)
         return not self.finished
@@ -279,7 +283,7 @@ class Stack:
             self._event("too_slow", str(factor))
 
     def _record(self, raw: RawSample | None) -> None:
-        """Writes a sample, or flushes. A full disk must not stop a robot."""
+        """Writes a sample, or flushes. On a full disk the robot still has to land: `poll` raises the error."""
         try:
             if self.recording_error is not None:
                 return
@@ -336,6 +340,8 @@ class Stack:
             self._recorder.close(summary)
         except RecordingError as failure:
             self.recording_error = self.recording_error or str(failure)
+        if self.recording_error is not None and error is None:
+            raise RecordingError(self.recording_error)
 
     def _stop(self, *, restart: bool) -> None:
         group = [child for child in self._children.values() if child.program.restart == restart]

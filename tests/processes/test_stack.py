@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from saltus.config import Pace, RunConfig
-from saltus.errors import StackError
+from saltus.errors import RecordingError, StackError
 from saltus.recordings.recording import read_recording
 from saltus.runtime import stack as module
 from saltus.runtime.child import Program
@@ -156,9 +156,20 @@ def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:
     child.wait(timeout=10.0)
 
 
-def test_a_full_disk_does_not_stop_the_run(speed: float, tmp_path: Path) -> None:
+def test_a_full_disk_ends_the_run_with_its_reason(speed: float, tmp_path: Path) -> None:
     (tmp_path / "recording.mcap").symlink_to("/dev/full")
-    with Stack(run_config(time_limit_s=1.5, speed=speed), tmp_path, (CONSUMER, STATES)) as stack:
-        assert stack.wait(10.0)
-    assert stack.recording_error is not None
-    assert "No space left" in stack.recording_error
+    with (
+        pytest.raises(RecordingError, match="No space left"),
+        Stack(run_config(speed=speed), tmp_path, (CONSUMER, STATES)) as stack,
+    ):
+        stack.wait(10.0)
+    assert not children_of_run(tmp_path)
+
+
+def test_a_disk_that_is_full_at_the_last_moment_is_told_as_well(tmp_path: Path) -> None:
+    (tmp_path / "recording.mcap").symlink_to("/dev/full")
+    with (
+        pytest.raises(RecordingError, match="No space left"),
+        Stack(run_config("lockstep", time_limit_s=0.1), tmp_path, (STATES,)),
+    ):
+        pass
