@@ -12,7 +12,7 @@ from saltus.cli.serve import ServeProcess
 class Controller(ServeProcess):
     """The leg controller and the robot behind it: runs their process against a running stack.
 
-    Example: saltus controller serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    Example: saltus controller serve --run-dir runs/one
     """
 
     module = "saltus.controller"

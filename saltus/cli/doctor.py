@@ -96,7 +96,7 @@ def _attempts() -> list[Finding]:
         ("Embree (open3d)", LIBRARIES, lambda: _render("embree")),
         ("pyrender on OSMesa", MESA, lambda: _render("pyrender")),
         ("MuJoCo on OSMesa", MESA, _mujoco_frame),
-        ("Zenoh on loopback", "allow TCP connections on 127.0.0.1", _zenoh),
+        ("Zenoh on this machine", "name a folder for sockets with a short path: TMPDIR=/tmp", _zenoh),
         ("H.264 encoder", "pip install imageio-ffmpeg", _encoder),
         ("free disk", "free 2 GB, or name another folder with --out", _disk),
     )
@@ -154,9 +154,9 @@ def _robot() -> "Robot":
 
 
 def _zenoh() -> str:
-    from saltus.runtime.stack import loopback_round_trip
+    from saltus.runtime.stack import local_round_trip
 
-    return f"round trip {1e3 * loopback_round_trip():.1f} ms"
+    return f"round trip {1e3 * local_round_trip():.1f} ms"
 
 
 def _encoder() -> str:

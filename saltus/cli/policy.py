@@ -159,7 +159,7 @@ class Export:
 class Serve(ServeProcess):
     """Runs the planner process against a running stack.
 
-    Example: saltus policy serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    Example: saltus policy serve --run-dir runs/one
     """
 
     module = "saltus.policy"

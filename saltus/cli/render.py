@@ -77,7 +77,7 @@ class Fit:
 class Serve(ServeProcess):
     """Runs the camera process against a running stack.
 
-    Example: saltus render serve --endpoint tcp/127.0.0.1:7447 --run-dir runs/one
+    Example: saltus render serve --run-dir runs/one
     """
 
     module = "saltus.render"

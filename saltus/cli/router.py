@@ -19,7 +19,7 @@ class Router:
     """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
 
     The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
-    read. Times in messages are those of this computer's monotonic clock.
+    read. Other users of this computer cannot join. Times in messages are those of its monotonic clock.
 
     For example:
       saltus router --out runs/mine
@@ -33,8 +33,6 @@ class Router:
     """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
     prefix: str = RunConfig().prefix
     """Of the keys."""
-    endpoint: str = "tcp/127.0.0.1:7447"
-    """Where it listens."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
     """Folder."""
 
@@ -49,11 +47,12 @@ class Router:
         terrain = TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
         config.check()
-        endpoint, router = open_router(self.endpoint)
+        endpoint, router = open_router()
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
             write_run(directory, config, robot, make_terrain(terrain), camera)
             write_client(directory / CLIENT_FILE, endpoint)
-            print(f"router at {endpoint}, keys under {self.prefix}; join it with {directory / CLIENT_FILE}", flush=True)
+            joined = f"join it with {directory / CLIENT_FILE}, which only you can do"
+            print(f"router at {endpoint}, keys under {self.prefix}; {joined}", flush=True)
             while True:
                 time.sleep(LOOK_S)

@@ -52,7 +52,7 @@ class ServeProcess:
     endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
     peer: Flag = False
-    """Link to the other processes directly; the router must be on this machine, not behind a tunnel."""
+    """Link to the other processes directly; the router must be one of Saltus on this machine."""
 
     def run(self) -> int:
         """Runs until the run is over or it is told to stop."""

@@ -1,6 +1,6 @@
 """THE table of processes, and the supervisor that starts, watches, records and stops them.
 
-The supervisor hosts the Zenoh router on a free port of loopback. `Stack.poll` is its whole work: whoever holds a stack
+The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is its whole work: whoever holds a stack
 calls `poll` at 10 Hz or more, or `wait`.
 """
 
@@ -356,8 +356,8 @@ class Stack:
             child.kill()
 
 
-def loopback_round_trip(messages: int = 50) -> float:
-    """Median time of a small message from one client to another and back, through a router on loopback [s].
+def local_round_trip(messages: int = 50) -> float:
+    """Median time of a small message from one client to another and back, through a router of this machine [s].
 
     Raises:
         StackError: no router can be had, or nothing arrives.
@@ -375,5 +375,5 @@ def loopback_round_trip(messages: int = 50) -> float:
                 if pong_in.wait(ANSWER_TIMEOUT_S) is not None:
                     times.append(time.perf_counter() - start)
     if len(times) < messages // 2:  # the first are lost while the subscriptions travel
-        raise StackError(f"of {messages} messages over loopback {len(times)} came back")
+        raise StackError(f"of {messages} messages through a router {len(times)} came back")
     return statistics.median(times)

@@ -1,36 +1,56 @@
-"""A Zenoh router on loopback, and the one file with which any Zenoh program joins it."""
+"""A Zenoh router that only its owner can reach, and the one file with which any Zenoh program joins it."""
 
+import contextlib
 import json
-import socket
+import secrets
+import shutil
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import zenoh
 
 from saltus.errors import StackError
 from saltus.resources import resource
 
-PORT_ATTEMPTS = 5
+LOCAL = "unixsock-stream/"
+"""What endpoints of sockets in folders begin with."""
 
 
-def open_router(endpoint: str | None = None) -> tuple[str, Any]:
-    """Opens a Zenoh router, by default on a free port of loopback; returns its endpoint and its session.
+def open_router(endpoint: str | None = None) -> tuple[str, contextlib.ExitStack]:
+    """Opens a Zenoh router, by default at a socket in a new folder that nobody but its owner may enter.
+
+    Returns:
+        Its endpoint, and what to close it with.
 
     Raises:
         StackError: it cannot listen there.
     """
-    for _ in range(PORT_ATTEMPTS):
-        listens = endpoint or f"tcp/127.0.0.1:{_free_port()}"
+    with contextlib.ExitStack() as resources:
+        if endpoint is None:
+            folder = tempfile.mkdtemp(prefix="saltus-")  # mode 0700; the path of a socket has at most 107 characters
+            resources.callback(shutil.rmtree, folder, ignore_errors=True)
+            endpoint = f"{LOCAL}{folder}/router"
         settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
         try:
-            settings.insert_json5("listen/endpoints", json.dumps([listens]))
-            return listens, zenoh.open(settings)
-        except zenoh.ZError as error:  # of a free port: somebody else took it in between
-            last = error
-        if endpoint is not None:
-            reason = str(last).split(" at /")[0]  # without places in the source of Zenoh
-            raise StackError(f"cannot host a Zenoh router at {endpoint}: {reason}; is another one running there?")
-    raise StackError(f"cannot host a Zenoh router on 127.0.0.1: {last}")
+            settings.insert_json5("listen/endpoints", json.dumps([endpoint]))
+            resources.callback(zenoh.open(settings).close)
+        except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0]  # without places in the source of Zenoh
+            raise StackError(
+                f"cannot host a Zenoh router at {endpoint}: {reason}; is another one running there?"
+            ) from error
+        return endpoint, resources.pop_all()
+
+
+def place_beside(endpoint: str) -> str:
+    """Where a peer of a router listens: in the router's folder.
+
+    Raises:
+        StackError: the router is not in a folder of its owner.
+    """
+    if not endpoint.startswith(LOCAL):
+        raise StackError(f"peers link directly only beside a router in a folder of their owner, not at {endpoint}")
+    return f"{endpoint.rpartition('/')[0]}/{secrets.token_hex(8)}"
 
 
 def write_client(path: Path, endpoint: str) -> None:
@@ -59,9 +79,3 @@ def _client(endpoint: str) -> zenoh.Config:
     settings = zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5")))
     settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
     return settings
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

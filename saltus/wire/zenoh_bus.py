@@ -14,6 +14,7 @@ from saltus.wire import codec
 from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
+from saltus.wire.router import place_beside
 from saltus.wire.topics import TOPICS
 
 
@@ -26,7 +27,7 @@ class ZenohBus(Bus):
     from the endpoint: behind a tunnel peers would not find each other, and what is between two peers no router carries.
 
     Raises:
-        StackError: no router answers at the endpoint.
+        StackError: no router answers at the endpoint, or peers cannot link beside it.
     """
 
     def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
@@ -35,6 +36,8 @@ class ZenohBus(Bus):
         settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
         try:
             settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
+            if peer:
+                settings.insert_json5("listen/endpoints", json.dumps([place_beside(endpoint)]))
         except zenoh.ZError as error:
             raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
         try:
