@@ -30,8 +30,8 @@ from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
 from saltus.wire import codec
 from saltus.wire.codec import Envelope
+from saltus.wire.joining import LOCAL
 from saltus.wire.messages import PlanStatus
-from saltus.wire.router import LOCAL
 
 FORK = multiprocessing.get_context("fork")  # another user may not be able to read the installation
 LISTEN_S = 1.0

@@ -13,6 +13,7 @@ from saltus.cli.controller import Controller
 from saltus.cli.demo import Demo
 from saltus.cli.doctor import Doctor
 from saltus.cli.heightmap import Heightmap
+from saltus.cli.keys import Keys
 from saltus.cli.parsing import BAD_INPUT, parse
 from saltus.cli.policy import Policy
 from saltus.cli.real2sim import Real2sim
@@ -30,6 +31,7 @@ Command = (
     Demo
     | Up
     | Router
+    | Keys
     | Doctor
     | Record
     | Replay

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import run_directory
-from saltus.cli.run_options import mounted_camera
+from saltus.cli.run_options import NetworkOptions, mounted_camera
 from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig
 from saltus.flags import shown
 
@@ -15,7 +15,7 @@ LOOK_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Router:
+class Router(NetworkOptions):
     """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
 
     The folder gets client.json5, a configuration with which any Zenoh program joins, and what the processes of Saltus
@@ -41,18 +41,21 @@ class Router:
         from saltus.robots.loading import load_robot
         from saltus.runtime.run_folder import CLIENT_FILE, write_run
         from saltus.terrain.curriculum import make_terrain
-        from saltus.wire.router import open_router, write_client
+        from saltus.wire.joining import write_client
+        from saltus.wire.router import open_router
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = TerrainConfig(terrain="flat")
         config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
         config.check()
-        endpoint, router = open_router()
+        endpoint, router = open_router(self.network(self.prefix))
         with contextlib.closing(router):
             directory = run_directory("router", self.out)
             write_run(directory, config, robot, make_terrain(terrain), camera)
             write_client(directory / CLIENT_FILE, endpoint)
             joined = f"join it with {directory / CLIENT_FILE}, which only you can do"
             print(f"router at {endpoint}, keys under {self.prefix}; {joined}", flush=True)
+            if self.listen is not None:
+                print(f"and at tls/{self.listen} for who has a certificate of {self.keys}", flush=True)
             while True:
                 time.sleep(LOOK_S)

@@ -13,6 +13,7 @@ from saltus.terrain.curriculum import FAMILIES
 if TYPE_CHECKING:
     from saltus.depth_camera import DepthCamera
     from saltus.robots.robot import Robot
+    from saltus.wire.router import Network
 
 
 def _shown(size: str, otherwise: str = "") -> Any:
@@ -103,6 +104,24 @@ class RunOptions:
         )  # fmt: skip
         config.check()
         return config
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions:
+    """Whom a router lets in besides the programs of its own machine."""
+
+    listen: Annotated[str | None, shown("HOST:PORT", "none, this machine only")] = None
+    """Where others join over a network, each with a certificate of --keys."""
+    keys: Path = Path("keys")
+    """Folder of saltus keys."""
+
+    def network(self, prefix: str) -> "Network | None":
+        """How others join; `ConfigError` where there is no authority, or the address is none."""
+        if self.listen is None:
+            return None
+        from saltus.wire.keys import network_of
+
+        return network_of(self.keys, self.listen, prefix)
 
 
 def mounted_camera(name_or_path: str, robot: "Robot") -> tuple["DepthCamera", "Robot"]:

@@ -5,18 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from saltus.cli.output import follow, run_directory
-from saltus.cli.run_options import RunOptions
+from saltus.cli.run_options import NetworkOptions, RunOptions
 from saltus.config import LONGEST_RUN_S, Pace
 from saltus.errors import RecordingError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Up(RunOptions):
+class Up(RunOptions, NetworkOptions):
     """Starts the processes and keeps them running until Ctrl-C or until the robot has finished.
 
     For example:
       saltus up --terrain flat --planner scripted
       saltus up --speed 0.5 --profile mine --out runs/one
+      saltus up --listen 192.168.123.10:7447 --keys keys
     """
 
     pace: Pace = "realtime"
@@ -27,8 +28,9 @@ class Up(RunOptions):
         from saltus.runtime.stack import Stack
 
         config = self.config(LONGEST_RUN_S)
+        network = self.network(config.prefix)
         directory = run_directory("up", self.out)
-        stack = Stack(config, directory)
+        stack = Stack(config, directory, network=network)
         try:
             with stack:
                 print(f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; Ctrl-C ends it")

@@ -8,7 +8,7 @@ from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.router import read_client
+from saltus.wire.joining import read_client
 
 RUN_FILE = "run.toml"
 ROBOT_FILE = "robot.toml"
@@ -53,5 +53,6 @@ def read_run(run_dir: Path) -> RunFolder:
 
 
 def endpoint_of(run_dir: Path) -> str:
-    """Endpoint of the run's router; `StackError` where the folder does not name one."""
-    return read_client(run_dir / CLIENT_FILE)
+    """With what a process joins the run's router; `StackError` where the folder does not name one."""
+    read_client(run_dir / CLIENT_FILE)
+    return str(run_dir / CLIENT_FILE)

@@ -28,8 +28,9 @@ from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
+from saltus.wire.joining import write_client
 from saltus.wire.messages import Done, Event, ProcessStatus
-from saltus.wire.router import open_router, write_client
+from saltus.wire.router import Network, open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
@@ -60,7 +61,8 @@ class Stack:
     """The processes of one run, as a context manager; tests bring their own table of programs.
 
     `run_dir` gets the files of `saltus.runtime.run_folder`, `recording.mcap` and `logs/<process>.log`; in run.toml the
-    start of the run on the monotonic clock is filled in. All limits below are in the clock of this run.
+    start of the run on the monotonic clock is filled in. With `network` others join over it. All limits below are in
+    the clock of this run.
 
     Raises:
         ConfigError, ModelError: there is no such robot, terrain or camera.
@@ -68,12 +70,20 @@ class Stack:
         RecordingError: from these and on exit, where the recording cannot be written any more.
     """
 
-    def __init__(self, run_config: RunConfig, run_dir: Path, programs: tuple[Program, ...] = PROGRAMS) -> None:
+    def __init__(
+        self,
+        run_config: RunConfig,
+        run_dir: Path,
+        programs: tuple[Program, ...] = PROGRAMS,
+        *,
+        network: Network | None = None,
+    ) -> None:
         self.config = replace(run_config, epoch_ns=run_config.epoch_ns or time.monotonic_ns())
         self.camera = load_camera(run_config.camera)
         self.robot = self.camera.mounted_on(load_robot(run_config.robot))
         self.terrain = make_terrain(run_config.terrain)
         self.run_dir = run_dir
+        self._network = network
         self.endpoint = ""
         """Where the router listens."""
         self.finished = False
@@ -170,7 +180,7 @@ class Stack:
     def _open(self) -> None:
         if self.config.pace == "realtime":
             self._resources.enter_context(preferred())
-        self.endpoint, router = open_router()
+        self.endpoint, router = open_router(self._network)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint)
         self._bus = ZenohBus(self.endpoint, self.config.prefix, peer=self._links_directly)

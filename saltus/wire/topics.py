@@ -21,6 +21,8 @@ class Topic:
     message: type[Message]
     publisher: str
     """The process that may publish it; "*" where every process does, each under `name/<process>`."""
+    readers: tuple[str, ...] = ()
+    """The processes that subscribe to it; others record or show it."""
     rate_hz: float = 100.0
     nominal_age_s: float = 0.0
     """Age (now - capture time) of a message that is on time, when it is used; of images see `depth_topic`."""
@@ -40,15 +42,22 @@ class Topic:
 
 
 _ROWS = (
-    Topic("camera/depth", messages.DepthFrame, "render", 50.0, nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S),
-    Topic("controller/state", messages.RobotState, "controller"),
-    Topic("heightmap/heightmap", messages.Heightmap, "heightmap"),
-    Topic("policy/plan", messages.MotionPlan, "policy"),
+    Topic(
+        "camera/depth",
+        messages.DepthFrame,
+        "render",
+        ("heightmap",),
+        50.0,
+        nominal_age_s=CAMERA_LATENCY_S + CAMERA_PERIOD_S,
+    ),
+    Topic("controller/state", messages.RobotState, "controller", ("heightmap", "policy")),
+    Topic("heightmap/heightmap", messages.Heightmap, "heightmap", ("policy",)),
+    Topic("policy/plan", messages.MotionPlan, "policy", ("controller",)),
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
-    Topic("plant/truth", messages.GroundTruth, "controller"),
-    Topic("done", messages.Done, "*", max_extra_age_s=1.0, recorded=False),
-    Topic("event", messages.Event, "*", 0.0, max_extra_age_s=1.0),
-    Topic("status", messages.ProcessStatus, "*", 2.0, max_extra_age_s=1.0),
+    Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
+    Topic("done", messages.Done, "*", ("controller",), max_extra_age_s=1.0, recorded=False),
+    Topic("event", messages.Event, "*", (), 0.0, max_extra_age_s=1.0),
+    Topic("status", messages.ProcessStatus, "*", (), 2.0, max_extra_age_s=1.0),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
 

@@ -1,20 +1,17 @@
 """The bus over Zenoh."""
 
 import ctypes
-import json
 import threading
 import time
 from typing import Any
 
 import zenoh
 
-from saltus.errors import StackError
-from saltus.resources import resource
 from saltus.wire import codec
 from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.codec import Envelope
+from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
-from saltus.wire.router import place_beside
 from saltus.wire.topics import TOPICS
 
 
@@ -24,7 +21,7 @@ class ZenohBus(Bus):
     Clients reach everybody through the router. Peers, which must all be on one machine, learn of each other from it:
     messages between them take one hop instead of two. Links between them are there some milliseconds after a peer has
     opened; what is sent before may be lost. `peer` is for processes of the router's own stack, and never to be guessed
-    from the endpoint: behind a tunnel peers would not find each other, and what is between two peers no router carries.
+    from the endpoint: what is between two peers no router carries. `endpoint` is as in `open_session`.
 
     Raises:
         StackError: no router answers at the endpoint, or peers cannot link beside it.
@@ -32,18 +29,7 @@ class ZenohBus(Bus):
 
     def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
         super().__init__(prefix, bell or Bell())
-        role = "peer" if peer else "client"
-        settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
-        try:
-            settings.insert_json5("connect/endpoints", json.dumps([endpoint]))
-            if peer:
-                settings.insert_json5("listen/endpoints", json.dumps([place_beside(endpoint)]))
-        except zenoh.ZError as error:
-            raise StackError(f"'{endpoint}' is no endpoint: one looks like tcp/127.0.0.1:7447") from error
-        try:
-            self._session = zenoh.open(settings)
-        except zenoh.ZError as error:
-            raise StackError(f"no Zenoh router at {endpoint}: {error}") from error
+        self._session = open_session("peer" if peer else "client", endpoint)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""

@@ -18,9 +18,10 @@ from saltus.resources import resource
 from saltus.wire import codec
 from saltus.wire.bus import RING, Bell, Bus, Latest, Sample
 from saltus.wire.codec import Envelope
+from saltus.wire.joining import LOCAL
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Done
-from saltus.wire.router import LOCAL, open_router
+from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PREFIX = "robot/0"

@@ -50,7 +50,7 @@ PACKAGES = {
         command="demo", module="onnxruntime", function="InferenceSession.run_with_iobinding", where="network.py"
     ),
     "mujoco": Work(command="demo", module="mujoco", function="mj_step", where="plant.py"),
-    "eclipse-zenoh": Work(command="demo", module="zenoh", function="open", where="zenoh_bus.py"),
+    "eclipse-zenoh": Work(command="demo", module="zenoh", function="open", where="joining.py"),
 }
 
 
