@@ -129,7 +129,7 @@ BAD = {
     "keys issue viewr": "did you mean 'viewer'?",
     "keys revoke viewer-1 --keys missing": "missing holds no authority",
     "router --robot go3": "did you mean 'go1'?",
-        "router --prefix #": "#",
+    "router --prefix #": "#",
     "record": "repair",
     "record run": "--run-dir PATH",
     "record repair": "PATH",
