@@ -127,6 +127,8 @@ EDGE_HEIGHT = 0.05  # a height difference of this much is an edge; the lowest st
 TRENCH_DEPTH = 0.10  # ground that is this much lower than the ground in stance is no place to land
 TRENCH_COST = 3.0  # per metre of depth
 TRENCH_MARGINS = ((0.04, 0.6), (0.08, 0.3))  # distances from a trench [m], and how much of its cost they have
+ASIDE = (0.0, *(side for distance in (*EDGE_DISTANCES, *dict(TRENCH_MARGINS)) for side in (distance, -distance)))
+"""Where heights are read around a landing point [m]: all at once, as most of a reading is overhead."""
 # A choice between two landing points that are as good must not be made anew every 10 ms. The cost of a change of mind
 # is below that of a detour, or a foot that lags behind its path would pull its own aim back.
 COMMITMENT = 0.6  # metres of detour that a change of mind by one metre costs
@@ -252,17 +254,19 @@ class ScriptedPlanner:
         xp = namespace(heights)
         candidates = self._candidates.like(heights)
         x = neutral[..., None] + candidates
-        there = height_at(heights, x)
+        seen = height_at(heights, xp.concat([x + aside for aside in ASIDE], axis=-1))
+        read = {aside: seen[..., k * x.shape[-1] : (k + 1) * x.shape[-1]] for k, aside in enumerate(ASIDE)}
+        there = read[0.0]
         relief = 0.0 * there
         for distance in EDGE_DISTANCES:
             near = xp.clip(1.0 - distance / (p.edge_margin_m + 0.0 * neutral), 0.0, None)[..., None]
             for side in (distance, -distance):
-                relief = relief + near * xp.clip(abs(height_at(heights, x + side) - there) / EDGE_HEIGHT, 0.0, 1.0)
+                relief = relief + near * xp.clip(abs(read[side] - there) / EDGE_HEIGHT, 0.0, 1.0)
         floor = -observation.base_height[..., None] - TRENCH_DEPTH
         depth = xp.clip(floor - there, 0.0, None)
         for distance, share in TRENCH_MARGINS:
             for side in (distance, -distance):
-                depth = xp.maximum(depth, share * xp.clip(floor - height_at(heights, x + side), 0.0, None))
+                depth = xp.maximum(depth, share * xp.clip(floor - read[side], 0.0, None))
         change = resolve[..., None] * abs(candidates - begun[..., None])
         edge_cost = (p.edge_cost + 0.0 * neutral)[..., None]
         cost = abs(candidates) + change + edge_cost * relief + TRENCH_COST * depth
