@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO_FLAGS ?=
 
-.PHONY: demo test lint types imports unit wheel-test libraries clean
+.PHONY: demo test lint types imports unit processes wheel-test libraries clean
+.NOTPARALLEL: # tests in real time come alone
 
 demo: $(VENV)/.run-time
 	$(BIN)/saltus demo $(DEMO_FLAGS)
 
-test: lint types imports unit
+test: lint imports unit processes
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
@@ -22,12 +23,16 @@ imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
 # Two workers for two cores, in the order of folders: the quick files of tests/saltus come last, so that neither waits
-# long for the other's last one. Then, alone, the tests of processes in real time; runs in lockstep need no such peace.
-# Tests start processes by the dozen: the project is compiled once, whatever the environment says.
-unit: export PYTHONDONTWRITEBYTECODE :=
+# long for the other's last one. Tests start processes by the dozen: the project is compiled once, whatever the
+# environment says.
+unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/processes
-	$(BIN)/pytest tests/processes
+
+# The tests of processes in real time come alone; runs in lockstep need no such peace. They mostly wait: what they leave
+# of the processors goes to mypy, which yields to them.
+processes: $(VENV)/.development
+	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest tests/processes; tests=$$?; wait $$types && exit $$tests
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries
