@@ -2,6 +2,9 @@
 
 import os
 import signal
+from collections.abc import Iterator
+
+import pytest
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Torch and BLAS would start as many threads as there are cores in every worker, which would wait for each other:
@@ -12,3 +15,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
+
+
+@pytest.fixture(scope="module")
+def short_calibration() -> Iterator[None]:
+    """A tenth of the windows: the factor is exact for those that there are, and these episodes fill no more."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("saltus.heightmap.training.calibration.WINDOWS", 3)
+        yield

@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ModelConfig
-from saltus.heightmap.training import calibration
 from saltus.heightmap.training.dataset import EpisodeStore
 from saltus.heightmap.training.export import Origin, export
 
@@ -30,14 +28,6 @@ def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) 
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
     export(model, path, Origin(camera=SHIPPED["d435i"], warmup_frames=WARMUP, dataset="none", seed=0))
     return path
-
-
-@pytest.fixture(scope="module")
-def short_calibration() -> Iterator[None]:
-    """A tenth of the windows: the factor is exact for those that there are, and these episodes fill no more."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibration, "WINDOWS", 3)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -35,8 +35,9 @@ def example() -> SimpleNamespace:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    folder = tmp_path_factory.mktemp("run")
-    assert main(["demo", "--terrain", "stairs", "--no-video", "--out", str(folder)]) == 0
+    """Of a run that crosses stairs on the images of a stereo camera."""
+    folder, camera = tmp_path_factory.mktemp("run"), ("--camera", "d435i", "--renderer", "embree")
+    assert main(["demo", "--terrain", "stairs", *camera, "--no-video", "--out", str(folder)]) == 0
     return read_recording(folder / "recording.mcap")
 
 

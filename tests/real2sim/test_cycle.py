@@ -31,7 +31,7 @@ TINY = (
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _small() -> Any:
+def _small(short_calibration: None) -> Any:
     """One course; a processor in place of a GPU, with few robots."""
     law = checkpoint.config_of
     with pytest.MonkeyPatch.context() as patch:
