@@ -83,7 +83,7 @@ class Benchmark(Command):
 
     def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
         data, kind = encode(message), type(message)
-        times = latencies_ms(endpoint, topic, self.messages)
+        times = latencies_ms(endpoint, endpoint, topic, self.messages, peer=True)
         latency = percentiles(times)
         return {
             "bytes": len(data),
@@ -103,22 +103,22 @@ def sample_messages() -> dict[str, Message]:
     return {"policy/plan": plan, "controller/state": standing_state(load_robot(DEFAULT_ROBOT)), "camera/depth": frame}
 
 
-def send(endpoint: str, topic: str, count: int) -> None:
+def send(endpoint: str, topic: str, count: int, peer: bool) -> None:
     """The sending process."""
     message = sample_messages()[topic]
     ticker = Ticker(RATE_HZ)
-    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
+    with ZenohBus(endpoint, PREFIX, peer=peer) as bus:
         publisher = bus.publisher(topic)
         for _ in range(count):
             ticker.wait()
             publisher.put(replace(message, time_ns=time.monotonic_ns()))
 
 
-def latencies_ms(endpoint: str, topic: str, count: int) -> list[float]:
-    """Receives what another process sends."""
-    sender = SPAWN.Process(target=send, args=(endpoint, topic, count))
+def latencies_ms(sends: str, receives: str, topic: str, count: int, *, peer: bool) -> list[float]:
+    """Receives what another process sends; each joins with an endpoint of its own."""
+    sender = SPAWN.Process(target=send, args=(sends, topic, count, peer))
     times: list[float] = []
-    with ZenohBus(endpoint, PREFIX, peer=True) as bus:
+    with ZenohBus(receives, PREFIX, peer=peer) as bus:
         latest = bus.latest(topic)
         sender.start()
         while sender.is_alive():
