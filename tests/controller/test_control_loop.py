@@ -78,8 +78,8 @@ def test_stands_for_three_seconds_without_plans():
     assert estimate.leg_contact.all()
 
 
-@pytest.mark.parametrize("phase", np.arange(0.0, 1.0, 0.2))
-def test_lands_and_stands_when_plans_stop_at_any_phase_of_the_gait(phase):
+@pytest.mark.parametrize("phase", [0.0, 0.4])  # from a faster gait at every phase: test_braking.py
+def test_lands_and_stands_when_plans_stop(phase):
     robot, loop = make_robot(seed=int(10 * phase)), ControlLoop(ROBOT)
     silent_s = FIRST_STAND_S + (2.0 + phase) / FREQUENCY_HZ
     modes = drive(robot, loop, silent_s + 2.5, bounding, silent_s)  # lost 0.1 s, landing at most 1.1 s, blend 1 s

@@ -42,7 +42,7 @@ def test_they_break_no_command(trap: Trap, tmp_path: Path) -> None:
 def test_they_break_neither_a_run_nor_its_processes(tmp_path: Path) -> None:
     for name in NAMES:
         package(tmp_path, name)
-    flags = ["--terrain", "flat", "--camera", "ideal", "--time-limit-s", "1", "--no-video"]
+    flags = ["--terrain", "flat", "--camera", "ideal", "--time-limit-s", "0.3", "--no-video"]
     table = last_line(tmp_path, "demo", *flags, "--out", "run")
     assert table["digest"]
     assert table["rejected"] == {}

@@ -92,7 +92,7 @@ def test_images_are_as_late_as_the_profile_says_and_not_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     profile, out = EXAMPLES / "late_camera.toml", tmp_path / "run"  # 160 ms, where others are lost after 170 ms
-    assert main(f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 3".split()) in (0, 1)
+    assert main(f"demo --profile {profile} --terrain flat --no-video --out {out} --time-limit-s 2".split()) in (0, 1)
     answers = read_recording(out / "recording.mcap").of(Heightmap)[100:]
     assert min(answer.depth_age_s for answer in answers) > 0.13
     assert {answer.status for answer in answers} == {HeightmapStatus.OK}

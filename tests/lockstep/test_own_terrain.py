@@ -98,7 +98,7 @@ def test_it_has_no_sizes() -> None:
 def test_it_is_looked_at_and_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = ("--terrain", "beams", "--difficulty", "0.2", "--layout-seed", "3")
     assert main(["render", "preview", *course, "--out", str(tmp_path / "preview")]) == 0
-    flags = ("--camera", "ideal", "--time-limit-s", "2.5", "--no-video", "--json", "--out", tmp_path / "run")
+    flags = ("--camera", "ideal", "--time-limit-s", "0.3", "--no-video", "--json", "--out", tmp_path / "run")
     table = run(capsys, "demo", *course, *flags)
     assert table["terrain"] == "beams"
     assert read_recording(tmp_path / "run" / "recording.mcap").terrain == make_terrain(BEAMS)

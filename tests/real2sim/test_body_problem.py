@@ -19,10 +19,10 @@ from saltus.real2sim.rebased import NOT_HELD, RebasedProblem
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import RunLog
 
+STAND = (Motion(name="stand", duration_s=0.7),)
 SHORT = (
-    Motion(name="stand", duration_s=0.7),
-    Motion(name="squat", duration_s=1.3, frequency_hz=1.5, z=0.04),
-    Motion(name="pitch", duration_s=1.3, frequency_hz=1.5, pitch=0.15),
+    Motion(name="squat", duration_s=1.0, frequency_hz=2.0, z=0.04),
+    Motion(name="pitch", duration_s=1.0, frequency_hz=2.0, pitch=0.15),
 )
 
 
@@ -36,7 +36,7 @@ def at(problem: Problem, **values: float) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def claimed() -> BodyProblem:
-    return BodyProblem(run_log(motions=SHORT))
+    return BodyProblem(run_log(motions=STAND + SHORT))
 
 
 def test_residuals_are_noise_where_the_model_is_right(claimed: BodyProblem) -> None:
@@ -104,14 +104,14 @@ def test_sets_of_unknowns_do_not_mix(claimed: BodyProblem) -> None:
 
 
 def test_a_stand_cannot_show_what_needs_slip_or_flight() -> None:
-    problem = BodyProblem(run_log(motions=SHORT[:1] * 2))
+    problem = BodyProblem(run_log(motions=STAND * 2))
     assert "base_inertia" in problem.untestable
     assert "flight" in problem.untestable["base_inertia"]
     assert "payload_mass" not in problem.untestable
 
 
 def test_a_robot_that_is_carried_poses_no_body_problem() -> None:
-    log = run_log(motions=SHORT[:1])
+    log = run_log(motions=STAND)
     assert carried_by(log) == pytest.approx(1.0, abs=0.1)
     assert not lacks("body", log)
     carried = dataclasses.replace(log, joints=dataclasses.replace(log.joints, q_des=log.joints.q, dq=None))
@@ -121,7 +121,7 @@ def test_a_robot_that_is_carried_poses_no_body_problem() -> None:
 
 
 def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
-    log = run_log(motions=SHORT[:1])
+    log = run_log(motions=STAND)
     ground = {"friction": 0.6, "contact_time_constant": 0.01}
     problem = BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
     by_name = {c.effect: c for c in problem.candidates}
@@ -132,7 +132,7 @@ def test_effects_on_the_ground_count_from_what_the_log_claims() -> None:
 
 @pytest.mark.parametrize("ground", [{"friction": -1.0}, {"contact_time_constant": 0.0}])
 def test_a_ground_that_cannot_be_is_an_error(ground: dict[str, float]) -> None:
-    log = run_log(motions=SHORT[:1])
+    log = run_log(motions=STAND)
     with pytest.raises(RecordingError, match="ground"):
         BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
 
@@ -142,6 +142,6 @@ def lacks(name: str, log: RunLog) -> str:
 
 
 def test_without_a_measured_base_there_is_no_problem() -> None:
-    log = run_log(motions=SHORT[:1], base=False)
+    log = run_log(motions=STAND, base=False)
     with pytest.raises(RecordingError, match=r"base\.csv"):
         BodyProblem(log)
