@@ -3,7 +3,7 @@
 The other user joins with the run's own configuration, at every socket that is open and at every port of loopback, and
 signals the process that holds the robot. The owner does the same: what does not work for him either is not tested.
 
-    sudo saltus bench other_user
+    saltus bench other_user
 """
 
 import contextlib

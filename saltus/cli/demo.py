@@ -3,8 +3,6 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from saltus.cli.output import follow, print_json, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.config import Pace, RunConfig
@@ -67,6 +65,8 @@ class Demo(RunOptions):
 
 def run_stack(config: RunConfig, directory: Path) -> None:
     """Runs the processes until the robot has finished, with a progress bar over the course on a terminal."""
+    from tqdm import tqdm
+
     from saltus.runtime.stack import Stack
 
     shown = 0.0

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
-from tqdm import tqdm
 from tyro.conf import subcommand
 
 from saltus.cli.heightmap_train import QUIET_S, SettingsCommand, training_packages
@@ -23,6 +22,8 @@ from saltus.robots.loading import load_robot
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
     from saltus.heightmap.data.shards import Collection
     from saltus.heightmap.device_collection import DeviceSpeed
     from saltus.heightmap.training.train import Progress
@@ -132,6 +133,8 @@ class _CollectionBar:
     """Progress of a collection in ticks; before it begins it says what is not as by default."""
 
     def __init__(self, command: SettingsCommand, ticks: int) -> None:
+        from tqdm import tqdm
+
         self.bar = tqdm(total=ticks, unit="tick", desc="collect", delay=QUIET_S)
         self._begin = cache(command.print_differences)
 
@@ -238,6 +241,8 @@ class _Bars:
         bar.set_postfix(loss=f"{progress.loss:.3f}", mae_cm=f"{100 * progress.mae_m:.2f}")
 
     def _at(self, index: int, half: str, done: int) -> "tqdm[None]":
+        from tqdm import tqdm
+
         name = f"round {index} {half}"
         if self._bar is None or self._name != name:
             self._begin()

@@ -6,8 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from tqdm import tqdm
-
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import print_json, table_lines
 from saltus.cli.run_options import mounted_camera
@@ -63,6 +61,8 @@ class Eval:
 
     def run(self) -> int:
         """Runs them all and prints a table, in millimetres."""
+        from tqdm import tqdm
+
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
         from saltus.heightmap.evaluation.scores import scores
         from saltus.heightmap.service.network import HeightmapNetwork

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import tyro
-from tqdm import tqdm
 
 from saltus.config import load_changes
 from saltus.errors import SaltusError
@@ -105,6 +104,8 @@ class Train(SettingsCommand):
 
     def run(self) -> int:
         """Trains, with a progress bar."""
+        from tqdm import tqdm
+
         with training_packages():
             from saltus.heightmap.training.train import train
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from saltus.folders import ask_for_room, new_folder
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
     from saltus.runtime.stack import Stack
 
 PROGRESS_PERIOD_S = 0.2
@@ -30,6 +30,8 @@ def run_directory(command: str, out: Path | None) -> Path:
 
 def follow(stack: "Stack") -> Iterator[None]:
     """Yields five times a second until the run is over; says on stderr, once, that the computer does not keep up."""
+    from tqdm import tqdm
+
     told = False
     while not stack.wait(PROGRESS_PERIOD_S * stack.config.speed):
         if stack.too_slow is not None and not told:
@@ -59,6 +61,8 @@ class Bar:
 
     def at(self, stage: str, share: float) -> None:
         """Shows a stage and the share that is done; the bar comes with the first."""
+        from tqdm import tqdm
+
         if self._bar is None:
             shape = "{desc:24} {percentage:3.0f} % |{bar:30}| {elapsed}"
             self._bar = tqdm(total=1.0, file=sys.stderr, bar_format=shape)

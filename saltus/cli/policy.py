@@ -6,8 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tqdm import tqdm
-
 from saltus.cli.output import print_json, run_directory, table_lines
 from saltus.cli.run_options import Course, CourseOptions, mounted_camera
 from saltus.cli.serve import ServeProcess
@@ -71,6 +69,8 @@ class Eval:
 
     def run(self) -> int:
         """Runs them; 0 where all succeeded, else 1."""
+        from tqdm import tqdm
+
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.policy.evaluation.evaluate import Evaluation, collect, evaluate
         from saltus.policy.planner import make_planner

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from saltus.grid import LINE
 from saltus.recordings.recording import Recording
@@ -23,6 +22,8 @@ def write_video(recording: Recording, path: Path) -> None:
 
     Beside it goes a picture, with the suffix .png: three moments of the run side by side.
     """
+    from tqdm import tqdm
+
     data = collect(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])

@@ -2,12 +2,15 @@
 
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from saltus.errors import ConfigError, nearest_hint
-from saltus.robots.mjcf import Derivation, derive
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder, shipped_robots
 from saltus.robots.supplement import load_supplement
+
+if TYPE_CHECKING:
+    from saltus.robots.mjcf import Derivation
 
 MODEL_SUFFIXES = (".xml", ".mjcf")  # MuJoCo knows no format by another one
 
@@ -22,8 +25,10 @@ def load_robot(name_or_path: str) -> Robot:
     return _shipped(name_or_path) if name_or_path in shipped_robots() else derive_robot(name_or_path).robot
 
 
-def derive_robot(name_or_path: str, supplement: Path | None = None) -> Derivation:
+def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivation":
     """The same, with where each field comes from; a folder's robot.toml is its supplement where none is given."""
+    from saltus.robots.mjcf import derive  # with MuJoCo, which flags that name a robot do not need
+
     path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
     if path.is_dir():
         path = path / SUPPLEMENT_FILE
