@@ -13,7 +13,7 @@ side once the data are there.
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from saltus.resources import resource
 
 RENDERERS: tuple[BackEnd, ...] = ("embree", "pyrender")
 DATA_SEEDS = {"fitted": 4031, "held-out": 4032}
-SMALL = ModelConfig(channels=(4, 8, 8), hidden=64, head=(64,))  # a third of the work of the shipped one's sizes
+SIZES = {"small": ModelConfig(channels=(4, 8, 8), hidden=64, head=(64,)), "shipped": ModelConfig()}
 HELD_OUT_SHARE = 0.25  # as many batches of what is held out for each that is trained on
 
 
@@ -40,6 +40,8 @@ class Benchmark(Command):
     """Folder of data and networks."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Of weights and windows: two networks each."""
+    size: Literal["small", "shipped"] = "small"
+    """Of the networks: a third of the work of the shipped one, or all of it."""
     updates: int = 500
     """Of 16 windows."""
     batches: int = 8
@@ -57,6 +59,7 @@ class Benchmark(Command):
         }
         mean = {name: float(np.mean([list(found.values()) for found in each])) for name, each in errors.items()}
         return {
+            "size": self.size,
             "updates": self.updates,
             "trained on": errors,
             "mean_mm": mean,
@@ -80,8 +83,9 @@ class Benchmark(Command):
 
     def _errors_mm(self, trained_on: BackEnd, seed: int, shown: dict[BackEnd, list[Episode]]) -> dict[str, float]:
         """Trains a network unless it is there; its errors with the images of each renderer."""
-        folder = self.out / f"{trained_on}-{seed}"
-        config = TrainConfig(updates=self.updates, batch=16, forgets=0.0, seed=seed, device="cpu", model=SMALL)
+        folder = self.out / f"{trained_on}-{self.size}-{seed}"
+        size = SIZES[self.size]
+        config = TrainConfig(updates=self.updates, batch=16, forgets=0.0, seed=seed, device="cpu", model=size)
         model = train(
             self._data(trained_on, "fitted"), folder / "heightmap.pt", config,
             lambda at: tell(f"{trained_on}, seed {seed}: {at.update}/{at.updates}, {1e3 * at.mae_m:.1f} mm"),
