@@ -25,6 +25,10 @@ Config = TypeVar("Config")
 LONGEST_RUN_S = 1e6
 """Eleven days: as good as without end."""
 
+TOML_MAX = 4 * 2**20
+"""Characters of a file: a terrain of 10,000 boxes has a third of it."""
+_LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")  # its parser takes minutes for thousands
+
 DEFAULT_ROBOT = "go1"
 """The robot where none is named."""
 
@@ -159,9 +163,13 @@ def from_toml(kind: type[Config], text: str) -> Config:
 
 def read_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text, or `ConfigError`."""
+    if _LONG_NAME.search(text):
+        raise ConfigError("not valid TOML: a name has more than 30 parts")
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError as error:
+        raise ConfigError("not valid TOML: its tables are nested too deeply") from error
+    except ValueError as error:  # also of a number with thousands of digits
         raise ConfigError(f"not valid TOML: {error}") from error
 
 
@@ -205,7 +213,11 @@ def read_file(path: Path, make: Callable[[str], Config]) -> Config:
         ConfigError: the file cannot be read, is no text, or what `make` raises.
     """
     try:
-        return make(path.read_text())
+        with path.open() as file:
+            text = file.read(TOML_MAX + 1)
+        if len(text) > TOML_MAX:
+            raise ConfigError(f"not valid TOML: it is longer than {TOML_MAX} characters")
+        return make(text)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -270,14 +282,17 @@ def _checked(hint: Any, value: Any, path: str) -> Any:
     if origin is np.ndarray:
         try:
             return np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ConfigError(f"'{path}' must hold numbers, not {value!r}") from None
     if origin is dict:
         if not isinstance(value, dict):
             raise ConfigError(f"'{path}' must be a table, not {value!r}")
         return {name: _checked(args[1], item, f"{path}.{name}") for name, item in value.items()}
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ConfigError(f"'{path}' is a number of {len(str(value))} digits") from None
     if hint is Path and isinstance(value, str):
         return Path(value)
     if hint is Any:

@@ -51,9 +51,9 @@ class ModelFile:
         options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
         try:
             self.session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # the runtime has no common base class of its errors
+            self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
+        except Exception as error:  # the runtime has no common base class of its errors; its texts may be none
             raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error
-        self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
 
     def field(self, name: str) -> Any:
         """One of its metadata, which are JSON; `ModelError` where it is missing."""
@@ -61,7 +61,7 @@ class ModelFile:
             raise ModelError(f"model {self.path} does not fit: '{name}' is missing from its metadata")
         try:
             return json.loads(self.metadata[name])
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise ModelError(f"model {self.path} does not fit: '{name}' is not JSON") from error
 
 

@@ -21,6 +21,7 @@ from saltus.heightmap.data.shards import (
     camera_of,
     dataset_hash,
     file_sha256,
+    opened_shard,
     read_manifest,
     read_records,
     write_manifest,
@@ -56,7 +57,7 @@ def info(directory: Path) -> DatasetInfo:
     records = read_records(directory)
     shards = []
     for record in records:
-        with _opened(directory / record.file) as file:
+        with opened_shard(directory / record.file) as file:
             terrains = Counter(name.decode() for name in file["terrain"][:])
         camera = f"{record.camera.name} {record.camera.fingerprint}"
         shards.append(ShardInfo(record=record, terrains=dict(sorted(terrains.items())), camera=camera))
@@ -109,24 +110,15 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     return merged
 
 
-def _opened(path: Path) -> h5py.File:
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error
-
-
 def _damages(path: Path, record: ShardRecord) -> list[str]:
     if not path.exists():
         return [f"{path} is missing"]
     damages = [] if file_sha256(path) == record.sha256 else [f"{path}: its sha256 is not that of the manifest"]
     try:
-        with _opened(path) as file:
+        with opened_shard(path) as file:
             return damages + [f"{path}: {damage}" for damage in _contents(file, record)]
     except DatasetError as error:
         return [*damages, str(error)]
-    except (OSError, KeyError, ValueError, RuntimeError) as error:  # what h5py raises on damaged structures
-        return [*damages, f"{path}: {error}"]
 
 
 def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
@@ -163,7 +155,7 @@ def _compare(shards: Sequence[Path]) -> None:
     """Refuses shards whose arrays do not mean the same; older ones keep no layout, of those the shapes are compared."""
     known: dict[str, tuple[Any, Path]] = {}
     for path in shards:
-        with _opened(path) as file:
+        with opened_shard(path) as file:
             fields: dict[str, Any] = {f"columns of {name}": list(file[name].shape[1:]) for name in _KINDS}
             fields |= json.loads(file.attrs.get(LAYOUT, "{}"))
         for name, value in fields.items():

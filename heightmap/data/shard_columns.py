@@ -2,6 +2,7 @@
 
 import zlib
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 CHUNK = 256
 """Rows that are compressed together."""
 _LEVEL = 2  # of zlib: stereo images get 8 % larger than at HDF5's usual 4, in two thirds of the time; 1 is no faster
+_RATIO_MAX = 1040  # zlib's, of zeros: 1032
 _TOGETHER = 64  # chunks: enough for all cores, and 25 MB of images
 
 
@@ -51,6 +53,15 @@ class ShardColumn:
             self._dataset.id.write_direct_chunk((first + i * CHUNK, *(0 for _ in rows.shape[1:])), data)
 
 
+def check_own(file: h5py.File, name: str) -> None:
+    """Refuses an array that lies elsewhere, or says that it is larger than its file can be; raises `ValueError`."""
+    is_own = isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Dataset)
+    if not is_own or file[name].external or file[name].is_virtual:
+        raise ValueError(f"'{name}' is no array of this file")
+    if file[name].nbytes > _RATIO_MAX * Path(file.filename).stat().st_size:
+        raise ValueError(f"'{name}' says that it has {file[name].nbytes} bytes, more than such a file holds")
+
+
 def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
     """All rows of an array that `ShardColumn` wrote, or HDF5 itself."""
     if dataset.compression != "gzip" or not dataset.shuffle or dataset.chunks[1:] != dataset.shape[1:]:
@@ -64,7 +75,8 @@ def read_column(dataset: h5py.Dataset, pool: Executor) -> NDArray[Any]:
         if skipped:  # HDF5 leaves a filter out where it makes a chunk longer
             result[first : first + size] = dataset[first : first + size]
             return
-        planes = np.frombuffer(zlib.decompress(data), np.uint8).reshape(dataset.dtype.itemsize, -1)
+        plain = zlib.decompressobj().decompress(data, size * result[:1].nbytes)  # no more than there is room for
+        planes = np.frombuffer(plain, np.uint8).reshape(dataset.dtype.itemsize, -1)
         part = np.empty(planes.shape[::-1], np.uint8)
         for i, plane in enumerate(planes):  # several times as fast as a transposed copy
             part[:, i] = plane

@@ -25,7 +25,7 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.camera_latency import CameraLatency
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.shard_columns import ShardColumn, read_column
+from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.provenance import commit
 
@@ -283,7 +283,7 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
         if table["format"] != _FORMAT:
             raise DatasetError(f"{path} has format '{table['format']}', this program reads '{_FORMAT}'")
         records = [from_table(ShardRecord, record) for record in table["shards"]]
-    except (ValueError, ConfigError) as error:
+    except (OSError, ValueError, ConfigError, RecursionError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
     except (KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is damaged: it is no table of shards") from error
@@ -331,13 +331,31 @@ def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
         raise DatasetError(f"{path} is missing: the manifest names it")
     if file_sha256(path) != record.sha256:
         raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
-    with h5py.File(path, "r") as file, _pool() as pool:
+    with opened_shard(path) as file, _pool() as pool:
         arrays = {name: read_column(file[name], pool) for name in (*PER_TICK, *PER_FRAME)}
         kinds = [kind.decode() for kind in file["terrain"][:]]
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
     parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}
     each = [{name: parts[name][i] for name in parts} for i in range(len(kinds))]
     return [Episode(terrain=kind, latency=record.latency, **own) for kind, own in zip(kinds, each, strict=True)]
+
+
+@contextmanager
+def opened_shard(path: Path) -> Iterator[h5py.File]:
+    """A shard, to be read only; whatever is wrong with it is a `DatasetError` of one line.
+
+    Nothing outside of the file is read, which HDF5 offers in three ways, and no more than it can hold.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            for name in file:
+                check_own(file, name)
+            yield file
+    except DatasetError:
+        raise
+    except Exception as error:  # h5py and zlib raise anything on damaged structures
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

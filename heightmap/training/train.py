@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from saltus.archive import check_archive
 from saltus.errors import ConfigError, ModelError
 from saltus.folders import ask_for_room, differences
 from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
@@ -231,6 +232,7 @@ def _device(name: str) -> torch.device:
 
 def _read(checkpoint: Path) -> dict[str, Any]:
     try:
+        check_archive(checkpoint, checksums=True)  # torch loads flipped weights without complaint
         table = torch.load(checkpoint, map_location="cpu", weights_only=True)
     except OSError as error:
         raise ModelError(f"cannot read checkpoint {checkpoint}: {error.strerror}") from error

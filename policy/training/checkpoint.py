@@ -5,6 +5,7 @@ from typing import Any
 
 import torch
 
+from saltus.archive import check_archive
 from saltus.config import from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.policy.env.settings import TrainConfig
@@ -29,6 +30,7 @@ def write_checkpoint(path: Path, state: dict[str, Any]) -> None:
 def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
     """What `Learner.save` wrote; `SaltusError` where the file is missing, damaged, or none of a motion policy."""
     try:
+        check_archive(path, checksums=True)  # torch loads flipped weights without complaint
         state = torch.load(path, map_location=device, weights_only=True)
     except OSError as error:
         raise SaltusError(f"cannot read checkpoint {path}: {error.strerror or 'it is damaged'}") from error

@@ -96,7 +96,10 @@ class Recording:
     @cached_property
     def models(self) -> dict[str, str]:
         """Name of each network that the run began with, by its kind; none where the recording does not say."""
-        return dict(json.loads(self.metadata.get("models", "{}")))
+        try:
+            return dict(json.loads(self.metadata.get("models", "{}")))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise RecordingError(f"{self.path}: its names of models are damaged") from error
 
     def topics(self) -> list[str]:
         """Names of the topics that have messages; those of one topic table row count as one."""

@@ -3,6 +3,7 @@
 The simulator that a log is compared with is built from these claims, so each of them is checked before anything else.
 """
 
+from pathlib import Path
 from typing import Any
 
 from saltus.errors import RecordingError
@@ -64,10 +65,9 @@ def check_claims(meta: dict[str, Any]) -> None:
         raise _refused("joints", joints, "a list of names, in the order of the columns")
     if twice := [name for name in joints if joints.count(name) > 1]:
         raise _refused("joints", twice[0], "each name once")
-    if not isinstance(meta.get("robot"), str):
-        raise _refused(
-            "robot", meta.get("robot"), f"{', '.join(shipped_robots())}, or the name of an MJCF file beside meta.json"
-        )
+    robot = meta.get("robot")
+    if not isinstance(robot, str) or Path(robot).name != robot:  # nothing outside of the folder is read
+        raise _refused("robot", robot, f"{', '.join(shipped_robots())}, or the name of an MJCF file beside meta.json")
     if meta.get("base") not in BASES:
         raise _refused("base", meta.get("base"), "'fixed' (held) or 'free'")
     for key, allowed in GAINS.items() if meta.keys() & GAINS.keys() else ():

@@ -21,6 +21,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from saltus.archive import check_archive
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError, nearest_hint
 from saltus.recordings.run_claims import check_claims, claim_of
@@ -298,6 +299,7 @@ def _read_depth(path: Path) -> DepthTable | None:
     if not zipfile.is_zipfile(path):
         raise RecordingError(f"cannot read {path}: it is no archive of arrays, as numpy.savez writes it, or is cut off")
     try:
+        check_archive(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in DEPTH_ARRAYS if name in archive}
     except Exception as error:  # a damaged archive fails in many ways
