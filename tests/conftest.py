@@ -1,5 +1,6 @@
 """What all tests rely on: a core for each worker of a parallel run, and processes that can be interrupted."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -15,6 +16,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: to look through it again and again for garbage took an eighth of the tests' time."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="module")
