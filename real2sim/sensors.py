@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from saltus.effects.profile import PARTS
+from saltus.effects.effect import Site
 from saltus.effects.registry import EFFECTS
 from saltus.errors import SaltusError
 from saltus.real2sim.problem.body.support import LEAST_SHARE, carried_by
@@ -15,6 +15,8 @@ from saltus.robots.robot import JOINTS
 NO_EFFECTS_OF_HARDWARE = ("sample_and_hold", "heightmap_shift")
 """Effects of how a robot is operated, not of its hardware."""
 
+DRIVES: tuple[Site, ...] = ("command", "torque", "joint", "joint_state", "stand")
+"""Where the effects act that a held robot's joints show."""
 CHANGING_GAINS = "gains change from command to command: replays take one kp and one kd for each joint"
 
 
@@ -23,8 +25,8 @@ class Sensor:
     """One kind of measurement in a run log."""
 
     name: str
-    part: str
-    """Part of a profile that holds its effects."""
+    sites: tuple[Site, ...]
+    """Of the effects that only it shows."""
     lacks: Callable[[RunLog], str]
     """Says why a log poses no problem of this kind; empty if it does."""
     problem: Callable[[RunLog], Problem]
@@ -36,11 +38,8 @@ class Sensor:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects that only this sensor shows."""
-        return tuple(
-            name
-            for name, kind in EFFECTS.items()
-            if PARTS[kind.site] == self.part and name not in NO_EFFECTS_OF_HARDWARE
-        )
+        own = (name for name, kind in EFFECTS.items() if kind.site in self.sites)
+        return tuple(name for name in own if name not in NO_EFFECTS_OF_HARDWARE)
 
 
 def _no_held_base(log: RunLog) -> str:
@@ -112,9 +111,9 @@ def _imu(log: RunLog) -> Problem:
 
 
 SENSORS = (
-    Sensor(name="joints", part="actuator", lacks=_no_held_base, problem=_joints, prepare_s=1.0, search_s=30.0),
-    Sensor(name="camera", part="camera", lacks=_no_images, problem=_camera, prepare_s=1.0, search_s=4.0),
-    Sensor(name="body", part="body", lacks=_no_free_base, problem=_body, prepare_s=15.0, search_s=10.0),
-    Sensor(name="imu", part="imu", lacks=_no_imu, problem=_imu, prepare_s=0.1, search_s=0.5),
+    Sensor(name="joints", sites=DRIVES, lacks=_no_held_base, problem=_joints, prepare_s=1.0, search_s=30.0),
+    Sensor(name="camera", sites=("depth", "view"), lacks=_no_images, problem=_camera, prepare_s=1.0, search_s=4.0),
+    Sensor(name="body", sites=("model",), lacks=_no_free_base, problem=_body, prepare_s=15.0, search_s=10.0),
+    Sensor(name="imu", sites=("imu",), lacks=_no_imu, problem=_imu, prepare_s=0.1, search_s=0.5),
 )
 """In the order in which they are compared. Modules of a sensor are imported when a log needs them."""

@@ -47,6 +47,7 @@ payload_mass.mass = 0.5
 com_offset.x = 0.01
 base_inertia.scale = 1.2
 foot_friction.coefficient = 0.6
+base_roll = {give = 0.05, damping = 0.2}
 soft_feet = {torsion = 0.02, rolling = 0.01, touch = 0.5, depth = 0.005}
 
 [imu]

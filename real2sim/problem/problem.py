@@ -166,7 +166,7 @@ class Problem(ABC):
         name: "joints", "camera", "body" or "imu".
         blocks: Independent parts with the same candidates, e.g. the legs of a robot with a held base. No unknown of one
             block changes a residual of another.
-        places: For each block, the name of each `where` in the verdict, e.g. {"calf": "FR_calf"}.
+        places: For each block, the name of a `where` in the verdict, e.g. {"calf": "FR_calf"}; others go by their own.
         candidates: The same for every block. Their unknowns, in this order, make the vector of unknowns.
         segments: Segments of the log.
         segment: Index of the segment of each residual, shape (m,).

@@ -73,7 +73,7 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
                 Place(
                     block=block,
                     candidate=index,
-                    name=problem.places[block][candidate.where],
+                    name=problem.places[block].get(candidate.where, candidate.where),
                     value=fit.unknowns[block, columns],
                     covariance=_with_unseen(covariance[np.ix_(own, own)], candidate),
                     rms=float(np.sqrt(comparison.cells.power(trace).max())),

@@ -21,7 +21,7 @@ LEAST_TURNING_M = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyModel:
-    """What of the robot's model effects may change; one robot, or with leading dimensions a batch. Site "model".
+    """What of the robot's model effects may change; one robot, or a batch. Sites "model" and "stand".
 
     Those of shape (...) but the payload may be one number for all robots of a batch.
     """
@@ -44,6 +44,10 @@ class BodyModel:
     """Coefficient of friction against turning about the normal of a contact [m], shape (...)."""
     rolling: Array
     """Coefficient of friction against rolling [m], shape (...)."""
+    roll_give: Array = 0.0
+    """By how much the base of a held robot rolls under 1 Nm [rad/Nm], shape (...); 0 is rigid."""
+    roll_damping: Array = 0.0
+    """Of that motion [Nm s/rad], shape (...)."""
 
 
 def claimed_body(
@@ -79,6 +83,8 @@ def claimed_body(
         impedance_depth=_filled(NOMINAL_IMPEDANCE_DEPTH_M, batch),
         torsion=_filled(torsion, batch),
         rolling=_filled(rolling, batch),
+        roll_give=_filled(0.0, batch),
+        roll_damping=_filled(0.0, batch),
     )
 
 

@@ -18,6 +18,7 @@ from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
+    BaseRoll,
     ComOffset,
     ContactCompliance,
     CoulombFriction,
@@ -84,7 +85,7 @@ class ImuChain(SignalChain):
 class BodyChain(SignalChain):
     """The effects on the robot's model."""
 
-    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance, SoftFeet)
+    order: ClassVar[Order] = (PayloadMass, ComOffset, BaseInertia, FootFriction, ContactCompliance, SoftFeet, BaseRoll)
     owner: ClassVar[str] = "a body"
 
     @property

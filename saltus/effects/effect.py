@@ -14,7 +14,7 @@ from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS, Robot
 from saltus.wire.messages import Floats
 
-Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "view"]
+Site = Literal["command", "torque", "joint", "joint_state", "imu", "depth", "heightmap", "model", "stand", "view"]
 
 Signal = TypeVar("Signal")
 

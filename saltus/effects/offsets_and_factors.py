@@ -135,6 +135,19 @@ class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BaseRoll(Effect[BodyModel], name="base_roll", site="stand"):
+    """What holds a robot in the air, a stand or a strap, lets its base roll, by `give` under 1 Nm, against `damping`.
+
+    The base turns about the x axis of its frame. A robot that nothing holds has no such effect.
+    """
+
+    # straps that held a Go2 gave 0.02 rad/Nm at least; by 10 a robot of 12 kg rolls freely
+    give: PerRobot = parameter(unit="rad/Nm", null=0.0, low=0.0, high=10.0, adds_to="roll_give")
+    # without a give it means nothing
+    damping: PerRobot = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, adds_to="roll_damping")
+
+
+@dataclass(frozen=True, kw_only=True)
 class CameraPitch(Effect[CameraView], name="camera_pitch", site="view"):
     """The camera is turned by `offset` about the trunk's left axis, nose down positive."""
 

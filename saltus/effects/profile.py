@@ -40,6 +40,7 @@ PARTS = {
     "heightmap": "heightmap",
     "imu": "imu",
     "model": "body",
+    "stand": "body",
 }
 """In which part of a profile the effects of a site stand."""
 

@@ -25,6 +25,7 @@ from saltus.terrain import flat
 Floats = NDArray[np.float64]
 
 SLOPE = 1e-5  # of an angle or a velocity: finite differences are then good to 1e-5 of their value
+ROLL = "base_roll"  # joint of a base that may
 CHUNK = 2048  # states that are evaluated at once
 
 
@@ -40,6 +41,21 @@ class LinearLegs:
     """[Nm/rad], shape (instants, branches, joints, joints)."""
     damping: Floats
     """[Nm s/rad], shape (instants, branches, joints, joints)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RollingBase:
+    """What a base that may roll about its x axis and the joints feel of each other along a motion, at n instants.
+
+    Per angle [1/rad], rate [s/rad] and acceleration [s^2/rad] of the base, in this order; moments and torques in [Nm].
+    """
+
+    moment: Floats
+    """That holds the base still, shape (n,)."""
+    on_base: Floats
+    """Shape (n, 3)."""
+    on_joints: Floats
+    """Shape (n, branches, joints, 3)."""
 
 
 class HeldRobot:
@@ -62,7 +78,8 @@ class HeldRobot:
     def __init__(
         self, robot: Robot | Path, joints: Sequence[str], base_quaternion: Sequence[float] = (1, 0, 0, 0)
     ) -> None:
-        self._model = _held_model(robot, np.asarray(base_quaternion, dtype=np.float64))
+        self._source = robot, np.asarray(base_quaternion, dtype=np.float64)
+        self._model = _held_model(*self._source)
         self._dof = np.array([_dof(self._model, name) for name in joints])
         self.branches = _branches(self._model, self._dof)
         self.armature = self._model.dof_armature[self._dof].copy()
@@ -113,6 +130,37 @@ class HeldRobot:
         torque[:, self.branches] = bias
         return torque
 
+    def rolling(self, position: Floats, velocity: Floats, acceleration: Floats) -> RollingBase:
+        """What a base feels that may roll about its x axis while the joints move; arguments as of `along`.
+
+        Raises:
+            ModelError: the robot has no base that could move, or more joints than are given.
+        """
+        model = _held_model(*self._source, rolls=True)
+        if model.nv != len(self._dof) + 1 or model.njnt == self._model.njnt:
+            raise ModelError("it is not known how all that hangs from the base moves")
+        count, roll = len(position), _dof(model, ROLL)
+        dof = np.array([_dof(model, self._model.joint(int(self._model.dof_jntid[d])).name) for d in self._dof])
+        batch = Batch(model, nsim=min(CHUNK, count), nthread=1)
+        qpos, qvel, bias, entries = (batch.bind(name) for name in ("qpos", "qvel", "qfrc_bias", "M"))
+        index = _mass_entries(model)
+        of_one_chain = (index > 0) | (np.arange(model.nv) + np.arange(model.nv)[:, None] == 0)
+        force = np.empty((3, count, model.nv))
+        mass = np.empty((count, model.nv))
+        for start in range(0, count, CHUNK):
+            part = slice(start, min(start + CHUNK, count))
+            own = part.stop - part.start
+            moved = np.zeros((own, model.nv))
+            moved[:, dof] = acceleration[part]
+            qpos[:own, dof], qvel[:own, dof] = position[part], velocity[part]
+            for step, (angle, rate) in zip(force, ((0.0, 0.0), (SLOPE, 0.0), (0.0, SLOPE)), strict=True):
+                qpos[:own, roll], qvel[:own, roll] = angle, rate
+                batch.forward(np.arange(own))
+                step[part] = _torque(of_one_chain * entries[:own][:, index], moved) + bias[:own]
+            mass[part] = entries[:own][:, index[roll]]
+        slopes = np.stack([*(force[1:] - force[0]) / SLOPE, mass], axis=-1)
+        return RollingBase(moment=force[0][:, roll], on_base=slopes[:, roll], on_joints=slopes[:, dof[self.branches]])
+
     def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
         model = self._model
@@ -152,8 +200,8 @@ def _torque(matrix: Floats, vector: Floats) -> Floats:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _held_model(robot: Robot | Path, base_quaternion: Floats) -> mujoco.MjModel:
-    """Compiles the model without free joint; nothing touches anything."""
+def _held_model(robot: Robot | Path, base_quaternion: Floats, *, rolls: bool = False) -> mujoco.MjModel:
+    """Compiles the model without free joint, or with one that `rolls` in its place; nothing touches anything."""
     if isinstance(robot, Robot):
         spec = scene.build_spec(robot, flat.make())
     else:
@@ -165,6 +213,8 @@ def _held_model(robot: Robot | Path, base_quaternion: Floats) -> mujoco.MjModel:
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             joint.parent.quat = base_quaternion
+            if rolls:
+                joint.parent.add_joint(name=ROLL, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(1.0, 0.0, 0.0))
             spec.delete(joint)
     for key in list(spec.keys):  # of a robot that is not held
         spec.delete(key)

@@ -22,6 +22,7 @@ from saltus.terrain.terrain import Terrain
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
 HELD_INERTIA = 1e9  # [kg, kg m^2]: its base moves by less than 0.1 mm in 30 s under the robot's weight
+ROLL = 3  # the base's degree of freedom about its own x axis
 HELD_TOLERANCE = 1e-16  # of the solver: the engine's 1e-8 times what the base is heavier than a leg is felt by
 
 
@@ -107,8 +108,12 @@ class Plant(DrivenRobots):
             # relative to a base that heavy, friction of a joint is small enough for the solver to leave it out
             self.model.opt.tolerance = HELD_TOLERANCE
         if body.effects:
-            claimed = claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift)
-            self._layout.write_bodies(self._field, body.apply(claimed), robots=())
+            changed = body.apply(claimed_body(friction=friction, payload_kg=payload_kg, com_shift=com_shift))
+            self._layout.write_bodies(self._field, changed, robots=())
+            if held and changed.roll_give > 0.0:
+                self.model.dof_armature[ROLL] = 0.0
+                self.model.dof_damping[ROLL] = changed.roll_damping
+                self.model.jnt_stiffness[0] = 1.0 / changed.roll_give  # the base is too heavy to feel it in other ways
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.data = mujoco.MjData(self.model)
         self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
@@ -124,6 +129,7 @@ class Plant(DrivenRobots):
         )
         if self._held:
             self.data.qpos[2] = HELD_HEIGHT
+            self.model.qpos_spring[:7] = self.data.qpos[:7]
         self._forget()
         mujoco.mj_forward(self.model, self.data)
         return self._look(np.zeros(12))

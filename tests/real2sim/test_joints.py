@@ -12,11 +12,11 @@ from scipy.signal import lfilter
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
-from saltus.effects.chain import ActuatorChain
+from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
 from saltus.effects.end_stop import EndStop
 from saltus.effects.joint_spring import JointSpring
-from saltus.effects.offsets_and_factors import EncoderBias, VelocityScale
+from saltus.effects.offsets_and_factors import BaseRoll, EncoderBias, VelocityScale
 from saltus.effects.registry import EFFECTS
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.errors import RecordingError
@@ -59,10 +59,15 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 
 @cache
 def motion(*effects: Effect[Any], kp: float = KP, stretched: float = 0.0) -> RunLog:
-    """What a held robot does, without noise; knees may be told to be `stretched` by so much [rad]."""
+    """What a held robot does, without noise, with effects of drives and of what holds it.
+
+    Knees may be told to be `stretched` by so much [rad].
+    """
     q_des, segments = commands()
     q_des = q_des + np.tile((0.0, 0.0, stretched), 4)
-    plant = Plant(ROBOT, flat.make(), chain=ActuatorChain(effects), held=True)
+    stand = tuple(effect for effect in effects if effect.site == "stand")
+    chain = ActuatorChain(tuple(effect for effect in effects if effect not in stand))
+    plant = Plant(ROBOT, flat.make(), chain=chain, body=BodyChain(stand), held=True)
     zero, state = np.zeros(12), plant.state
     tau_ff = 0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
     q, dq, tau_est = np.empty((3, len(q_des), 12))
@@ -346,6 +351,31 @@ def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
     assert (findings.verdict, name, where) == ("named", "end_stop", ("FR_calf",))
     assert found["upper"].value == pytest.approx(-0.99, abs=0.005)
     assert found["stiffness"].value == pytest.approx(250.0, rel=0.1)
+
+
+GIVES = (0.002, 0.05, 1.0)
+"""Of what holds the base [rad/Nm]: a stand that sways by a degree, a strap, a thread."""
+
+
+@pytest.mark.parametrize("give", GIVES)
+def test_a_base_that_rolls_moves_the_legs_as_the_replay_says(give: float) -> None:
+    problem = problem_of(BaseRoll(give=give, damping=0.2))
+    (candidate,) = [c for c in problem.candidates if c.effect == "base_roll"]
+    truth = candidate.unknowns_of({"give": give, "damping": 0.2})
+    gap, left = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, {"base_roll": tuple(truth)})]))
+    assert np.mean(left**2) < 0.01 * np.mean(gap**2)
+
+
+def test_a_base_that_rolls_is_found() -> None:
+    findings = search(JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp")))
+    ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
+    assert (findings.verdict, name, where) == ("named", "base_roll", "all")
+    assert found["give"].value == pytest.approx(0.05, rel=0.1)
+    assert found["damping"].value == pytest.approx(0.2, rel=0.2)
+
+
+def test_a_base_is_not_accused_where_joints_are_missing() -> None:
+    assert "not all joints" in JointProblem(of_one_leg(noisy(motion()))).untestable["base_roll"]
 
 
 def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:

@@ -32,6 +32,7 @@ from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import (
     Armature,
     BaseInertia,
+    BaseRoll,
     CameraFov,
     CameraHeight,
     CameraPitch,
@@ -70,6 +71,7 @@ PERIOD_S = {
     "view": 1.0,
     "heightmap": 0.01,
     "model": 1.0,
+    "stand": 1.0,
     "imu": 0.002,
 }
 PER_JOINT_SMALL = tuple(0.01 * j for j in range(12))
@@ -130,6 +132,7 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     ContactCompliance(time_constant=0.012),
     SoftFeet(torsion=0.02, rolling=0.01),
     SoftFeet(touch=0.1, depth=0.01),
+    BaseRoll(give=0.05, damping=0.2),
     ImuBias(gyro_x=0.02, gyro_z=-0.03),
     ImuBias(roll=0.02, pitch=-0.01),
     ImuLatency(delay=0.006),
@@ -166,7 +169,7 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
             return DepthImage(depth=depth * hit, time_s=np.full(batch, PERIOD_S[site] * k))
         if site == "view":
             return CameraView(position=array(3), pitch=array(), tangent_scale=array())
-        if site == "model":
+        if site in ("model", "stand"):
             return BodyModel(
                 payload_kg=array(),
                 com_shift=array(3),
@@ -177,6 +180,8 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
                 impedance_depth=array(),
                 torsion=array(),
                 rolling=array(),
+                roll_give=array(),
+                roll_damping=array(),
             )
         if site == "imu":
             quaternion = array(4)

@@ -10,15 +10,23 @@ from samples import ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.effects.backlash import Backlash
 from saltus.effects.battery_sag import BatterySag
-from saltus.effects.chain import ActuatorChain
+from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoder_quantisation import EncoderQuantisation
 from saltus.effects.end_stop import EndStop
 from saltus.effects.joint_spring import JointSpring
-from saltus.effects.offsets_and_factors import Armature, CoulombFriction, EncoderBias, VelocityScale, ViscousFriction
+from saltus.effects.offsets_and_factors import (
+    Armature,
+    BaseRoll,
+    CoulombFriction,
+    EncoderBias,
+    VelocityScale,
+    ViscousFriction,
+)
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.effects.stiction import Stiction
 from saltus.effects.velocity_filter import VelocityFilter
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.batch import BatchPlant
 from saltus.sim.batch_engine import BatchEngine
 from saltus.sim.plant import Plant
@@ -104,6 +112,24 @@ def test_a_batch_is_its_robots(effect: Effect[Any]) -> None:
         np.testing.assert_allclose(state.joint_velocity[0], alone.joint_velocity, atol=1e-7)
         if k == 10:
             batch.reset(np.array([1]))
+
+
+def test_a_base_that_rolls_answers_its_legs() -> None:
+    """Legs that swing to one side turn a base that hangs freely to the other; the angular momentum stays near nothing.
+
+    A base that nothing holds has no such effect.
+    """
+    free, rigid = (Plant(ROBOT, GROUND, body=BodyChain((BaseRoll(give=give),)), held=True) for give in (10.0, 0.0))
+    aside = ROBOT.stand_pose + np.tile((0.2, 0.0, 0.0), 4)
+    for _ in range(50):
+        free.step(command(aside))
+        rigid.step(command(aside))
+    rolls = [float(roll_pitch_yaw(rotation_matrix(plant.data.qpos[3:7]))[0]) for plant in (free, rigid)]
+    assert rolls[0] < -0.02
+    assert abs(rolls[1]) < 1e-6
+    standing = [Plant(ROBOT, GROUND, body=BodyChain(own)) for own in ((), (BaseRoll(give=0.05, damping=0.2),))]
+    ended = [[plant.step(command()) for _ in range(50)][-1] for plant in standing]
+    np.testing.assert_array_equal(ended[0].joint_position, ended[1].joint_position)
 
 
 def test_a_spring_neither_feeds_a_joint_nor_brakes_it() -> None:

@@ -13,6 +13,8 @@ from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, can
 
 KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
+HALF_FREE = 0.02
+"""Give of what holds a base [rad/Nm] at which its unknown is a half."""
 LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 
@@ -75,6 +77,18 @@ KINDS = (
         _shape("depth", 0.0, 0.4, 0.005),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
     ),
+    _kind(  # between a rigid and a free base lies a resonance
+        "base_roll",
+        _weight(),
+        _shape("freedom", 0.0, 0.99, 0.02),
+        _shape("damping", 0.0, 5.0, 0.1),
+        starts=((1.0, 0.1, 0.3), (1.0, 0.5, 0.3), (1.0, 0.9, 0.3)),
+        model_error=0.05,
+        coordinates=Coordinates(
+            parameters=lambda x: {"give": HALF_FREE * float(x[1] / (1.0 - x[1])), "damping": float(x[2])},
+            unknowns=lambda values: (1.0, values["give"] / (HALF_FREE + values["give"]), values["damping"]),
+        ),
+    ),
     _kind("armature", Unknown("added", -1e-3, 0.1, 5e-4), resolution=7e-5),
     _kind("encoder_bias", Unknown("bias", -0.3, 0.3, 2e-3), resolution=4e-3),
     _kind(
@@ -127,8 +141,9 @@ class JointCandidates:
         listed: list[Candidate] = []
         start = 0
         for kind in (kind for kind in KINDS if kind.effect not in left_out):
-            # the loop of a leg's drives has one rate
-            for joint, place in enumerate(self._places[:1] if kind.is_nuisance else self._places):
+            # the loop of a leg's drives has one rate, and all legs have one base
+            own = ("trunk",) if kind.effect == "base_roll" else self._places[:1] if kind.is_nuisance else self._places
+            for joint, place in enumerate(own):
                 way = _coordinates(kind, reach[joint])
                 listed.append(replace(kind, where=place, starts=_starts(kind, reach[joint]), coordinates=way))
                 self._column[kind.effect, joint] = slice(start, start + len(kind.unknowns))
@@ -143,6 +158,9 @@ class JointCandidates:
         if "joint_spring" in own:
             pull, stiffness = own["joint_spring"]
             own["joint_spring"] = pull + stiffness * self._middle, stiffness
+        if "base_roll" in own:
+            weight, freedom, damping = (each[:, 0] for each in own["base_roll"])
+            own["base_roll"] = weight, HALF_FREE * freedom / (1.0 - freedom), damping
         if "end_stop" in own:
             stiffness, depth = own["end_stop"]
             own["end_stop"] = self._side, self._end - self._side * depth, stiffness

@@ -57,6 +57,8 @@ class Drives:
     """Pull at the zero angle [Nm] and stiffness [Nm/rad]."""
     end_stop: tuple[Floats, Floats, Floats] | None = None
     """Side, +1 at large angles and -1 at small ones, where it begins [rad], and stiffness [Nm/rad]."""
+    base_roll: tuple[Floats, Floats, Floats] | None = None
+    """Weight, give [rad/Nm] and damping [Nm s/rad] of what holds the base, shape (branches, sets)."""
     armature: Floats | None = None
     encoder_bias: Floats | None = None
     encoder_quantisation: tuple[Floats, Floats] | None = None

@@ -1,17 +1,18 @@
 """From a run log to what a replay of its joints needs: uniform instants, commands, the legs' equation of motion."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from saltus.arrays import Floats, Indices
-from saltus.errors import RecordingError
+from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.problem.joints.replay import Motion, Windows
+from saltus.real2sim.problem.joints.sway import Sway
 from saltus.recordings.run_log import RunLog
-from saltus.sim.held import HeldRobot, LinearLegs
+from saltus.sim.held import HeldRobot, LinearLegs, RollingBase
 
 SLOWEST_LOOP_S = 0.002
 """Drives evaluate their law at 500 Hz or faster (schema of run logs)."""
@@ -129,7 +130,19 @@ def motion_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> Motion:
         feedback=np.concatenate([stiffness, damping], axis=-1),
         armature=robot.armature[branches],
         elapsed=np.repeat(elapsed, every),
+        sway=_sway(rows, robot),
     )
+
+
+def _sway(rows: Rows, robot: HeldRobot) -> Sway | None:
+    """How the base answers if it gives way; None where it is not known all that hangs from it."""
+    motions = [_smooth(rows, *stretch) for stretch in rows.stretches]
+    try:
+        base = robot.rolling(*(np.concatenate(part) for part in zip(*motions, strict=True)))
+    except ModelError:
+        return None
+    halfway = {f.name: _halfway(getattr(base, f.name), rows.stretches, 1) for f in fields(base)}
+    return Sway(base=RollingBase(**halfway), dt_s=rows.dt_s, stretches=rows.stretches)
 
 
 def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Windows:
@@ -175,19 +188,22 @@ def _on_grid(time_s: Floats, values: Floats, grid: Floats, dt_s: float, *, held:
 def _legs(rows: Rows, robot: HeldRobot) -> LinearLegs:
     """The equation of motion at every row."""
     every = max(1, int(LINEARISED_EVERY_S / rows.dt_s))
-    size = max(5, 2 * int(0.5 * SMOOTHING_S / rows.dt_s) + 1)
-    parts: list[LinearLegs] = []
-    for begin, end in rows.stretches:
-        q = savgol_filter(rows.q[begin:end], size, 3, axis=0)
-        # not the measured velocity: a drive may have filtered it
-        dq = savgol_filter(rows.q[begin:end], size, 3, deriv=1, delta=rows.dt_s, axis=0)
-        parts.append(robot.along(q, dq, np.gradient(dq, rows.dt_s, axis=0), every))
+    parts = [robot.along(*_smooth(rows, *stretch), every) for stretch in rows.stretches]
     return LinearLegs(
         mass=np.concatenate([p.mass for p in parts]),
         offset=np.concatenate([p.offset for p in parts]),
         stiffness=np.concatenate([p.stiffness for p in parts]),
         damping=np.concatenate([p.damping for p in parts]),
     )
+
+
+def _smooth(rows: Rows, begin: int, end: int) -> tuple[Floats, Floats, Floats]:
+    """Angles of a stretch, velocities and accelerations."""
+    size = max(5, 2 * int(0.5 * SMOOTHING_S / rows.dt_s) + 1)
+    q = savgol_filter(rows.q[begin:end], size, 3, axis=0)
+    # not the measured velocity: a drive may have filtered it
+    dq = savgol_filter(rows.q[begin:end], size, 3, deriv=1, delta=rows.dt_s, axis=0)
+    return q, dq, np.gradient(dq, rows.dt_s, axis=0)
 
 
 def _halfway(values: Floats, stretches: tuple[tuple[int, int], ...], every: int) -> Floats:

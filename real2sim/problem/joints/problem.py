@@ -31,7 +31,7 @@ FLOOR = {"q": 1e-4, "dq": 5e-3, "tau_est": 2e-2}
 STOP = 0.01  # rad: nearer than this to its limit a joint may touch
 TOGETHER = 32
 """Sets that are simulated together: their arrays then stay in the cache of a core."""
-DRY, PLAY, INERTIA = ("coulomb_friction", "stiction"), ("backlash",), ("armature", "viscous_friction")
+SLOW = (("coulomb_friction", "stiction"), ("backlash",), ("armature", "viscous_friction"), ("base_roll",))
 """Effects that make the replay of all who are simulated with them slower."""
 
 
@@ -75,6 +75,8 @@ class JointProblem(Problem):
         places, self.blocks, self.places = _named(names, branches)
         self.reach = reach_of(self._rows, kp, kd, self._robot, self._steps)
         self.untestable = untestable(log, self._rows, self.reach)
+        if self._motion.sway is None:
+            self.untestable["base_roll"] = "the log has not all joints of the robot: what moves its base is not known"
         limits = _torque_limits(self.model, branches)
         self.limit = limits[0]
         self._candidates = JointCandidates(places, limits, self.reach, tuple(self.untestable))
@@ -186,7 +188,7 @@ class JointProblem(Problem):
 
     def _groups(self, unknowns: Floats) -> list[Any]:
         """Sets that need the same parts of the replay."""
-        key = sum(2**i * self._candidates.has(effects, unknowns) for i, effects in enumerate((DRY, PLAY, INERTIA)))
+        key = sum(2**i * self._candidates.has(effects, unknowns) for i, effects in enumerate(SLOW))
         return [np.flatnonzero(key == value) for value in np.unique(key)]
 
     def _place_samples(self) -> None:

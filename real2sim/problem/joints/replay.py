@@ -13,6 +13,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.joints.drives import Drives, DriveState
 from saltus.real2sim.problem.joints.friction import rubbed, with_inertia
 from saltus.real2sim.problem.joints.play import Play
+from saltus.real2sim.problem.joints.sway import Sway
 
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
@@ -44,6 +45,8 @@ class Motion:
     """Claimed [kg m^2], shape (branches, joints)."""
     elapsed: Floats
     """Share of the log that is over, shape (instants,)."""
+    sway: Sway | None = None
+    """Of the base; None where it is not known what hangs from it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,6 +147,9 @@ class _Simulation:
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
         self._play = None if drives.backlash is None else Play(drives.backlash, rotor, shape)
         self._drive_state = DriveState()
+        self._rolled = None
+        if drives.base_roll is not None and motion.sway is not None:
+            self._rolled = motion.sway.rolled(*drives.base_roll)
         self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
         self._impulse, self._believed = np.zeros(shape), np.zeros(shape)
 
@@ -174,6 +180,8 @@ class _Simulation:
         load = motion.offset[rows][..., None] + motion.feedback[rows] @ self._state
         if drives.joint_spring is not None or drives.end_stop is not None:
             load = load + drives.held_back(q + 0.5 * dt * v)
+        if self._rolled is not None and motion.sway is not None:
+            load = load + motion.sway.load(self._rolled, rows // motion.every)
         added = drives.armature
         if self._play is not None:
             torque, missing = self._play.transmitted(torque)
