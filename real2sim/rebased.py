@@ -13,7 +13,7 @@ from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
 from saltus.errors import ConfigError
 from saltus.real2sim.problem.body.problem import BodyProblem
-from saltus.real2sim.problem.body.replay import Limit
+from saltus.real2sim.problem.body.replay import Limit, Pull
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.jumps.problem import JumpProblem
 from saltus.real2sim.problem.log import reference_robot
@@ -38,10 +38,9 @@ class RebasedProblem(WrappedProblem):
         if isinstance(inner, JointProblem) and any(isinstance(e, TorqueSpeedLimit) for e in profile.actuator):
             inner = inner.with_held_limit()
         if isinstance(inner, BodyProblem):
-            inner = inner.with_limits(
-                [e.fitted(_owner(e, inner.model)) for e in profile.actuator if isinstance(e, Limit)]
-            )
-            profile = replace(profile, actuator=tuple(e for e in profile.actuator if not isinstance(e, Limit)))
+            held = [e for e in profile.actuator if isinstance(e, Limit | Pull)]
+            inner = inner.holding([e.fitted(_owner(e, inner.model)) for e in held])
+            profile = replace(profile, actuator=tuple(e for e in profile.actuator if e not in held))
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}
@@ -74,12 +73,12 @@ class RebasedProblem(WrappedProblem):
         }
 
 
-def _owner(limit: Limit, model: Robot | Path) -> Robot:
-    """The robot to whose drives a limit refers.
+def _owner(effect: Limit | Pull, model: Robot | Path) -> Robot:
+    """The robot to whose drives an effect refers.
 
     `ConfigError` for a curve where the log names an MJCF, which does not say to which motors it refers.
     """
-    if isinstance(limit, TorqueSaturation) and limit.curve and not isinstance(model, Robot):
+    if isinstance(effect, TorqueSaturation) and effect.curve and not isinstance(model, Robot):
         raise ConfigError(f"a saturation given as a curve is one of a robot with a name; the log has {model}")
     return reference_robot(model)
 

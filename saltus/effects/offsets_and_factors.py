@@ -141,7 +141,7 @@ class BaseRoll(Effect[BodyModel], name="base_roll", site="stand"):
     The base turns about the x axis of its frame. A robot that nothing holds has no such effect.
     """
 
-    # straps that held a Go2 gave 0.02 rad/Nm at least; by 10 a robot of 12 kg rolls freely
+    # the strap that held a Go2 gave 0.03 rad/Nm at least; by 10 a robot of 12 kg rolls freely
     give: PerRobot = parameter(unit="rad/Nm", null=0.0, low=0.0, high=10.0, adds_to="roll_give")
     # without a give it means nothing
     damping: PerRobot = parameter(unit="Nm s/rad", null=0.0, low=0.0, high=10.0, adds_to="roll_damping")

@@ -4,9 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from samples import ROBOT
 from standing_robot import Motion, run_log
 
 from saltus.effects.effect import Effect
+from saltus.effects.end_stop import EndStop
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.offsets_and_factors import ComOffset, FootFriction, PayloadMass, SoftFeet
 from saltus.effects.profile import Profile
 from saltus.effects.torque_saturation import TorqueSaturation
@@ -63,16 +66,19 @@ def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float
 
 
 @pytest.mark.parametrize(
-    "limit",
+    "effect",
     [
         TorqueSaturation(curve=((3.0, 3.0), (10.0, 9.0))),
         TorqueSpeedLimit(corner=0.0, no_load=2.5),
+        JointSpring(torque=-2.0, stiffness=5.0),
+        EndStop(upper=tuple(ROBOT.stand_pose + 0.05), stiffness=50.0),
     ],
-    ids=["curve", "speed"],
+    ids=lambda effect: effect.name,
 )
-def test_a_simulator_with_the_limits_of_the_drives_leaves_noise(limit: TorqueSaturation | TorqueSpeedLimit) -> None:
-    problem = BodyProblem(run_log([limit], motions=SHORT))
-    held = RebasedProblem(problem, Profile(actuator=(limit,)))
+def test_a_simulator_with_what_drives_have_leaves_noise(effect: Effect) -> None:
+    """Also where no unknown of the body says it."""
+    problem = BodyProblem(run_log([effect], motions=SHORT))
+    held = RebasedProblem(problem, Profile(actuator=(effect,)))
     gap, closed = np.mean(at(problem) ** 2), np.mean(at(held) ** 2)
     assert gap > 1.5 * closed
     assert closed < 1.2

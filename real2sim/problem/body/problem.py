@@ -18,7 +18,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import CALF, FRICTION_RANGE, Claims, candidates, on_top_of, rig_of
 from saltus.real2sim.problem.body.ground import finer, likeliest
 from saltus.real2sim.problem.body.noise import SIGNALS, Noise, StartNoise, Whitening, errors, read_noise
-from saltus.real2sim.problem.body.replay import Limit, Replay, Rig
+from saltus.real2sim.problem.body.replay import Limit, Pull, Replay, Rig
 from saltus.real2sim.problem.body.starts import Starts
 from saltus.real2sim.problem.body.testable import untestable
 from saltus.real2sim.problem.body.windows import BLOCKS, Windows, cut_windows
@@ -98,7 +98,7 @@ class BodyProblem(Problem):
         self._windows = cut_windows(log, self.segments)
         if not len(self._windows.start_s):
             raise RecordingError("no segment of the log is as long as a window of 0.65 s")
-        self.model, self._limits = model_of(log.meta), tuple[Limit, ...]()
+        self.model, self._held = model_of(log.meta), tuple[Limit | Pull, ...]()
         self._robot, self._claims = robot_of(log.meta), Claims.of(log.meta)
         self.candidates = self._candidates(0.5 * self._claims.friction)  # until it is known where feet slip
         self._boxes, self._span_s = Boxes.from_tables(boxes_of(log.meta)), _span(log)
@@ -108,12 +108,12 @@ class BodyProblem(Problem):
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
 
-    def with_limits(self, limits: Sequence[Limit]) -> "BodyProblem":
-        """The problem on a simulator with these limits of its robot's drives; a fitted saturation adds to theirs."""
+    def holding(self, held: Sequence[Limit | Pull]) -> "BodyProblem":
+        """The problem on a simulator whose drives have these effects; a fitted saturation adds to theirs."""
         problem = copy(self)
-        problem._limits = tuple(limits)
+        problem._held = tuple(held)
         problem._replay = problem._replayed(problem._ground)
-        for saturation in (limit for limit in limits if isinstance(limit, TorqueSaturation)):
+        for saturation in (effect for effect in held if isinstance(effect, TorqueSaturation)):
             problem.candidates = tuple(
                 on_top_of(saturation, candidate, self._calf_limit) if candidate.effect == saturation.name else candidate
                 for candidate in self.candidates
@@ -238,7 +238,7 @@ class BodyProblem(Problem):
 
     def _replayed(self, solver: Solver, windows: Windows | None = None) -> Replay:
         windows, position = windows or self._windows, self._claims.payload_position
-        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position, self._limits)
+        return Replay(self._robot, windows, self._boxes, self._span_s, solver, position, self._held)
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""

@@ -9,6 +9,8 @@ import numpy as np
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import LEAST_TURNING_M, BodyModel
+from saltus.effects.end_stop import EndStop
+from saltus.effects.joint_spring import JointSpring
 from saltus.effects.signals import Drive
 from saltus.effects.torque_saturation import TorqueSaturation
 from saltus.effects.torque_speed_limit import TorqueSpeedLimit
@@ -24,6 +26,7 @@ from saltus.sim.free import OWN_SOLVER, FreeRobots, Solver
 from saltus.terrain.boxes import Boxes
 
 Limit = TorqueSpeedLimit | TorqueSaturation
+Pull = JointSpring | EndStop
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the cache."""
 
@@ -69,7 +72,7 @@ class Replay:
         span_s: Start and end of the log, over which a battery empties.
         solver: Of contacts.
         payload_position: Of what is on top of the trunk [m], base frame, shape (3,); None for the simulator's own.
-        limits: Of the drives' torque; a fitted saturation adds to theirs.
+        held: What the drives have that no unknown says; a fitted saturation adds to theirs.
     """
 
     def __init__(
@@ -80,9 +83,9 @@ class Replay:
         span_s: tuple[float, float],
         solver: Solver = OWN_SOLVER,
         payload_position: Sequence[float] | None = None,
-        limits: Sequence[Limit] = (),
+        held: Sequence[Limit | Pull] = (),
     ) -> None:
-        self._windows, self._limits = windows, sorted(limits, key=lambda limit: isinstance(limit, TorqueSaturation))
+        self._windows, self._held = windows, sorted(held, key=lambda effect: isinstance(effect, TorqueSaturation))
         self._count = len(windows.start_s)
         self._sets = max(1, CHUNK // max(1, self._count))
         self._solver, self._robot, self._boxes, self._payload_position = solver, robot, boxes, payload_position
@@ -142,7 +145,7 @@ class Replay:
         robots.set_bodies(_repeated(rig.body, self._count), slice(sims))
         robots.set_contacts(*(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig)))
         robots.derive(np.arange(sims))
-        drives = _Drives(rig, windows, self._age, self._per_calf, self._limits)
+        drives = _Drives(rig, windows, self._age, self._per_calf, self._held)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
         damping = np.repeat(rig.viscous, self._count)[:, None] + drives.damping
         robots.set_joints(coulomb, damping, 0.0, slice(sims))
@@ -163,8 +166,9 @@ class Replay:
 class _Drives:
     """Torques of all simulations of a batch."""
 
-    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats, limits: Sequence[Limit]) -> None:
-        self._limits = limits
+    def __init__(self, rig: Rig, windows: Windows, age: Floats, per_calf: Floats, held: Sequence[Limit | Pull]) -> None:
+        self._limits = [effect for effect in held if isinstance(effect, Limit)]
+        self._pulls = [effect for effect in held if isinstance(effect, Pull)]
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
         self._sets, self._count = len(rig.gain), len(windows.start_s)
         steps = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)
@@ -187,12 +191,14 @@ class _Drives:
         torque = self._command(step) - self._kp * position - self._kd * velocity
         asked = torque
         for limit in self._limits:  # that of speed before saturation, as in a drive
-            now = Drive(position=position, velocity=velocity, torque=torque)
-            torque = np.asarray(limit.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)
+            torque = _after(limit, position, velocity, torque)
             asked = torque if isinstance(limit, TorqueSpeedLimit) else asked
         if self._saturates:
             torque = torque - np.sign(asked) * self._loss * np.maximum(np.abs(asked) - self._corner, 0.0)
-        return torque if self._is_even else self._strength * torque
+        torque = torque if self._is_even else self._strength * torque
+        for pull in self._pulls:  # at the joint, whatever the drive gives
+            torque = _after(pull, position, velocity, torque)
+        return torque
 
     def _command(self, step: int) -> Floats:
         now = HISTORY_STEPS + step
@@ -200,6 +206,11 @@ class _Drives:
             return np.tile(self._told[:, now], (self._sets, 1))
         newer, older = (self._told[:, now - self._whole - k].transpose(1, 0, 2) for k in (0, 1))
         return np.asarray(((1.0 - self._part) * newer + self._part * older).reshape(-1, 12))
+
+
+def _after(effect: Limit | Pull, position: Floats, velocity: Floats, torque: Floats) -> Floats:
+    now = Drive(position=position, velocity=velocity, torque=torque)
+    return np.asarray(effect.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)
 
 
 def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
