@@ -1,12 +1,13 @@
 """Fractional delay of a signal that is held between samples, and what effects that delay a command have in common."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, namespace
+from saltus.arrays import Array, Constant, Floats, Indices, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Drawable, Drawn, Effect, parameter, period
 from saltus.wire.messages import JointCommand
@@ -52,6 +53,16 @@ class DelayLine:
         """Of every sample, for delays in samples, shape (..., values or 1)."""
         xp, late = namespace(steps), steps[..., None, None, :]
         return xp.clip(1.0 - xp.abs(self._ages.like(late) - late), 0.0, None)
+
+
+def held_late(ago: Callable[[Indices], Floats], steps: Floats) -> Floats:
+    """What a `DelayLine` makes of a signal of which all samples are known, `steps` samples late.
+
+    `ago` gives the sample that was there so many samples before.
+    """
+    whole = np.floor(steps).astype(np.int64)
+    part = steps - whole
+    return np.asarray((1.0 - part) * ago(whole) + part * ago(whole + 1))
 
 
 @dataclass(frozen=True, kw_only=True)

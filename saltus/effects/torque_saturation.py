@@ -14,6 +14,8 @@ from saltus.robots.robot import JOINTS
 from saltus.wire.messages import Floats
 
 _CALF = 2  # in whose torque a curve is given
+LOSS_AT_KNEE = 0.05
+"""Definition of the knee: the command at which this share is lost."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +29,6 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
 
     # rows that rise, in calf torque; () is no loss
     curve: tuple[tuple[float, ...], ...] = parameter(unit="Nm", null=(), low=0.0, high=200.0)
-    # command at which 5 % is lost
     knee: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
     # delivered where `limit` is commanded
     plateau: Values = parameter(unit="Nm", null=math.inf, low=0.1, high=200.0, per_joint=True)
@@ -65,10 +66,10 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
         exists = np.isfinite(self.knee) & np.ones(len(JOINTS), dtype=bool)
         knee = np.where(exists, self.knee, 0.5 * limit)
         plateau = np.where(exists, self.plateau, limit)
-        below = np.where(exists, 0.95, 1.0)
-        # two unknowns, corner c and slope s, from c + s (knee - c) = 0.95 knee and c + s (limit - c) = plateau
+        below = np.where(exists, 1.0 - LOSS_AT_KNEE, 1.0)
+        # two unknowns, corner c and slope s, from c + s (knee - c) = below knee and c + s (limit - c) = plateau
         slope = np.divide(plateau - below * knee, limit - knee, where=knee < limit, out=-np.ones_like(knee))
-        corner = np.where(exists, knee * (0.95 - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0)
+        corner = np.where(exists, knee * (below - slope) / np.where(slope < 1.0, 1.0 - slope, 1.0), 0.0)
         slope = np.where(corner < 0.0, -1.0, slope)  # reported by the caller
         return np.stack([np.zeros_like(corner), corner]), np.stack([np.ones_like(slope), slope])
 

@@ -19,7 +19,6 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.patch import load_patch
 from saltus.real2sim.pipeline import examine, find, judge
-from saltus.real2sim.problem.body.candidates import _knee_and_plateau, _loss_and_corner
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.rebased import RebasedProblem
@@ -167,9 +166,3 @@ def test_what_a_profile_has_is_taken_from_its_values_exactly(held: RunLog, seein
                 unknowns = np.array([u.stated or u.low + share * (u.high - u.low) for u in candidate.unknowns])
                 parameters = {name: found.value for name, found in candidate.parameters(unknowns).items()}
                 np.testing.assert_allclose(candidate.unknowns_of(parameters), unknowns, rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize(("loss", "corner"), [(0.2, 6.0), (0.5, 12.0), (0.9, 30.0)])
-def test_a_saturation_of_the_body_is_read_back_from_knee_and_plateau(loss: float, corner: float) -> None:
-    told = _knee_and_plateau(loss, corner, 35.55)
-    assert _loss_and_corner(told["knee"], told["plateau"], 35.55) == pytest.approx((loss, corner))

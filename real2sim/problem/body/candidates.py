@@ -1,16 +1,16 @@
 """What may be otherwise than claimed about a robot on the ground, in coordinates that are 0 where nothing is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.effects.body import LEAST_TURNING_M, NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_FRICTION, claimed_body
-from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_saturation import LOSS_AT_KNEE, TorqueSaturation
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.replay import Rig
-from saltus.real2sim.problem.joints.candidates import knee_and_plateau
+from saltus.real2sim.problem.joints.candidates import beside
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
 
 SMALLEST_TIME_CONSTANT_S = 0.004  # the engine takes no less than two time steps
@@ -125,7 +125,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
             starts=tuple((0.0, corner) for corner in CORNERS_NM),
             coordinates=Coordinates(
                 parameters=lambda x: _knee_and_plateau(float(x[0]), float(x[1]), calf_limit),
-                unknowns=lambda values: _loss_and_corner(values["knee"], values["plateau"], calf_limit),
+                unknowns=lambda _: (0.0, CORNERS_NM[0]),  # what a profile has is held, not fitted
             ),
         ),
         candidate("viscous_friction", Unknown("coefficient", 0.0, 2.0, 0.05), where="joints"),
@@ -175,24 +175,14 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
 def on_top_of(saturation: TorqueSaturation, candidate: Candidate, limit: float) -> Candidate:
     """The candidate of a saturation that adds to one of the profile; it states what both together are at the calf."""
 
-    def parameters(x: Floats) -> dict[str, float]:
-        def taken(torque: Floats) -> Floats:
-            known = torque - saturation.delivered(np.tile(torque[:, None], 12))[:, CALF]
-            return np.asarray(known + x[0] * np.maximum(torque - x[1], 0.0))
+    def known(torque: Floats) -> Floats:
+        return np.asarray(torque - saturation.delivered(np.tile(torque[:, None], 12))[:, CALF])
 
-        return knee_and_plateau(taken, limit)
-
-    return replace(candidate, coordinates=Coordinates(parameters=parameters, unknowns=lambda _: candidate.starts[0]))
+    return beside(candidate, known, lambda torque, loss, corner: loss * np.maximum(torque - corner, 0.0), limit)
 
 
 def _knee_and_plateau(loss: float, corner: float, limit: float) -> dict[str, float]:
     """At the calf; a loss of at most 5 % per Nm never takes 5 % of all, and has its knee at the limit."""
-    knee = loss * corner / (loss - 0.05) if loss > 0.05 else limit
+    knee = loss * corner / (loss - LOSS_AT_KNEE) if loss > LOSS_AT_KNEE else limit
     plateau = limit - loss * max(limit - corner, 0.0)
     return {"knee": min(knee, limit), "plateau": plateau}
-
-
-def _loss_and_corner(knee: float, plateau: float, limit: float) -> tuple[float, float]:
-    """The inverse of `_knee_and_plateau`."""
-    loss = (limit - plateau - 0.05 * knee) / (limit - knee) if knee < limit else 0.0
-    return loss, limit - (limit - plateau) / loss if loss > 0.0 else limit

@@ -9,6 +9,7 @@ import numpy as np
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
 from saltus.effects.body import LEAST_TURNING_M, BodyModel
+from saltus.effects.delay_line import held_late
 from saltus.effects.end_stop import EndStop
 from saltus.effects.joint_spring import JointSpring
 from saltus.effects.signals import Drive
@@ -171,14 +172,12 @@ class _Drives:
         self._pulls = [effect for effect in held if isinstance(effect, Pull)]
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
         self._sets, self._count = len(rig.gain), len(windows.start_s)
-        steps = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)
-        self._whole = steps.astype(np.int64)
-        self._part = (steps - self._whole)[:, None, None]
+        self._late = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)[:, None, None]
         strength = rig.gain[:, None] * (1.0 - rig.sag[:, None] * age)
         self._strength = strength.reshape(-1, 1)
         self._loss = np.repeat(rig.loss, self._count)[:, None]
         self._corner = np.repeat(rig.corner, self._count)[:, None] * per_calf
-        self._is_late, self._saturates = bool(np.any(steps > 0.0)), bool(np.any(rig.loss != 0.0))
+        self._is_late, self._saturates = bool(np.any(self._late > 0.0)), bool(np.any(rig.loss != 0.0))
         # Over a step in which its torque were not held, a drive would see its own mean velocity: half of the damping
         # is the engine's, which is implicit, and the angle is half a step ahead.
         half = 0.5 * np.repeat(rig.continuous, self._count)[:, None]
@@ -204,8 +203,8 @@ class _Drives:
         now = HISTORY_STEPS + step
         if not self._is_late:
             return np.tile(self._told[:, now], (self._sets, 1))
-        newer, older = (self._told[:, now - self._whole - k].transpose(1, 0, 2) for k in (0, 1))
-        return np.asarray(((1.0 - self._part) * newer + self._part * older).reshape(-1, 12))
+        told = held_late(lambda ago: self._told[:, now - ago[:, 0, 0]].transpose(1, 0, 2), self._late)
+        return told.reshape(-1, 12)
 
 
 def _after(effect: Limit | Pull, position: Floats, velocity: Floats, torque: Floats) -> Floats:

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
+from saltus.effects.torque_saturation import LOSS_AT_KNEE
 from saltus.real2sim.problem.joints.drives import Drives
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate
 
-KNEE_LOSS = 0.05  # share of the command that is lost at the knee of a saturation (schema of run logs)
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 HALF_FREE = 0.02
 """Give of what holds a base [rad/Nm] at which its unknown is a half."""
+Law = Callable[..., Floats]
+"""What a saturation takes of a torque, by its unknowns."""
 LOOP_RATE = "drive_rate"
 """Nuisance: how much faster than claimed the drive closes its loop."""
 
@@ -221,7 +223,18 @@ def _coordinates(kind: Candidate, reach: Reach) -> Coordinates | None:
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:
     """Parameters of a saturation that takes `taken` of a commanded torque, at a joint with this limit torque [Nm]."""
     torque = np.linspace(0.0, NO_KNEE, 20001)[1:]
-    beyond = taken(torque) >= KNEE_LOSS * torque
+    beyond = taken(torque) >= LOSS_AT_KNEE * torque
     knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE
     plateau = limit - float(taken(np.array([limit]))[0])
     return {"knee": knee, "plateau": plateau}
+
+
+def beside(candidate: Candidate, known: Callable[[Floats], Floats], law: Law, limit: float) -> Candidate:
+    """The candidate of a saturation whose law adds to a known one; it states what both together take of a torque."""
+    return replace(
+        candidate,
+        coordinates=Coordinates(
+            parameters=lambda x: knee_and_plateau(lambda torque: law(torque, *x) + known(torque), limit),
+            unknowns=lambda _: candidate.absent.tolist(),  # what a profile has is assumed, not fitted
+        ),
+    )

@@ -11,6 +11,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.effects.actuator_lag import lag_weights
+from saltus.effects.delay_line import held_late
 from saltus.effects.velocity_filter import low_pass_weights
 
 Hinges = tuple[tuple[Floats, Floats], ...]
@@ -181,13 +182,8 @@ def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Flo
 
 def _late(stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices) -> Floats:
     """A held stream that is `steps` instants late, shape (branches, joints, sets), averaged over the coming one."""
-    whole = np.floor(steps).astype(np.int64)
-    part = steps - whole
     branches, joints = stream.shape[1:]
     place = np.arange(branches * joints).reshape(branches, joints, 1)
-    row = instants[:, None, None, None] - whole
-    first, last = first[:, None, None, None], last[:, None, None, None]
-    newer = np.clip(row, first, last) * (branches * joints) + place
-    older = np.clip(row - 1, first, last) * (branches * joints) + place
+    now, first, last = (each[:, None, None, None] for each in (instants, first, last))
     flat = stream.reshape(-1)
-    return np.asarray((1.0 - part) * flat[newer] + part * flat[older])
+    return held_late(lambda ago: flat[np.clip(now - ago, first, last) * (branches * joints) + place], steps)

@@ -11,7 +11,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.joints.candidates import JointCandidates, knee_and_plateau
+from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
 from saltus.real2sim.problem.joints.drives import Drives, Hinges, lost
 from saltus.real2sim.problem.joints.excitation import encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.grid import Grid
@@ -19,7 +19,7 @@ from saltus.real2sim.problem.joints.motion import motion_of, uniform_rows, windo
 from saltus.real2sim.problem.joints.noise import Whitening, quieter, repeated, smooth_left_out, whitening
 from saltus.real2sim.problem.joints.replay import SimulatedMeans, replay
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Coordinates, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
 from saltus.sim.held import HeldRobot
@@ -128,30 +128,22 @@ class JointProblem(Problem):
 
     def _with_saturations(self) -> tuple[Candidate, ...]:
         """The candidates, those of a saturation with knee and plateau of what is fitted and what is assumed."""
+        places = list(self.places[0])
         return tuple(
-            replace(
-                candidate,
-                coordinates=Coordinates(
-                    parameters=partial(self._knee_and_plateau, list(self.places[0]).index(candidate.where)),
-                    unknowns=lambda _: (0.0, 0.0, 0.0),  # what a profile has is assumed, not fitted
-                ),
-            )
-            if candidate.effect == "torque_saturation"
-            else candidate
-            for candidate in self._candidates.listed
+            beside(c, partial(self._taken, place := places.index(c.where)), lost, float(self.limit[place]))
+            if c.effect == "torque_saturation"
+            else c
+            for c in self._candidates.listed
         )
 
-    def _knee_and_plateau(self, place: int, law: Floats) -> dict[str, float]:
-        """Of a law at a place of the legs; of what is assumed there, the mean of the blocks that have it."""
-        pieces = []
+    def _taken(self, place: int, torque: Floats) -> Floats:
+        """What the assumed saturation takes at a place, in the mean of the blocks that have it."""
+        taken = np.zeros(())
         for slopes, corners in self._assumed:
             own = slopes[:, place, 0] != 0.0
             if own.any():
-                pieces.append((slopes[own, place, 0].mean(), corners[own, place, 0].mean()))
-        return knee_and_plateau(
-            lambda x: lost(x, *law) + sum(slope * np.maximum(x - corner, 0.0) for slope, corner in pieces),
-            float(self.limit[place]),
-        )
+                taken = taken + slopes[own, place, 0].mean() * np.maximum(torque - corners[own, place, 0].mean(), 0.0)
+        return taken
 
     def _residuals(self, unknowns: Floats) -> Floats:
         return self._whitened(replace(self._drives(unknowns), hinges=self._assumed))

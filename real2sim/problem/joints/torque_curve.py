@@ -5,14 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.effects.torque_saturation import TorqueSaturation
+from saltus.effects.torque_saturation import LOSS_AT_KNEE, TorqueSaturation
 from saltus.robots.robot import Robot
 
 Curve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
 
-LOSS_AT_KNEE = 0.05
-"""Definition of the knee of a saturation: the command at which this share is lost."""
 DIGITS = 4
 """Of torques in a profile [Nm]: points that are nearer are one."""
 BEYOND_NM = 5.0

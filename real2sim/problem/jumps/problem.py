@@ -8,7 +8,6 @@ shows them beside payload, centre of mass and inertia.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -17,12 +16,12 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.body import claimed_body
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
-from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, knee_and_plateau
+from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
 from saltus.real2sim.problem.joints.drives import Hinges, lost
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
 from saltus.real2sim.problem.log import boxes_of, drive_torque, rates, robot_of, segments_of, torque_limits
-from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Coordinates, Problem
+from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.real2sim.problem.stream_noise import quiet_sigma
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS, LEGS, LINKS
@@ -130,19 +129,11 @@ class JumpProblem(Problem):
         if candidate.effect != "torque_saturation":
             return placed
 
-        def taken(torque: Floats, law: Floats) -> Floats:
-            known = (
-                slope[leg, place] * np.maximum(torque - corner[leg, place], 0.0) for slope, corner in self._assumed
-            )
-            return np.asarray(lost(torque, *law) + sum(known))
+        def known(torque: Floats) -> Floats:
+            pieces = ((slope[leg, place], corner[leg, place]) for slope, corner in self._assumed)
+            return sum((slope * np.maximum(torque - corner, 0.0) for slope, corner in pieces), np.zeros(()))
 
-        return replace(
-            placed,
-            coordinates=Coordinates(
-                parameters=lambda law: knee_and_plateau(partial(taken, law=law), float(self._limits[leg, place])),
-                unknowns=lambda _: (0.0, 0.0, 0.0),  # what a profile has is assumed, not fitted
-            ),
-        )
+        return beside(placed, known, lost, float(self._limits[leg, place]))
 
     def _left(self, unknowns: Floats) -> Floats:
         """What drives and bodies leave to explain, shape (n, b, 18)."""
