@@ -1,6 +1,7 @@
 """The bus over Zenoh."""
 
 import ctypes
+import sys
 import threading
 import time
 from typing import Any
@@ -13,6 +14,11 @@ from saltus.wire.codec import Envelope
 from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS
+
+SWITCH_S = 5e-4
+"""After which a thread of Python lets another one in, in a process that hears everything: Zenoh's. A socket holds
+200 KB, and what comes while it is full is lost: of 1,500 small messages at 500 Hz 215 beside a thread that computes and
+lets others in after the 5 ms of the default, 6 with this."""
 
 
 class ZenohBus(Bus):
@@ -63,6 +69,7 @@ class ZenohBus(Bus):
         """See `Bus.stream`."""
         stream = Stream(capacity)
         start = len(self.prefix) + 1
+        sys.setswitchinterval(SWITCH_S)
 
         def receive(sample: Any) -> None:
             stream.push(_raw(sample, str(sample.key_expr)[start:]))
