@@ -18,10 +18,13 @@ from saltus.real2sim.experiments.motions import Section, rest
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.experiments.safety import Limits
 from saltus.real2sim.pipeline import examine, judge
+from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.camera.pose import BaseMotion
+from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.search.search import search
 from saltus.recordings.run_log import RunLog, write_run_log
-from saltus.rotations import rotation_matrix
+from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 PATHS: dict[str, dict[str, float]] = {"walk": {"speed_m_s": 0.4}, "turn": {"turn_rad_s": 0.8}}
 FAMILIES = ("held", "stand", "walk", "turn", "jump")
@@ -185,6 +188,25 @@ def test_a_landing_is_not_smoothed_out_of_the_motion_of_a_camera(logs: dict[str,
     assert still.base is not None
     left = BaseMotion(still).at(still.base.time_s)[0] - still.base.values[:, :3]
     assert np.std(left, axis=0).min() > 1e-4  # noise is taken away from a robot that stands
+
+
+def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(logs: dict[str, RunLog]) -> None:
+    """Images are good to a third of a millimetre; half a milliradian moves the ground at 2.5 m by fifty times that."""
+    log = logs["jump"]
+    assert log.base is not None
+    rng, values = np.random.default_rng(402), log.base.values.copy()
+    values[:, :3] += 5e-4 * rng.standard_normal((len(values), 3))
+    turned = quaternion_from_roll_pitch_yaw(*(5e-4 * rng.standard_normal((3, len(values)))))
+    values[:, 3:7] = rotations.product(values[:, 3:7], turned)
+    log = replace(log, base=replace(log.base, values=values))
+    problem = CameraProblem(log)
+    residuals = problem.residuals(problem.absent[None, None])[0, 0]
+    assert np.mean(residuals[problem.signal == problem.signals.index("depth")] ** 2) < 1.2
+    findings = search(problem)
+    assert findings.verdict == "no_gap"
+    told = findings.minimum_detectable["camera_pitch"].value
+    off = search(CameraProblem(_camera(log, pitch=log.meta["camera"]["pitch"] - 1.5 * told)))
+    assert [(effect.name, off.verdict) for effect in off.effects] == [("camera_pitch", "named")]
 
 
 def _camera(log: RunLog, **claims: object) -> RunLog:

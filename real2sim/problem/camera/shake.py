@@ -9,7 +9,6 @@ from saltus.real2sim.problem.camera.candidates import CameraEffects
 from saltus.real2sim.problem.camera.model import DepthModel
 
 STEP = 1e-4  # m and rad, of the derivatives: moves a pixel by far less than its width
-MOST = 30.0  # units of noise by which one deviation of the pose may move a pixel; more is a pixel that passes an edge
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +42,6 @@ def shake_of(model: DepthModel, view: CameraEffects, kept: Indices, sigma: Float
         step[axis] = STEP
         moved = replace(model, shift_m=step[:3], turn_rad=step[3:]).predict(view, kept)
         deviation = model.motion.noise_m if axis < 3 else model.motion.noise_rad
-        columns.append(np.clip((moved - still) * (deviation / STEP) / sigma, -MOST, MOST))
+        columns.append((moved - still) * (deviation / STEP) / sigma)
     basis, size, _ = np.linalg.svd(np.stack(columns, axis=-1), full_matrices=False)
     return Shake(basis=basis, cut=1.0 - 1.0 / np.sqrt(1.0 + size**2))
