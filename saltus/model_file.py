@@ -50,7 +50,9 @@ class ModelFile:
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.log_severity_level = 4  # what is wrong is raised; the runtime need not print it too
         try:
-            self.session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            self.session = onnxruntime.InferenceSession(
+                data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+            )
             self.metadata: dict[str, str] = dict(self.session.get_modelmeta().custom_metadata_map)
         except Exception as error:  # the runtime has no common base class of its errors; its texts may be none
             raise ModelError(f"{path} is not a model that can be run: {str(error).splitlines()[0]}") from error

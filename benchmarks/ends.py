@@ -1,0 +1,248 @@
+"""Ends runs at random: recordings that are cut, disks that are full, signals. What is left is whole and says so.
+
+cut: a recording of a run at random bytes. disk: a small tmpfs under the run (needs root). Others: SIGTERM, SIGHUP and
+Ctrl-C at random moments of a command.
+
+    saltus bench ends -- --what cut --times 2000
+    saltus bench ends -- --what train --times 50 --out runs/ends.jsonl
+"""
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from benchmarks._command import Command, progress, tell
+from saltus.config import RunConfig, TerrainConfig
+from saltus.errors import SaltusError
+from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.shards import MANIFEST
+from saltus.policy.training.checkpoint import read_checkpoint
+from saltus.recordings.recorder import RECORDING_FILE
+from saltus.recordings.recording import read_recording
+from saltus.recordings.repair import repair
+from saltus.runtime.faults import is_upright, witness
+from saltus.runtime.stack import Stack
+from saltus.wire.messages import ControllerMode, RobotState
+
+COURSE = ("--terrain", "flat", "--planner", "scripted", "--camera", "ideal")
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "up": ("up", *COURSE),
+    "demo": ("demo", *COURSE, "--no-video"),
+    "train": ("policy", "train", "--device", "cpu", "--minutes", "10"),
+    "collect": (
+        "heightmap",
+        "collect",
+        "cpu",
+        "--batches",
+        "2000",
+        "--loop.robots",
+        "2",
+        "--loop.courses",
+        "2",
+        "--processes",
+        "1",
+    ),
+    "evaluate": ("policy", "eval", "--terrain", "flat", "--trials", "50", "--processes", "1"),
+}
+SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+ENDED_S = 120.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    what: Literal["cut", "disk", "up", "demo", "train", "collect", "evaluate"] = "cut"
+    """What is ended, and how."""
+    times: int = 50
+    """How often."""
+    seed: int = 0
+    within_s: float = 25.0
+    """Signals come up to so long after the start of a command."""
+    speed: float = 0.5
+    """Of the clock of a run on a full disk."""
+    out: Path | None = None
+    """File of results so far, to go on from; by default none is kept."""
+
+    def measure(self) -> dict[str, Any]:
+        if self.what == "cut":
+            return {"cut": self._cut()}
+        rows = []
+        if self.out is not None and self.out.is_file():
+            lines = [json.loads(line) for line in self.out.read_text().splitlines()]
+            rows = [row for row in lines if row["what"] == self.what and row["number"] < self.times]
+        for number in progress(range(len(rows), self.times), self.what):
+            rng = np.random.default_rng([self.seed, number])
+            with tempfile.TemporaryDirectory() as folder:
+                row = self._disk(Path(folder), rng) if self.what == "disk" else self._signal(Path(folder), rng)
+            rows.append({"what": self.what, "number": number, **row})
+            if self.out is not None:
+                with self.out.open("a") as file:
+                    file.write(json.dumps(rows[-1]) + "\n")
+            if row["wrong"]:
+                tell(str(rows[-1]))
+        return {
+            self.what: {
+                "times": len(rows),
+                "with_files": sum(bool(row.get("files", True)) for row in rows),
+                "wrong": [row["wrong"] for row in rows if row["wrong"]],
+                "tracebacks": [row["traceback"] for row in rows if row.get("traceback")],
+                "ended_s_max": max(row.get("ended_s", 0.0) for row in rows),
+            }
+        }
+
+    def _cut(self) -> dict[str, Any]:
+        rng = np.random.default_rng(self.seed)
+        config = RunConfig(terrain=TerrainConfig(terrain="flat"), planner="scripted", time_limit_s=3.0)
+        with tempfile.TemporaryDirectory() as directory:
+            folder = Path(directory)
+            whole, cut, out = folder / RECORDING_FILE, folder / "cut.mcap", folder / "out.mcap"
+            with Stack(config, folder) as stack:
+                stack.wait()
+            data, full, ends = whole.read_bytes(), in_order(whole), chunk_ends(whole)
+            kept, wrong = [], 0
+            for byte in progress(rng.integers(100, len(data), self.times).tolist(), "cut"):
+                cut.write_bytes(data[:byte])
+                repair(cut, out)
+                found = in_order(out)
+                expected = max((count for end, count in ends if end <= byte), default=0)
+                wrong += found != full[: len(found)] or len(found) < expected
+                kept.append(len(found) - expected)
+                out.unlink()
+        return {"bytes": len(data), "messages": len(full), "cuts": self.times, "wrong": wrong,
+                "saved_of_a_torn_chunk_mean": float(np.mean(kept))}  # fmt: skip
+
+    def _disk(self, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
+        """A run on a file system with room for a random part of it."""
+        room = int(rng.integers(200_000, 1_500_000))
+        run = folder / "disk"
+        with small_disk(run, room):
+            process = start(("up", *COURSE, "--speed", str(self.speed), "--out", str(run)))
+            seen = witness(process, run, folder / "seen.mcap", float("inf"), lambda: None)
+            _, told = process.communicate()
+            states = seen.of(RobotState)
+            kept = read_recording(run / "recording.mcap").of(RobotState)
+        wrong = "".join(
+            f"{name}; "
+            for name, good in (
+                ("exit code 0", process.returncode != 0),
+                (f"it said {told!r}", "No space left" in told.splitlines()[-1] and "Traceback" not in told),
+                ("it fell", states[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED) and is_upright(seen, 5)),
+                ("nothing was kept", len(kept) > 0),
+            )
+            if not good
+        )
+        return {"room": room, "states_kept": len(kept), "wrong": wrong}
+
+    def _signal(self, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
+        """A command that is ended by a signal, and what it left."""
+        number = SIGNALS[rng.integers(len(SIGNALS))]
+        after_s = float(rng.uniform(0.0, self.within_s))
+        out = folder / "out"
+        process = start((*COMMANDS[self.what], "--out", str(out)))
+        try:
+            process.wait(after_s)
+        except subprocess.TimeoutExpired:
+            process.send_signal(number)
+        begun_s = time.monotonic()
+        try:
+            _, told = process.communicate(timeout=ENDED_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return {"signal": number.name, "after_s": after_s, "wrong": f"it did not end within {ENDED_S:g} s"}
+        wrong = "; ".join(leftovers(out))
+        return {
+            "signal": number.name, "after_s": after_s, "exit_code": process.returncode,
+            "ended_s": time.monotonic() - begun_s, "files": sorted(path.name for path in out.rglob("*.*")),
+            "wrong": wrong, "said": told.splitlines()[-1:],
+            "traceback": told.splitlines()[-1] if "Traceback" in told else "",
+        }  # fmt: skip
+
+
+def start(arguments: tuple[str, ...]) -> "subprocess.Popen[str]":
+    """A command of Saltus in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "saltus.cli.main", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=hear_signals,
+    )
+
+
+def hear_signals() -> None:
+    """As in a terminal, also where this benchmark was started to ignore them (nohup, &)."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
+def leftovers(out: Path) -> Iterator[str]:
+    """What is wrong with the files that a command has left: not whole, or not finished."""
+    checks: dict[str, Callable[[Path], object]] = {
+        "*.mcap": in_order,
+        "checkpoint.pt": read_checkpoint,
+        "*.json": lambda path: json.loads(path.read_text()),
+    }
+    for pattern, check in checks.items():
+        for path in out.rglob(pattern):
+            try:
+                check(path)
+            except Exception as error:  # other readers raise anything
+                yield f"{path.name}: {type(error).__name__}: {error}"
+    for path in out.rglob("*"):
+        if path.name.startswith(".") or path.suffix in (".part", ".partial"):
+            yield f"{path.name} is left"
+    for manifest in out.rglob(MANIFEST):
+        try:
+            yield from validate(manifest.parent)
+        except SaltusError as error:
+            yield str(error)
+
+
+@contextmanager
+def small_disk(place: Path, room: int) -> Iterator[None]:
+    """A file system with room for so many bytes; needs root."""
+    place.mkdir()
+    mounted = subprocess.run(
+        ["/bin/mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(place)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if mounted.returncode:
+        raise SaltusError(f"no small disk could be made (are you root?): {mounted.stderr.strip()}")
+    try:
+        yield
+    finally:
+        subprocess.run(["/bin/umount", "--lazy", str(place)], check=True)
+
+
+def in_order(path: Path) -> list[tuple[str, int, bytes]]:
+    """All messages of a file in its order, as plain `mcap` reads them."""
+    with path.open("rb") as file:
+        return [(c.topic, m.sequence, m.data) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+
+
+def chunk_ends(path: Path) -> list[tuple[int, int]]:
+    """Where each chunk of a whole file ends [bytes], and how many messages the file has up to there."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        ends: list[tuple[int, int]] = []
+        for index in summary.chunk_indexes if summary is not None else ():
+            file.seek(index.chunk_start_offset)
+            chunk = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
+            assert isinstance(chunk, Chunk)
+            count = sum(isinstance(record, Message) for record in breakup_chunk(chunk))
+            ends.append((index.chunk_start_offset + index.chunk_length, count + (ends[-1][1] if ends else 0)))
+    return ends
