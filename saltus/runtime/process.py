@@ -40,8 +40,8 @@ STATUS_PERIOD_S = 0.5
 """Of the machine's time: a run that is slowed tells as soon how it goes."""
 ROUTER_LOST_S = 2.0
 LINKED_S = 1.0
-"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. Within
-0.3 s one of 21 had none beside three other busy programs."""
+"""After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
+0.3 s one of 21 had none."""
 EXIT_ERROR = 2
 PEER_FLAG = "--peer"
 

@@ -49,6 +49,7 @@ SPARE_AFTER_S = 3.0  # a robot whose camera died is down and stands (1.2 s): unt
 RESTART_AFTER_S = 0.15
 """Half as long again as it takes the others to notice a loss: a process that loads would take their processors."""
 STOP_TIMEOUT_S = 3.0
+STANDSTILL_S = 30.0  # of the machine; a landing in lockstep takes a few
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
 RECORDED_AT_A_TIME = 20
@@ -332,8 +333,8 @@ class Stack:
         self._events.put(Event(time_ns=self._clock.now_ns(), process=SUPERVISOR, code=code, detail=detail))
 
     def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
-        deadline_s = self._clock.elapsed_s() + LAST_WORDS_S
-        while self._events_seen < self._events_sent and self._clock.elapsed_s() < deadline_s:
+        in_time = self._limit(LAST_WORDS_S)
+        while self._events_seen < self._events_sent and in_time():
             self._drain()
             time.sleep(POLL_S)
         self._drain()
@@ -353,13 +354,20 @@ class Stack:
         if self.recording_error is not None and error is None:
             raise RecordingError(self.recording_error)
 
+    def _limit(self, seconds: float) -> Callable[[], bool]:
+        """Whether so much of the run's time is not over yet; in lockstep it stands still where nothing is recorded."""
+        until_s, standstill_s = self._clock.elapsed_s() + seconds, time.monotonic() + STANDSTILL_S
+        return lambda: (
+            self._clock.elapsed_s() < until_s and (not self._clock.lockstep or time.monotonic() < standstill_s)
+        )
+
     def _stop(self, *, restart: bool) -> None:
         group = [child for child in self._children.values() if child.program.restart == restart]
         for child in group:
             child.dismiss()
             child.signal(signal.SIGTERM)
-        deadline_s = self._clock.elapsed_s() + STOP_TIMEOUT_S
-        while any(child.running() for child in group) and self._clock.elapsed_s() < deadline_s:
+        in_time = self._limit(STOP_TIMEOUT_S)
+        while any(child.running() for child in group) and in_time():
             self._drain()
             time.sleep(POLL_S)
         for child in group:
