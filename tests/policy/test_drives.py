@@ -46,7 +46,14 @@ from saltus.wire.messages import JointCommand
 ACTUATOR = EVERYTHING.actuator
 BODY = (*EVERYTHING.body, ContactCompliance(time_constant=0.012))
 ROBOTS = {"actuator": ACTUATOR, "body": BODY, "imu": EVERYTHING.imu}
-FAMILY = [Profile(**{part: (effect,)}) for part, effects in ROBOTS.items() for effect in effects]  # type: ignore[arg-type]
+OF_STANDS = tuple(effect for effect in EVERYTHING.body if effect.site == "stand")
+"""Of what holds a robot in the air, which only a plant does."""
+FAMILY = [
+    Profile(**{part: (effect,)})  # type: ignore[arg-type]
+    for part, effects in ROBOTS.items()
+    for effect in effects
+    if effect not in OF_STANDS
+]
 SHIFT = HeightmapShift(x=0.1, z=-0.07)
 STEPS = 80
 HIGH = 2.0  # above the ground [m]: the robot falls for longer
@@ -98,8 +105,8 @@ def angles(sensed: Sensed) -> np.ndarray:
     return np.concatenate([sensed.joint_position, sensed.quaternion_base_in_world, turned], axis=-1)
 
 
-def of_plant(profile: Profile) -> np.ndarray:
-    plant = Plant(ROBOT, flat.make(), **what_is(profile))
+def of_plant(profile: Profile, *, held: bool = False) -> np.ndarray:
+    plant = Plant(ROBOT, flat.make(), held=held, **what_is(profile))
     plant.reset(clearance=clearance_of(profile))
     return np.array([(plant.step(command), angles(plant.sensed))[1] for command in commands()])
 
@@ -163,6 +170,16 @@ def test_every_simulator_has_the_robots_of_the_plant(profile: Profile, tmp_path:
     assert np.abs(plant - nothing).max() > SHOWS_RAD, "the motion shows the effect"
     assert np.abs(of_batch(profile) - plant).max() < BATCH_RAD
     assert np.abs(of_training(profile, tmp_path / "p.toml") - plant).max() < TRAINING_RAD
+
+
+@pytest.mark.parametrize("effect", OF_STANDS, ids=lambda effect: effect.name)
+def test_what_holds_a_robot_shows_where_one_is_held_and_nowhere_else(effect: Any, tmp_path: Any) -> None:
+    profile, nothing = Profile(body=(effect,)), Profile()
+    assert np.abs(of_plant(profile, held=True) - of_plant(nothing, held=True)).max() > SHOWS_RAD
+    free = of_plant(Profile(body=(PayloadMass(),)))
+    assert np.array_equal(of_plant(profile), free)
+    assert np.array_equal(of_batch(profile), of_batch(Profile(body=(PayloadMass(),))))
+    assert np.abs(of_training(profile, tmp_path / "p.toml") - free).max() < TRAINING_RAD
 
 
 def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: Any) -> None:
