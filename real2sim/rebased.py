@@ -40,7 +40,7 @@ class RebasedProblem(WrappedProblem):
         if isinstance(inner, BodyProblem):
             held = [e for e in profile.actuator if isinstance(e, Limit | Pull)]
             inner = inner.holding([e.fitted(_owner(e, inner.model)) for e in held])
-            profile = replace(profile, actuator=tuple(e for e in profile.actuator if e not in held))
+            profile = replace(profile, actuator=tuple(e for e in profile.actuator if not isinstance(e, Limit | Pull)))
         super().__init__(inner)
         found = [_offset(inner, candidate, profile) for candidate in inner.candidates]
         lost = {c.effect for c, offset in zip(inner.candidates, found, strict=True) if np.isnan(offset).any()}

@@ -1,5 +1,6 @@
 """`saltus heightmap`: the service, and all that makes and measures its models."""
 
+import contextlib
 import sys
 import time
 from dataclasses import dataclass, field
@@ -30,10 +31,10 @@ class Serve:
     """
 
     endpoint: Annotated[
-        str | None, shown("STR", "the one that the folder names; with --recording a router of its own")
+        str | None, shown("STR", "the one that the folder names; with --recording and no folder a router of its own")
     ] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
-    run_dir: Annotated[Path | None, shown("PATH", "none, with --recording; else it is needed")] = None
+    run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
     """Folder of the run: of `saltus up` or `saltus router`."""
     recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
     """A RealSense recording (.bag) in place of a camera; needs --assume-level."""
@@ -63,6 +64,7 @@ class Serve:
         from saltus.recordings.realsense import read_realsense
         from saltus.resources import resource
         from saltus.robots.loading import load_robot
+        from saltus.runtime.run_folder import endpoint_of
         from saltus.wire.messages import HeightmapStatus
         from saltus.wire.router import open_router
         from saltus.wire.zenoh_bus import ZenohBus
@@ -74,8 +76,11 @@ class Serve:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
         heightmaps = replay_frames(network, frames, self.level)
-        endpoint, router = (self.endpoint, None) if self.endpoint else open_router()
-        try:
+        with contextlib.ExitStack() as resources:
+            endpoint = self.endpoint or (endpoint_of(self.run_dir) if self.run_dir is not None else None)
+            if endpoint is None:
+                endpoint, router = open_router()
+                resources.callback(router.close)
             with ZenohBus(endpoint, self.prefix) as bus:
                 depth, heights = bus.publisher("camera/depth"), bus.publisher("heightmap/heightmap")
                 print(f"serving at {endpoint}, keys under {self.prefix}")
@@ -86,9 +91,6 @@ class Serve:
                     depth.put(frame)
                     heights.put(heightmap)
                     print(f"frame {frame.frame_id}: {HeightmapStatus(heightmap.status).name.lower()}")
-        finally:
-            if router is not None:
-                router.close()
         return 0
 
 

@@ -143,7 +143,7 @@ def run_process(name: str, body: Callable[[ProcessContext], None], arguments: Se
     """
     parser = argparse.ArgumentParser(prog=name, description=f"The {name} process of a run.")
     parser.add_argument("--run-dir", type=Path, required=True, help="folder of the run, with run.toml")
-    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447")
+    parser.add_argument("--endpoint", required=True, help="Zenoh router, e.g. tcp/127.0.0.1:7447, or a client.json5")
     parser.add_argument(
         PEER_FLAG, action="store_true", help="link to others on the router's machine, which is this one"
     )

@@ -59,9 +59,11 @@ def write_client(path: Path, endpoint: str, certificate: Certificate | None = No
     settings = json.loads(str(_settings("client", endpoint)))
     if certificate is not None:  # which Zenoh's own text of a configuration leaves out
         settings["transport"]["link"] |= {"protocols": ["tls"], "tls": mutual_tls(certificate, "connect")}
-    path.unlink(missing_ok=True)  # one that is there may be readable by others
-    path.touch(mode=0o600)
-    path.write_text(f"{json.dumps(settings)}\n")
+    partial = path.with_name(f".{path.name}.partial")
+    partial.unlink(missing_ok=True)  # one that is there may be readable by others
+    partial.touch(mode=0o600)
+    partial.write_text(f"{json.dumps(settings)}\n")
+    partial.replace(path)  # who waits for the file finds all of it
 
 
 def read_client(path: Path) -> str:
