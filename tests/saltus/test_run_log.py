@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from test_recording import STEPS, raw, run_samples, write
+from recorded import STEPS, raw, run_samples, write
 
 from saltus.cli.main import main
 from saltus.errors import RecordingError
