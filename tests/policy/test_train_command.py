@@ -19,7 +19,7 @@ from saltus.folders import differences
 from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
 from saltus.policy.tables import read_table
 from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
-from saltus.policy.training.command import parse
+from saltus.policy.training.command import Train, parse
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
 RESUMED = replace(for_cpu(), robots=40, seed=7, learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003))
@@ -74,24 +74,58 @@ def resumed(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("path", "value"), FAMILY, ids=[".".join(path) for path, _ in FAMILY])
-@pytest.mark.parametrize(("how", "goes_on"), [("file", False), ("file", True), ("flag", True)])
-def test_a_file_or_a_flag_with_one_value_changes_that_value_alone(
-    path: tuple[str, ...], value: Any, how: str, goes_on: bool, resumed: Path, tmp_path: Path
+@pytest.fixture(params=["new", "goes on"])
+def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainConfig, Train]:
+    """What a training begins with, and its command."""
+    goes_on = request.param == "goes on"
+    return (RESUMED if goes_on else for_cpu()), Train(device="cpu", resume=resumed if goes_on else None)
+
+
+each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids=".".join)
+
+
+@each_value
+def test_a_file_with_one_value_changes_that_value_alone(
+    path: tuple[str, ...], begun: tuple[TrainConfig, Train], tmp_path: Path
 ) -> None:
-    before, flags = (RESUMED, ["--resume", str(resumed)]) if goes_on else (for_cpu(), [])
+    before, command = begun
     new = other(at(before, path))
-    if how == "file":
-        file = tmp_path / "changes.toml"
-        file.write_text(tomli_w.dumps(table(path, new)))
-        flags += ["--config", str(file)]
-    else:
-        items = [word for pair in new.items() for word in pair] if isinstance(new, dict) else new
-        words = [str(item) for item in items] if isinstance(items, tuple | list) else [str(items)]
-        flags += ["--profile" if path[-1] == "profile" else "--" + ".".join(path).replace("_", "-"), *words]
-    after = parse(["--device", "cpu", *flags]).training
+    file = tmp_path / "changes.toml"
+    file.write_text(tomli_w.dumps(table(path, new)))
+    check_changed(before, replace(command, config=file).defaults().training, path, new)
+
+
+@each_value
+def test_a_flag_changes_its_value_alone(path: tuple[str, ...], resumed: Path) -> None:
+    new = other(at(RESUMED, path))
+    items = [word for pair in new.items() for word in pair] if isinstance(new, dict) else new
+    words = [str(item) for item in items] if isinstance(items, tuple | list) else [str(items)]
+    flag = "--profile" if path[-1] == "profile" else "--" + ".".join(path).replace("_", "-")
+    check_changed(RESUMED, parse(["--device", "cpu", "--resume", str(resumed), flag, *words]).training, path, new)
+
+
+def check_changed(before: TrainConfig, after: TrainConfig, path: tuple[str, ...], new: Any) -> None:
+    """This value is new, and no other."""
     assert at(after, path) == pytest.approx(new) if not isinstance(new, str) else at(after, path) == new
     assert changed(before, after) == [".".join((*path, *new) if isinstance(new, dict) else path)]
+
+
+def test_the_command_line_changes_nothing_of_a_file(begun: tuple[TrainConfig, Train], tmp_path: Path) -> None:
+    """Nor of what is resumed: values of all fields come through it as they are."""
+    before, command = begun
+    file, values = tmp_path / "changes.toml", to_table(before)
+    file.write_text(tomli_w.dumps(values))
+    flags = ["--device", "cpu", "--config", str(file), *(["--resume", str(command.resume)] if command.resume else [])]
+    after = parse(flags).training
+    assert after == replace(command, config=file).defaults().training
+    assert len(changed(before, after)) >= len(FAMILY)
+
+
+def to_table(config: Any) -> dict[str, Any]:
+    """Another value for each of a configuration, as a file names them."""
+    values = {f.name: getattr(config, f.name) for f in fields(config)}
+    others = {name: to_table(v) if is_dataclass(v) else other(v) for name, v in values.items()}
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in others.items()}
 
 
 def test_a_flag_wins_over_the_file_and_both_over_the_resumed_training(resumed: Path, tmp_path: Path) -> None:
