@@ -18,9 +18,13 @@ for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHU
         signal.signal(number, usual)
 
 
+gc.disable()  # nothing of what is imported and collected becomes garbage
+
+
 def pytest_collection_finish() -> None:
     """What was imported stays: to look through it again and again for garbage took an eighth of the tests' time."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="module")
