@@ -164,12 +164,15 @@ class OneJoint(Problem):
         steps = round(WINDOW_S / STEP_S)
         kept = np.zeros((2, steps // ROWS_EVERY, *q.shape))
         blend = 1.0 - np.exp(-STEP_S / np.maximum(value["lag"], 1e-6))
+        delays, which = np.unique(value["delay"][..., 0], return_inverse=True)  # few, and the same at most sets
+        t = np.maximum(0.0, starts + STEP_S * np.arange(steps)[:, None, None] - delays[:, None])
+        goals = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
+        saturates, rubs = value["loss"].any(), value["coulomb"].any()
         for step in range(steps):
-            t = np.maximum(0.0, starts + step * STEP_S - value["delay"])
-            goal = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
-            told = KP * (goal - q) - KD * dq
-            excess = np.maximum(np.abs(told) - value["knee"], 0.0) * value["loss"]
-            given = told - np.sign(told) * excess
+            given = KP * (goals[step, which] - q) - KD * dq
+            if saturates:
+                excess = np.maximum(np.abs(given) - value["knee"], 0.0) * value["loss"]
+                given = given - np.sign(given) * excess
             if self._fast:
                 share = np.clip(
                     (value["corner"] + value["span"] - np.abs(dq)) / np.maximum(value["span"], 0.1), 0.0, 1.0
@@ -177,8 +180,12 @@ class OneJoint(Problem):
                 cut = np.maximum(0.0, np.sign(dq) * given - STALL * share)
                 given = given - value["weight"] * np.sign(dq) * cut
             torque = torque + blend * ((1.0 + value["gain"]) * given - torque)
-            friction = value["viscous"] * dq + value["coulomb"] * np.tanh(dq / 0.05)
-            total = torque - friction - GRAVITY * np.sin(q) + ripple * np.sin(12.0 * q)
+            friction = value["viscous"] * dq
+            if rubs:
+                friction = friction + value["coulomb"] * np.tanh(dq / 0.05)
+            total = torque - friction - GRAVITY * np.sin(q)
+            if ripple:
+                total = total + ripple * np.sin(12.0 * q)
             dq = dq + STEP_S * total / (INERTIA + value["armature"])
             q = q + STEP_S * dq
             if step % ROWS_EVERY == ROWS_EVERY - 1:
