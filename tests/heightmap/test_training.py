@@ -31,15 +31,30 @@ from saltus.resources import resource
 pytestmark = pytest.mark.usefixtures("short_calibration")
 SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
 CONFIG = TrainConfig(updates=30, batch=8, window=50, device="cpu", model=SMALL)
+ONE = TrainConfig(**{**vars(CONFIG), "updates": 1})
 
 
-def test_training_lowers_the_error_and_the_release_measures_it(data: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def begun(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibration: None) -> Path:
+    """Checkpoint of a training of one update."""
+    path = tmp_path_factory.mktemp("begun") / "a.pt"
+    train(data, path, ONE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibration: None) -> Path:
+    """Checkpoint of a whole training, small as it is."""
+    path = tmp_path_factory.mktemp("trained") / "a.pt"
+    train(data, path, CONFIG)
+    return path
+
+
+def test_training_lowers_the_error_and_the_release_measures_it(data: Path, begun: Path, tmp_path: Path) -> None:
     told: list[Progress] = []
-    first = train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
-    del first
     train(data, tmp_path / "b.pt", CONFIG, told.append)
     assert told[-1].update == CONFIG.updates
-    before = release(tmp_path / "a.pt", data, tmp_path / "a.onnx")
+    before = release(begun, data, tmp_path / "a.onnx")
     after = release(tmp_path / "b.pt", data, tmp_path / "b.onnx")
     assert after.clean.mae_m < before.clean.mae_m
     assert after.parity < 1e-5
@@ -47,41 +62,39 @@ def test_training_lowers_the_error_and_the_release_measures_it(data: Path, tmp_p
     assert after.model_id in (tmp_path / "b.md").read_text()
 
 
-def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, tmp_path: Path) -> None:
-    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
+def test_a_model_is_measured_on_what_it_was_not_trained_on(data: Path, begun: Path, tmp_path: Path) -> None:
     manifest, unseen = tmp_path / "elsewhere", tmp_path / "unseen"
     manifest.mkdir()
     shutil.copy(data / "manifest.json", manifest)  # the shards stayed on the machine that trained
     write_shard(unseen, gliding_episodes(3, seed=1), seed=1, config={"source": "synthetic"})
-    result = release(tmp_path / "a.pt", manifest, tmp_path / "a.onnx", unseen)
+    result = release(begun, manifest, tmp_path / "a.onnx", unseen)
     assert result.clean.ticks == 3 * (150 - SETTLED_TICKS)
     assert read_manifest(data)[0].sha256[:16] in (tmp_path / "a.md").read_text()
     with pytest.raises(DatasetError, match="was trained on"):
-        release(tmp_path / "a.pt", data, tmp_path / "b.onnx", data)
+        release(begun, data, tmp_path / "b.onnx", data)
     with pytest.raises(DatasetError, match="not on"):
-        release(tmp_path / "a.pt", unseen, tmp_path / "b.onnx")
+        release(begun, unseen, tmp_path / "b.onnx")
     assert not (tmp_path / "b.onnx").exists()
 
 
-def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(data: Path, tmp_path: Path) -> None:
+def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(
+    data: Path, begun: Path, tmp_path: Path
+) -> None:
     further, twin = tmp_path / "further", tmp_path / "twin"
     write_shard(further, gliding_episodes(10, seed=2), seed=2, config={"source": "synthetic", "camera": "ideal"})
     write_shard(twin, gliding_episodes(11, seed=2), seed=2, config={"source": "synthetic", "camera": "d435i"})
-    config = TrainConfig(**{**vars(CONFIG), "updates": 1})
-    train(data, tmp_path / "a.pt", config)
-    train(further, tmp_path / "b.pt", config, start=tmp_path / "a.pt")
+    train(further, tmp_path / "b.pt", ONE, start=begun)
     for known in (data, twin):
         with pytest.raises(DatasetError, match="was trained on"):
             release(tmp_path / "b.pt", further, tmp_path / "b.onnx", known)
 
 
 def test_the_command_measures_on_unseen_data_and_says_so(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    data: Path, begun: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
     write_shard(tmp_path / "unseen", gliding_episodes(3, seed=77), seed=77, config={"source": "synthetic"})
     out = tmp_path / "new folder" / "heightmap.onnx"
-    files = ["--checkpoint", str(tmp_path / "a.pt"), "--out", str(out.parent)]
+    files = ["--checkpoint", str(begun), "--out", str(out.parent)]
     command = ["heightmap", "export", "--data", str(data), *files]
     assert saltus([*command, "--unseen", str(tmp_path / "unseen")]) == 0
     assert HeightmapNetwork(ROBOT, out).model_id in capsys.readouterr().out
@@ -94,24 +107,22 @@ def test_the_command_measures_on_unseen_data_and_says_so(
 
 @pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
 def test_an_export_that_ends_early_leaves_the_model_that_was_there(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+    data: Path, begun: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    train(data, tmp_path / "a.pt", TrainConfig(**{**vars(CONFIG), "updates": 1}))
     folder = tmp_path / "models"
-    release(tmp_path / "a.pt", data, folder / "m.onnx")
+    release(begun, data, folder / "m.onnx")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    train(data, tmp_path / "b.pt", TrainConfig(**{**vars(CONFIG), "updates": 2}))
 
     def interrupted(*_: Any) -> float:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(heightmap_release, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        release(tmp_path / "b.pt", data, folder / "m.onnx")
+        release(trained, data, folder / "m.onnx")
     monkeypatch.setattr(heightmap_release, step, lambda *_: math.nan)
     if step == "parity":
         with pytest.raises(ModelError, match="differs"):
-            release(tmp_path / "b.pt", data, folder / "m.onnx")
+            release(trained, data, folder / "m.onnx")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -137,9 +148,8 @@ def _scaled(model: HeightmapModel) -> None:
 
 @pytest.mark.parametrize("damage", [_gates_swapped, _weight_changed, _scaled])
 def test_a_file_of_another_network_is_refused(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[HeightmapModel], None]
+    data: Path, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[HeightmapModel], None]
 ) -> None:
-    train(data, tmp_path / "a.pt", CONFIG)
     law = heightmap_release.export
 
     def wrong(model: HeightmapModel, *rest: Any) -> None:
@@ -149,7 +159,7 @@ def test_a_file_of_another_network_is_refused(
 
     monkeypatch.setattr(heightmap_release, "export", wrong)
     with pytest.raises(ModelError, match="differs"):
-        release(tmp_path / "a.pt", data, tmp_path / "a.onnx")
+        release(trained, data, tmp_path / "a.onnx")
     assert not (tmp_path / "a.onnx").exists()
 
 
@@ -213,30 +223,27 @@ def test_an_interruption_while_it_is_kept_loses_nothing(
     assert load_checkpoint(checkpoint)[1]["update"] == 1
 
 
-@pytest.mark.parametrize("change", ["updates", "forgets", "start"])
-def test_a_checkpoint_of_another_training_is_left_alone(data: Path, tmp_path: Path, change: str) -> None:
-    config = TrainConfig(**{**vars(CONFIG), "updates": 2})
-    starts = tmp_path / "a.pt", tmp_path / "b.pt"
-    for seed, path in enumerate(starts):
-        train(data, path, TrainConfig(**{**vars(config), "seed": seed}))
-    train(data, tmp_path / "c.pt", config, start=starts[0])
-    before = (tmp_path / "c.pt").read_bytes()
-    other = {"updates": {"updates": 3}, "forgets": {"forgets": 0.1}, "start": {}}[change]
-    with pytest.raises(ModelError, match=f"another training .*{change}"):
-        train(data, tmp_path / "c.pt", TrainConfig(**{**vars(config), **other}), start=starts[int(change == "start")])
-    assert (tmp_path / "c.pt").read_bytes() == before
+def test_a_checkpoint_of_another_training_is_left_alone(data: Path, begun: Path, trained: Path, tmp_path: Path) -> None:
+    path = tmp_path / "c.pt"
+    train(data, path, ONE, start=begun)
+    before = path.read_bytes()
+    for change, start, values in (
+        ("updates", begun, {"updates": 3}),
+        ("forgets", begun, {"forgets": 0.1}),
+        ("start", trained, {}),
+    ):
+        with pytest.raises(ModelError, match=f"another training .*{change}"):
+            train(data, path, TrainConfig(**{**vars(ONE), **values}), start=start)
+        assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     "content", ["missing", "text", "words", "empty", "folder", "another table", "another origin", "cut"]
 )
 def test_what_is_no_checkpoint_is_refused_before_any_work(
-    data: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+    data: Path, begun: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "a.pt"
-    train(data, path, TrainConfig(**{**vars(CONFIG), "updates": 1}))
-    whole = path.read_bytes()
-    path.unlink()
+    path, whole = tmp_path / "a.pt", begun.read_bytes()
     if content == "folder":
         path.mkdir()
     elif content == "another table":
@@ -302,12 +309,11 @@ def test_a_window_that_starts_knows_nothing_of_what_was_before(store: EpisodeSto
     assert same.tolist() == window.starts.tolist()
 
 
-def test_a_further_round_begins_with_what_was_learned(data: Path, tmp_path: Path) -> None:
-    train(data, tmp_path / "d.pt", CONFIG)
+def test_a_further_round_begins_with_what_was_learned(data: Path, trained: Path, tmp_path: Path) -> None:
     told: list[Progress] = []
-    further = TrainConfig(**{**vars(CONFIG), "updates": 1, "learning_rate": 0.0, "seed": 5})
-    model = train(data, tmp_path / "e.pt", further, told.append, start=tmp_path / "d.pt")
-    before = load_checkpoint(tmp_path / "d.pt")[0].state_dict()
+    further = TrainConfig(**{**vars(ONE), "learning_rate": 0.0, "seed": 5})
+    model = train(data, tmp_path / "e.pt", further, told.append, start=trained)
+    before = load_checkpoint(trained)[0].state_dict()
     for name, weights in model.state_dict().items():
         if weights.shape == (2 * len(HEIGHTMAP_X),):  # what intervals are scaled by is fitted anew
             torch.testing.assert_close(weights[: len(HEIGHTMAP_X)], before[name][: len(HEIGHTMAP_X)])
