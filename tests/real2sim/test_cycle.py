@@ -17,6 +17,8 @@ from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import finding, measuring, training
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.experiments import motions
+from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.patch import Applicability, Patch
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.robots.loading import load_robot
@@ -32,9 +34,14 @@ TINY = (
 
 @pytest.fixture(scope="module", autouse=True)
 def _small(short_calibration: None) -> Any:
-    """One course; a processor in place of a GPU, with few robots."""
+    """One course, a short experiment; a processor in place of a GPU, with few robots."""
     law = checkpoint.config_of
+    sines = replace(
+        EXPERIMENTS["single_sine"],
+        sections=lambda robot: motions.repeated("sine", 3, motions.sine(robot, 2.0, 1.0, 0.3)),
+    )
     with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(EXPERIMENTS, "single_sine", sines)
         patch.setattr(measuring, "COURSES", {GAP: measuring.COURSES[GAP]})
         patch.setattr(training, "has_gpu", lambda: True)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
