@@ -18,46 +18,69 @@ def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
     it is `named`), with nuisances and the other named effects projected out. Places count by the power of the
     signature. `library` holds the derivatives by the unknowns of all effects.
     """
-    effects = layout.effects
+    effects, signatures = layout.effects, _Signatures(layout, library, named)
     cosine = np.eye(len(effects))
     for i, a in enumerate(effects):
         for j, b in enumerate(effects[:i]):
-            forth, back = _alignment(layout, library, named, a, b), _alignment(layout, library, named, b, a)
+            forth, back = signatures.alignment(a, b), signatures.alignment(b, a)
             cosine[i, j] = cosine[j, i] = min(1.0, float(np.sqrt(max(0.0, 0.5 * (forth + back)))))
     return Confusion(effects=effects, cosine=cosine)
 
 
-def _alignment(layout: Layout, library: Quadratic, named: Model, a: str, b: str) -> float:
-    """Squared cosine of the signature of `a` with the span of `b`, averaged over places."""
-    others = layout.of_effects(set(named) - {a, b})
-    removed = np.flatnonzero(library.where(np.concatenate([layout.nuisances, others])))
-    scale = layout.scale[library.columns]
-    power = shared = 0.0
-    for block in range(len(library.cost)):
-        hessian = library.information(block) * np.outer(scale, scale)
-        for index, candidate in enumerate(layout.candidates):
-            if candidate.effect != a:
-                continue
-            mine = _columns(layout, library, [index])
-            mine = mine[~layout.is_shape[library.columns[mine]]]
-            place = [k for k, c in enumerate(layout.candidates) if c.effect == b and c.where == candidate.where]
-            theirs = _columns(layout, library, place)
-            here, both = _project(hessian, mine, theirs, removed, library.point[block] / scale)
-            power, shared = power + here, shared + both
-    return shared / power if power > 0.0 else 0.0
+class _Signatures:
+    """What many pairs of effects need is computed once."""
+
+    def __init__(self, layout: Layout, library: Quadratic, named: Model) -> None:
+        self._layout, self._library, self._named = layout, library, named
+        scale = layout.scale[library.columns]
+        self._points = library.point / scale
+        self._hessians = [library.information(block) * np.outer(scale, scale) for block in range(len(library.cost))]
+        self._columns = [np.flatnonzero(layout.candidate[library.columns] == k) for k in range(len(layout.candidates))]
+        self._inverses: dict[tuple[int, bytes], Floats] = {}
+
+    def alignment(self, a: str, b: str) -> float:
+        """Squared cosine of the signature of `a` with the span of `b`, averaged over places."""
+        others = self._layout.of_effects(set(self._named) - {a, b})
+        removed = np.flatnonzero(self._library.where(np.concatenate([self._layout.nuisances, others])))
+        is_shape = self._layout.is_shape[self._library.columns]
+        power = shared = 0.0
+        for block, hessian in enumerate(self._hessians):
+            inverse = self._inverse(block, removed)
+            for candidate, own in zip(self._layout.candidates, self._columns, strict=True):
+                if candidate.effect != a:
+                    continue
+                places = [
+                    columns
+                    for other, columns in zip(self._layout.candidates, self._columns, strict=True)
+                    if other.effect == b and other.where == candidate.where
+                ]
+                theirs = np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *places]))
+                mine = own[~is_shape[own]]
+                here, both = _project(hessian, mine, theirs, removed, inverse, self._points[block])
+                power, shared = power + here, shared + both
+        return shared / power if power > 0.0 else 0.0
+
+    def _inverse(self, block: int, removed: Indices) -> Floats:
+        """Of the information on the removed columns, which are the same for most pairs."""
+        key = block, removed.tobytes()
+        if key not in self._inverses:
+            part = self._hessians[block][np.ix_(removed, removed)]
+            self._inverses[key] = np.asarray(np.linalg.pinv(part, rcond=1e-10, hermitian=True))
+        return self._inverses[key]
 
 
-def _columns(layout: Layout, library: Quadratic, candidates: list[int]) -> Indices:
-    return np.flatnonzero(np.isin(layout.candidate[library.columns], candidates))
+def _project(
+    hessian: Floats, mine: Indices, theirs: Indices, removed: Indices, inverse: Floats, point: Floats
+) -> tuple[float, float]:
+    """Power of a signature and of its projection on a span, with the removed columns projected out.
 
-
-def _project(hessian: Floats, mine: Indices, theirs: Indices, removed: Indices, point: Floats) -> tuple[float, float]:
-    """Power of a signature and of its projection on a span, with the removed columns projected out."""
+    `inverse` is that of the information on the removed columns.
+    """
     keep = np.concatenate([mine, theirs])
     gram = hessian[np.ix_(keep, keep)]
     if len(removed):
         cross = hessian[np.ix_(keep, removed)]
-        gram = gram - cross @ np.linalg.pinv(hessian[np.ix_(removed, removed)], rcond=1e-10, hermitian=True) @ cross.T
+        gram = gram - cross @ inverse @ cross.T
     k = len(mine)
     own, span, cross = gram[:k, :k], gram[k:, k:], gram[:k, k:]
     original = float(np.trace(hessian[np.ix_(mine, mine)]))
