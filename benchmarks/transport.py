@@ -22,8 +22,8 @@ import sys
 import tempfile
 import time
 import timeit
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -218,28 +218,12 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         robots: How many one service answers.
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
-    epoch_ns, load = time.monotonic_ns(), os.getloadavg()[0]
-    endpoint, router = open_router()
-    with (
-        closing(router),
-        tempfile.TemporaryDirectory() as directory,
-        ZenohBus(endpoint, prefixes[0], peer=True) as bus,
-    ):
-        config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=epoch_ns)
-        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
-        status = bus.latest("status", "heightmap")
-        arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
-        environment = {**os.environ, **ENVIRONMENT}
-        service = subprocess.Popen([sys.executable, "-m", "saltus.heightmap", *arguments], env=environment)
-        try:
-            if status.wait(READY_S) is None:
-                raise RuntimeError("the heightmap service is not ready")
-            latency, overruns, ages, behind, share, memory_mb = _watched(
-                service.pid, endpoint, prefixes, epoch_ns, count
-            )
-        finally:
-            service.terminate()
-            service.wait()
+    load = os.getloadavg()[0]
+    config = RunConfig(prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns())
+    with served(config, prefixes) as (endpoint, service):
+        latency, overruns, ages, behind, share, memory_mb = _watched(
+            service, endpoint, prefixes, config.epoch_ns, count
+        )
     edges = np.array([0.0, *EDGES_MS, np.inf])
     histogram = np.histogram(np.where(np.isfinite(latency), latency, np.finfo(float).max), edges)[0]
     return {
@@ -256,6 +240,32 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
         "load": round(load, 1),
         "cpu_dma_latency_us": allowed_latency_us(),
     }
+
+
+@contextmanager
+def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
+    """A router and one heightmap service for these robots: the router's endpoint, and the service's process id.
+
+    `config` is of a run that has begun; its prefix is one of them.
+    """
+    endpoint, router = open_router()
+    with (
+        closing(router),
+        tempfile.TemporaryDirectory() as directory,
+        ZenohBus(endpoint, config.prefix, peer=True) as bus,
+    ):
+        write_run(Path(directory), config, load_robot(config.robot), make_terrain(config.terrain), SHIPPED["ideal"])
+        status = bus.latest("status", "heightmap")
+        arguments = ["--run-dir", directory, "--endpoint", endpoint, PEER_FLAG, "--robots", *prefixes]
+        environment = {**os.environ, **ENVIRONMENT}
+        service = subprocess.Popen([sys.executable, "-m", "saltus.heightmap", *arguments], env=environment)
+        try:
+            if status.wait(READY_S) is None:
+                raise RuntimeError("the heightmap service is not ready")
+            yield endpoint, service.pid
+        finally:
+            service.terminate()
+            service.wait()
 
 
 def allowed_latency_us() -> int | None:
