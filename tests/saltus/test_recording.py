@@ -2,12 +2,15 @@
 
 import struct
 import time
+import tracemalloc
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from recorded import (
     SENDER,
     STEPS,
@@ -25,7 +28,7 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
 from saltus.recordings import recorder
-from saltus.recordings.recorder import Recorder
+from saltus.recordings.recorder import CHUNK_INDICES, PackedIndex, Recorder
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
 from saltus.wire import codec, messages
 from saltus.wire.codec import Envelope
@@ -108,6 +111,34 @@ def test_what_was_flushed_survives_the_writer(tmp_path: Path, monkeypatch: pytes
     assert len(list(recording.messages("controller/state"))) == 5
     file.close()
     assert read_recording(path).complete
+
+
+def test_the_index_of_a_long_recording_takes_little_memory_and_says_where_everything_is() -> None:
+    rng = np.random.default_rng(5)
+    file, plain = BytesIO(), BytesIO()
+    writers = [Writer(file, compression=CompressionType.NONE), Writer(plain, compression=CompressionType.NONE)]
+    index = PackedIndex()
+    setattr(writers[0], CHUNK_INDICES, index)
+    chunks, channels = 2000, range(1, 15)
+    for writer in writers:
+        writer.start()
+        assert [writer.register_channel(f"/{number}", "cdr", 0) for number in channels] == list(channels)
+    tracemalloc.start()
+    for chunk in range(chunks):
+        for channel in channels:
+            data = rng.bytes(int(rng.integers(8)))
+            for writer in writers:
+                writer.add_message(channel, log_time=chunk, data=data, publish_time=chunk)
+        for writer in writers:
+            writer.flush()
+    snapshot = tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, recorder.__file__)])
+    tracemalloc.stop()
+    for writer in writers:
+        writer.finish()
+    assert file.getvalue() == plain.getvalue()
+    file.seek(0)
+    assert len(make_reader(file).get_summary().chunk_indexes) == chunks  # type: ignore[union-attr]
+    assert sum(trace.size for trace in snapshot.traces) < 130 * chunks  # 7,200 an hour: below 1 MB/h
 
 
 def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
