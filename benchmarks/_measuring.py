@@ -6,7 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -72,6 +72,22 @@ def resident_mb(processes: Iterable[int]) -> float:
     """Memory of processes."""
     pages = sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in processes)
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+class Use(NamedTuple):
+    """What a process holds."""
+
+    memory_mb: float
+    """Its own, without what it maps from files (RssAnon)."""
+    handles: int
+    threads: int
+
+
+def use_of(pid: int) -> Use:
+    """What a process holds now."""
+    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    memory_mb = int(status["RssAnon"].split()[0]) * 1024 / 1e6
+    return Use(memory_mb, len([*Path(f"/proc/{pid}/fd").iterdir()]), int(status["Threads"]))
 
 
 def recorded_run(config: "RunConfig") -> "Recording":

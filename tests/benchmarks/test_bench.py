@@ -34,6 +34,7 @@ BAD = {
     "unknown flag": ("qp --problem 3", "--problems"),
     "none at all": ("qp --problems 0", "problems = 0"),
     "not a number": ("landing --run-s nan", "run_s = nan"),
+    "faster than real time": ("soak --speed 2", "speed = 2"),
     "negative seed": ("stack --seed -1", "seed = -1"),
     "too few batches": ("collect --processes 2 --batches 2", "batches = 2"),
     "no training": ("training_curve nowhere", "nowhere"),
