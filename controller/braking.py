@@ -42,9 +42,9 @@ class BrakingConfig:
     """The front legs push the nose up at this rate, the rear legs push it down [rad/s]."""
     pitch_gain: float = 5.9
     """Pitch rate by the angle between body and slope [1/s]."""
-    slope_limit: float = 0.4
-    """Steepest slope that is believed: stairs of 10 cm."""
-    reach_s: float = 0.03
+    slope_limit: float = 0.8
+    """Steepest slope that is believed: stairs of 20 cm."""
+    reach_s: float = 0.06
     """Feet land this much times the velocity ahead of Raibert's point [s]: they brake."""
     rear_reach_m: float = 0.0275
     """The rear feet land this much further ahead [m]; scripted planner."""
@@ -57,7 +57,8 @@ class BrakingConfig:
     lower_from: float = 0.65
     """Progress of the swing at which a foot begins to come down."""
     slow_mps: float = 0.5
-    """Horizontal speed below which sprung legs catch the body: the capture point is 8 cm ahead."""
+    """Speed below which sprung legs catch the body: the capture point is 8 cm ahead. The pitch rate counts as the speed
+    that it gives the hips: legs of which one pair hangs in the air do not stop it."""
 
     def of_size(self, size: Similarity) -> "BrakingConfig":
         """The numbers of a robot of another size."""
@@ -107,8 +108,9 @@ class Braking:
 
     def is_slow(self, diagnostics: Diagnostics) -> Array:
         """Whether sprung legs can catch the body. Bool, shape (...)."""
-        x, y = diagnostics.body.velocity[..., 0], diagnostics.body.velocity[..., 1]
-        return x * x + y * y < self.config.slow_mps**2
+        body = diagnostics.body
+        x, y, hips = body.velocity[..., 0], body.velocity[..., 1], self._hip_x[_FRONT] * body.angular_velocity[..., 1]
+        return x * x + y * y + hips * hips < self.config.slow_mps**2
 
     def plan(self, diagnostics: Diagnostics, base_height: Array, heading: Array, state: BrakingState) -> Plan:
         """The braking plan.

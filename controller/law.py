@@ -40,6 +40,8 @@ class LegControllerConfig:
     """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from oscillating."""
     stand_blend_s: float = 1.0
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
+    steepest_stand: float = 0.8
+    """Slope that a robot stands on: stairs of 0.20 m."""
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     settled_speed_mps: float = 0.3
@@ -58,6 +60,8 @@ class LawState:
     mode: ControllerMode
     blend_from: Array
     """Joint angles from which the standing pose is approached [rad], shape (..., 12)."""
+    rest: Array
+    """Joint angles of the standing pose that is approached [rad], shape (..., 12)."""
     mode_time_s: float
     """Time in the present mode."""
 
@@ -91,6 +95,8 @@ class LegController:
         self.config = config or LegControllerConfig()
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
         self._stand_pose = Constant(robot.stand_pose)
+        self._stand_feet = Constant(self._legs.position(robot.stand_pose))
+        self._joint_lower, self._joint_upper = Constant(robot.joint_lower), Constant(robot.joint_upper)
         self._gait = Gait(self.config.gait)
         self._swing = SwingLegs(robot, self.config.swing)
         self._stance = StanceLegs(robot, self.config.stance)
@@ -111,6 +117,7 @@ class LegController:
             landed=zeros[..., :4] > 0.0,
             mode=ControllerMode.STAND,
             blend_from=pose,
+            rest=pose,
             mode_time_s=0.0,
         )
 
@@ -124,6 +131,7 @@ class LegController:
             landed=state.landed & ~mask[..., None],
             mode=state.mode,
             blend_from=xp.where(mask[..., None], fresh.blend_from, state.blend_from),
+            rest=xp.where(mask[..., None], fresh.rest, state.rest),
             mode_time_s=state.mode_time_s,
         )
 
@@ -136,7 +144,7 @@ class LegController:
         starts its blend or its landing.
         """
         body = observe(sensed, self._legs)
-        state = self._entered(state, mode, sensed)
+        state = self._entered(state, mode, sensed, body)
         if mode in _MOVING:
             return self._run(plan, sensed, body, state)
         if mode == ControllerMode.LANDING:
@@ -153,7 +161,7 @@ class LegController:
         )  # 0.1 m from the centre to where legs are attached: angular speed as speed
         return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
 
-    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception) -> LawState:
+    def _entered(self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: Body) -> LawState:
         if mode == state.mode:
             return state
         if mode in _MOVING and state.mode in _MOVING:
@@ -165,6 +173,7 @@ class LegController:
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
+            rest=self._rest_pose(body) if mode in _STANDING else state.rest,
             mode_time_s=0.0,
         )
 
@@ -253,13 +262,32 @@ class LegController:
         velocity = xp.clip(plan.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step)
 
+    def _rest_pose(self, body: Body) -> Array:
+        """Joint angles to stand on the slope that the feet give, shape (..., 12).
+
+        The base is over the middle of the feet and pitched by half the slope: a trunk that is parallel to stairs of
+        0.20 m has its weight behind the rear feet, and for a level one the rear legs are too short.
+        """
+        xp = namespace(body.roll)
+        pairs = xp.mean(xp.reshape(body.foot_yaw, (*body.foot_yaw.shape[:-2], 2, 2, 3)), axis=-2)
+        ahead = pairs[..., 0, :] - pairs[..., 1, :]
+        stand = self._stand_feet.like(body.roll)
+        apart = float(stand[0, 0] - stand[2, 0])
+        steepest = self.config.steepest_stand
+        slope = xp.clip(ahead[..., 2] / xp.clip(ahead[..., 0], 0.5 * apart, None), -steepest, steepest)[..., None]
+        pitch = 0.5 * xp.atan(slope)
+        cosine, sine = xp.cos(pitch), xp.sin(pitch)
+        x, y, z = stand[..., 0] + 0.0 * slope, stand[..., 1] + 0.0 * slope, stand[..., 2] + slope * stand[..., 0]
+        angles = self._legs.inverse(xp.stack([cosine * x + sine * z, y, cosine * z - sine * x], axis=-1))
+        return xp.clip(angles, self._joint_lower.like(angles), self._joint_upper.like(angles))
+
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
         share = smooth_step((state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
         zero = xp.zeros_like(measured)
         return JointCommand(
-            position=state.blend_from + share * (self._stand_pose.like(measured) - state.blend_from),
+            position=state.blend_from + share * (state.rest - state.blend_from),
             velocity=zero,
             kp=zero + self._gains.stand_kp,
             kd=zero + self._gains.stand_kd,

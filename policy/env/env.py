@@ -235,6 +235,7 @@ class JumpEnv:
             landed=self._blank_law.landed,
             mode=ControllerMode.RUN,
             blend_from=self._blank_law.blend_from,
+            rest=self._blank_law.rest,
             mode_time_s=0.0,
         )
 

@@ -3,13 +3,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import row
 from saltus.action import Action, action_of, plan_message
 from saltus.constants import PHYSICS_DT
 from saltus.controller.law import LegController
 from saltus.controller.signals import plan_from_action
+from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.wire.messages import ControllerMode, PlanStatus
 
 LAW = LegController(ROBOT)
@@ -102,16 +103,27 @@ def test_landing_legs_that_are_down_stay_down(draw):
     assert down.all()
 
 
-def test_standing_goes_from_the_present_pose_to_the_standing_pose(draw):
+@pytest.mark.parametrize("slope", [-1.5, -0.8, -0.3, 0.0, 0.2, 0.5, 0.8, 1.5])
+def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_give(draw, slope):
     plan, sensed = draw(np.random.default_rng(16), ())
+    level = KINEMATICS.position(ROBOT.stand_pose)
+    feet = level + slope * level[:, :1] * np.array([0.0, 0.0, 0.5])  # within reach: the trunk is pitched by the rest
+    pitch = np.arctan(slope) - np.arctan(0.5 * slope)
+    quaternion = quaternion_from_roll_pitch_yaw(np.zeros(()), np.asarray(-pitch), np.zeros(()))
+    sensed = replace(sensed, joint_position=KINEMATICS.inverse(feet), quaternion_base_in_world=quaternion)
     state = replace(LAW.init((), sensed.joint_position), mode=ControllerMode.LANDING)
     positions = []
     for _ in range(600):
         command, state, _ = LAW.step(plan, sensed, state, ControllerMode.STAND)
         positions.append(command.position)
     np.testing.assert_allclose(positions[0], sensed.joint_position, atol=1e-4)
-    np.testing.assert_allclose(positions[-1], ROBOT.stand_pose, atol=1e-12)
-    assert np.abs(np.diff(positions, axis=0)).max() < 0.002
+    stood = KINEMATICS.position(positions[-1])
+    ahead = stood[0] - stood[2]
+    given = np.arctan(np.clip(slope, -0.8, 0.8))
+    np.testing.assert_allclose(np.arctan2(ahead[2], ahead[0]), 0.5 * given, atol=1e-6)  # the other half is pitch
+    if slope == 0.0:
+        np.testing.assert_allclose(positions[-1], ROBOT.stand_pose, atol=1e-9)
+    assert np.abs(np.diff(positions, axis=0)).max() < 0.003
     assert (command.kp == 100.0).all()
     assert (command.kd == 3.0).all()
 
