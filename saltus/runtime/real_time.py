@@ -82,7 +82,10 @@ class RealTimeMonitor:
         length_s = 1e-9 * (status.time_ns - before_ns)
         for topic, received in status.received.items():
             period = _Period(status.time_ns, length_s, received, 1e-6 * status.silence_us[topic])
-            self._periods.setdefault((topic, status.process), []).append(period)
+            # A run in which a process has died asks for no verdict any more: what is old goes here too
+            since_ns = status.time_ns - self._run_ns(WINDOW_S)
+            recent = [p for p in self._periods.get((topic, status.process), []) if p.end_ns > since_ns]
+            self._periods[topic, status.process] = [*recent, period]
 
     def verdict(self) -> RealTimeFactor | None:
         """The stream that kept up worst; None until the run has gone on for long enough."""

@@ -1,5 +1,6 @@
 """Laws of the monitor of real time: it follows what the processes tell, and advises a speed that helps."""
 
+import pickle
 import time
 from dataclasses import replace
 
@@ -76,6 +77,15 @@ def test_a_worse_computer_is_never_told_a_higher_speed(share: float, late_s: flo
     assert better is not None
     assert worse is not None
     assert worse.speed <= better.speed
+
+
+def test_what_was_told_long_ago_is_forgotten_also_where_nobody_asks() -> None:
+    monitor = RealTimeMonitor(RunClock(), robot="controller")
+    sizes = []
+    for k in range(1000):
+        monitor.take(status("controller", k * PERIOD_S, policy_plan=(50, 0.01)))
+        sizes.append(len(pickle.dumps(monitor)))
+    assert max(sizes[500:]) <= max(sizes[:50]) + 16  # numbers grow
 
 
 def test_a_run_that_has_not_begun_is_not_judged() -> None:
