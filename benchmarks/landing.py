@@ -4,6 +4,7 @@ Without processes and clocks: the control loop, the plant and a planner on true 
 heightmaps end, and the planner says STOP. "silence": plans end.
 
     saltus bench landing -- --terrain stairs --planner scripted
+    saltus bench landing -- --terrain stairs --rise-m 0.2 --run-s 0.6 --until-s 2.4 --trials 24 --seed 5000
 """
 
 from collections.abc import Sequence
@@ -36,7 +37,7 @@ AFTER_S = 3.0  # told after 0.1 s, landed after 1.1 s, stood up after 1 s more
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    terrain: Literal["flat", "stairs"] = "flat"
+    terrain: Literal["flat", "stairs", "stepping_stones"] = "flat"
     """What the robots cross."""
     planner: Literal["learned", "scripted"] = "learned"
     """Who leads them until the fault."""
@@ -44,30 +45,41 @@ class Benchmark(Command):
     """Of the stairs."""
     run_s: float = 1.8
     """Time from the first jump to the first fault."""
+    until_s: float | None = None
+    """If given, the fault comes once in each trial, at random between the first time and this one."""
     phases: int = 20
-    """Of the gait at which the fault comes."""
+    """Of the gait at which the fault comes otherwise."""
     trials: int = 2
-    """At each phase."""
+    """At each phase, or in all."""
     seed: int = 0
     """Of the first trial."""
 
     def measure(self) -> dict[str, Any]:
-        rise_m = self.rise_m if self.terrain == "stairs" else None
-        terrain = make_terrain(TerrainConfig(terrain=self.terrain, rise_m=rise_m))
         robot = load_robot(DEFAULT_ROBOT)
         planner = make_planner(self.planner, robot)
         cases = [
-            (Trial.draw(seed), FIRST_STAND_S + self.run_s + phase * CYCLE_S)
+            (self._course(seed), Trial.draw(seed), FIRST_STAND_S + fault_s)
             for seed in range(self.seed, self.seed + self.trials)
-            for phase in np.arange(self.phases) / self.phases
+            for fault_s in self._faults_s(seed)
         ]
         table = {
-            fault: summary(
-                [land(robot, terrain, *case, planner, fault == "silence") for case in progress(cases, fault)]
-            )
+            fault: summary([land(robot, *case, planner, fault == "silence") for case in progress(cases, fault)])
             for fault in ("stop", "silence")
         }
         return {"landing": {"terrain": self.terrain, "planner": self.planner, **table}}
+
+    def _faults_s(self, seed: int) -> list[float]:
+        """When faults come, counted from the first jump [s]."""
+        if self.until_s is not None:
+            return [float(np.random.default_rng(seed).uniform(self.run_s, self.until_s))]
+        return [self.run_s + phase * CYCLE_S for phase in np.arange(self.phases) / self.phases]
+
+    def _course(self, seed: int) -> Terrain:
+        if self.terrain == "stepping_stones":
+            return make_terrain(TerrainConfig(terrain=self.terrain, gap_m=0.1, gap_max_m=0.5, layout_seed=seed))
+        return make_terrain(
+            TerrainConfig(terrain=self.terrain, rise_m=self.rise_m if self.terrain == "stairs" else None)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,9 +25,8 @@ _SHORTEST_BASE = 0.2  # distance of the pairs' footholds along x below which a s
 class BrakingConfig:
     """Numbers of the braking plan for a robot of the reference's size (`Similarity`).
 
-    From the scripted planner, then by trial over landings at every phase of the gait. Measured with `saltus bench
-    landing`, two robots at each of 20 phases, told to stop and left without plans: on flat ground at 1.7 m/s 80 of 80
-    come to a stand; on stairs of 6 cm at 1.6 m/s 78 of 80.
+    From the scripted planner, then by trial over landings at every phase of the gait (`saltus bench landing`, figures
+    in docs/reliability.md).
     """
 
     stepping_frequency_hz: float = 3.46
