@@ -63,6 +63,13 @@ SIGN_TORQUE_NM = 0.5
 LEAST_EXPLAINED = 0.4
 """Share of the torque's variance below which the columns belong to different joints. In the joint tour the columns of
 another joint explain 0.23 to 0.28 of a torque, a joint's own at least 0.88."""
+FOLLOWED_FEEDFORWARD = 0.88
+"""Weight of the feed-forward torque below which gains cannot be read, where the fit explains less than `EXPLAINED` as
+well. A drive adds this torque whatever it measures; in healthy logs its weight is 0.98 or more. Wide backlash takes the
+same share from it and from the gains (0.70 to 0.77 where kp lost 0.17 to 0.25); wrong gains take nothing from it."""
+EXPLAINED = 0.9
+"""Share of the torque's variance that gains and feed-forward explain in healthy logs (0.95 or more). Beside wide
+backlash it was 0.76 to 0.84. A torque in another unit is explained as well as ever."""
 FLIPPED_FEEDFORWARD = -0.5
 """Weight of the feed-forward torque below which its sign is wrong: 1 is right, -1 is flipped, noise may take half."""
 
@@ -173,8 +180,11 @@ def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:
         text = f"tau_est of {name} pushes away from q_des (kp {fit.kp:.3g}, claimed {kp:.3g}): a sign is flipped"
         yield Fault(name="flipped_sign", text=text)
         return
-    yield from _wrong_gains(name, fit, kp, kd)
-    if fit.feedforward_nm > LEAST_TORQUE_NM and fit.feedforward < FLIPPED_FEEDFORWARD:
+    has_feedforward = fit.feedforward_nm > LEAST_TORQUE_NM
+    is_read = fit.explained > EXPLAINED or not FLIPPED_FEEDFORWARD < fit.feedforward < FOLLOWED_FEEDFORWARD
+    if is_read or not has_feedforward:
+        yield from _wrong_gains(name, fit, kp, kd)
+    if has_feedforward and fit.feedforward < FLIPPED_FEEDFORWARD:
         yield Fault(name="flipped_sign", text=f"tau_est of {name} falls where tau_ff grows: a sign is flipped")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
+from saltus.arrays import Floats
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import JointTable, RunLog, Table
 
@@ -195,6 +196,22 @@ def test_damage_of_joints_is_named(log: RunLog, damage: Damage, name: str) -> No
     assert faults[0].name in name.split("|"), faults[0].text
     assert len(faults[0].text) < 400
     assert "\n" not in faults[0].text
+
+
+def test_gains_are_not_read_where_the_drive_follows_what_is_not_logged(log: RunLog) -> None:
+    """Wide backlash takes as much from the weight of the feed-forward torque as from kp; wrong gains take nothing."""
+    rng = np.random.default_rng(0)
+    tau_ff = 3.0 * np.sin(2 * np.pi * 0.9 * log.joints.time_s[:, None] + np.arange(12))
+    torque = np.asarray(log.joints.tau_est) + tau_ff
+
+    def faults(tau_est: Floats, **claims: float) -> set[str]:
+        joints = replace(log.joints, tau_ff=tau_ff, tau_est=tau_est)
+        return {fault.name for fault in screen(replace(log, joints=joints, meta={**log.meta, **claims}))}
+
+    assert faults(torque) == set()
+    assert faults(torque, kp=30.0) == {"wrong_gains"}
+    assert faults(0.75 * torque) == {"wrong_gains"}  # in another unit
+    assert faults(0.75 * torque + rng.normal(0.0, 0.3 * torque.std(axis=0), torque.shape)) == set()
 
 
 def test_one_lost_row_is_told_but_not_fatal(log: RunLog) -> None:
