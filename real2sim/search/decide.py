@@ -112,6 +112,11 @@ class ModelComparison:
         return self.cells.share_gone(before.structure, after.structure, shows)
 
 
+def explains(comparison: ModelComparison, null: ScoredFit, fit: Fit) -> bool:
+    """Whether a model closes enough of the gap to stand in place of another."""
+    return comparison.closed(null, null, comparison.score(fit)) >= CLOSED_SHARE[0]
+
+
 def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
     """The smallest model that no larger one beats by more than chance and misfit.
 
