@@ -30,8 +30,11 @@ def generate(runs: tuple[Run, ...], logs: Path, truth: Path, *, tuning: bool, jo
     print(f"{len(runs) - len(open_)} of {len(runs)} runs are there", flush=True)
     with ProcessPoolExecutor(jobs) as pool:
         futures = [pool.submit(generate_run, run, logs, truth, tuning) for run in open_]
-        for number, future in enumerate(as_completed(futures), start=len(runs) - len(open_) + 1):
-            print(f"{number}/{len(runs)} {future.result()}", flush=True)
+        try:
+            for number, future in enumerate(as_completed(futures), start=len(runs) - len(open_) + 1):
+                print(f"{number}/{len(runs)} {future.result()}", flush=True)
+        finally:  # who is interrupted waits for the runs that are being made, not for all
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def generate_run(run: Run, logs: Path, truth: Path, tuning: bool) -> str:

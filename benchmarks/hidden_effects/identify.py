@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -14,6 +15,8 @@ Find = Callable[[tuple[Path, ...], Path], None]
 """From the directories of logs of one robot and one for results; writes verdict.json there."""
 LIMIT_S = 600.0
 """What one log may take: the time that sixty seconds of log may take on two cores."""
+ENDINGS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+"""Who ends a command with these means the benchmark: the log keeps no verdict, and is looked at the next time."""
 
 
 def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | None = None) -> int:
@@ -31,8 +34,11 @@ def identify(logs: Path, verdicts: Path, find: Find, jobs: int, second: Path | N
     print(f"{len(names) - len(open_)} of {len(names)} verdicts are there", flush=True)
     with ThreadPoolExecutor(jobs) as pool:
         futures = {pool.submit(_look, find, tuple(f / name for f in folders), verdicts / name): name for name in open_}
-        for number, future in enumerate(as_completed(futures), start=len(names) - len(open_) + 1):
-            print(f"{number}/{len(names)} {futures[future]}: {future.result()}", flush=True)
+        try:
+            for number, future in enumerate(as_completed(futures), start=len(names) - len(open_) + 1):
+                print(f"{number}/{len(names)} {futures[future]}: {future.result()}", flush=True)
+        finally:  # who is interrupted waits for the logs that are being looked at, not for all
+            pool.shutdown(wait=False, cancel_futures=True)
     hashes = {name: digest(verdicts / name / "verdict.json") for name in names}
     verdicts.mkdir(parents=True, exist_ok=True)
     (verdicts / "hashes.json").write_text(json.dumps(hashes, indent=1))
@@ -51,6 +57,8 @@ def command(logs: tuple[Path, ...], out: Path) -> None:
     done = subprocess.run(
         call, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
     )
+    if -done.returncode in ENDINGS:
+        raise KeyboardInterrupt
     if not (out / "verdict.json").exists():
         raise RuntimeError(f"exit code {done.returncode}: {done.stderr[-2000:]}")
 

@@ -145,3 +145,24 @@ def test_wilson_holds_the_share(hits, count):
     for end in (low, high):
         if 1e-12 < end < 1 - 1e-12:
             assert abs(hits / count - end) == pytest.approx(shares.Z95 * np.sqrt(end * (1 - end) / count), rel=1e-6)
+
+
+def test_who_is_interrupted_looks_at_no_further_log_and_seals_nothing(tmp_path):
+    looked: list[str] = []
+
+    def find(logs: tuple[Path, ...], out: Path) -> None:
+        looked.append(out.name)
+        if len(looked) == 2:
+            raise KeyboardInterrupt
+        (out / "verdict.json").write_text(json.dumps({"verdict": "no_gap"}))
+
+    for name in "abcdef":
+        (tmp_path / "logs" / name).mkdir(parents=True)
+        (tmp_path / "logs" / name / "meta.json").write_text("{}")
+    with pytest.raises(KeyboardInterrupt):
+        identify.identify(tmp_path / "logs", tmp_path / "out", find, jobs=1)
+    assert len(looked) <= 3  # one may have begun meanwhile
+    assert not (tmp_path / "out" / "b" / "verdict.json").exists()
+    assert not (tmp_path / "out" / "hashes.json").exists()
+    identify.identify(tmp_path / "logs", tmp_path / "out", find, jobs=1)
+    assert set(looked) == set("abcdef")
