@@ -112,9 +112,11 @@ class ModelComparison:
         return self.cells.share_gone(before.structure, after.structure, shows)
 
 
-def explains(comparison: ModelComparison, null: ScoredFit, fit: Fit) -> bool:
+def explains(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
     """Whether a model closes enough of the gap to stand in place of another."""
-    return comparison.closed(null, null, comparison.score(fit)) >= CLOSED_SHARE[0]
+    before, after = comparison.cells.structure(null.residuals), comparison.cells.structure(fit.residuals)
+    shows = comparison.cells.shows(before, comparison.size)
+    return comparison.cells.share_gone(before, after, shows) >= CLOSED_SHARE[0]
 
 
 def choose(comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float) -> ScoredFit:
