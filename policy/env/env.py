@@ -104,10 +104,10 @@ class JumpEnv:
         Raises:
             ConfigError: an effect that a training cannot hold.
         """
-        if profile.body_chain.contact_dimensions > self._engine.dimensions:
+        if self.config.contact_dimensions(profile) > self._engine.dimensions:
             raise ConfigError(
                 "soft_feet: contacts of this engine resist neither turning nor rolling; give it 6 dimensions, or leave "
-                "torsion and rolling out of the profile"
+                "torsion and rolling out of the profile, and softness out of the draws"
             )
         self._drives = training_drives(self.robot, profile, self.config.randomisation, self.memory)
         self._imu = profile.imu_chain

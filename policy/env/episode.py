@@ -5,7 +5,7 @@ from torch import Tensor
 
 from saltus.constants import POLICY_DT
 from saltus.controller.estimator import Estimator
-from saltus.effects.body import LEAST_TURNING_M, BodyModel
+from saltus.effects.body import BodyModel
 from saltus.effects.heightmap_shift import shift_of
 from saltus.effects.profile import Profile
 from saltus.grid import HEIGHTMAP_X
@@ -165,8 +165,6 @@ class Episodes:
             inertia_scale=1.0,
             friction=memory.friction,
             **{name: usual + softness * (soft - usual) for name, (usual, soft) in SOFT_RUBBER.items()},
-            torsion=LEAST_TURNING_M,
-            rolling=LEAST_TURNING_M,
         )
         return self._body.apply(claimed)
 

@@ -4,7 +4,12 @@ from dataclasses import dataclass, field
 
 from saltus.arrays import Array, namespace
 from saltus.config import check_between
-from saltus.effects.body import NOMINAL_CONTACT_TIME_CONSTANT_S, NOMINAL_IMPEDANCE_DEPTH_M, NOMINAL_TOUCH_IMPEDANCE
+from saltus.effects.body import (
+    LEAST_TURNING_M,
+    NOMINAL_CONTACT_TIME_CONSTANT_S,
+    NOMINAL_IMPEDANCE_DEPTH_M,
+    NOMINAL_TOUCH_IMPEDANCE,
+)
 from saltus.errors import ConfigError
 
 BODY_DRAWS = 9
@@ -21,9 +26,11 @@ SOFT_RUBBER = {
     "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
     "touch_impedance": (NOMINAL_TOUCH_IMPEDANCE, 0.02),
     "impedance_depth": (NOMINAL_IMPEDANCE_DEPTH_M, 0.02),
+    "torsion": (LEAST_TURNING_M, 0.02),
+    "rolling": (LEAST_TURNING_M, 0.01),
 }
-"""Contacts that are usual, and those of soft rubber, by fields of `BodyModel`: MuJoCo's default time constant, and
-about the impedance of Menagerie's Go1."""
+"""Contacts that are usual, and those of soft rubber, by fields of `BodyModel`: MuJoCo's default time constant, about
+the impedance of Menagerie's Go1, and the frictions of its feet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +70,11 @@ class WideConfig:
         check_between(self, side_push_period_s=(1e-3, 1e12))
         if self.growth_msteps[0] > self.growth_msteps[1]:
             raise ConfigError(f"growth_msteps = {self.growth_msteps}: the lowest comes first")
+
+    @property
+    def contact_dimensions(self) -> int:
+        """Of contacts of robots with what is drawn: 6 where soft soles resist being turned and rolled, else 3."""
+        return 6 if self.share > 0.0 and self.softness > 0.0 else 3
 
     @property
     def draws(self) -> int:

@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from saltus.config import DEFAULT_ROBOT, check_between
+from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumConfig
@@ -52,6 +53,10 @@ class EnvConfig:
     """Instants that the policy recalls, in steps of 10 ms before the present one, ascending."""
     profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
     """Effects of the drives: shipped (those of the robot), ideal, one of your own, or a TOML file."""
+
+    def contact_dimensions(self, profile: Profile) -> int:
+        """How many directions contacts need for the effects of `profile` and for what is drawn beyond them."""
+        return max(profile.body_chain.contact_dimensions, self.randomisation.wide.contact_dimensions)
 
     def __post_init__(self) -> None:
         check_past_steps(self.past_steps)

@@ -37,7 +37,7 @@ class Rank:
 
 def make_engine(robot: Robot, count: int, config: EnvConfig, device: str, threads: int = 0) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
-    boxes, dimensions = config.curriculum.boxes, load_profile(config.profile, robot).body_chain.contact_dimensions
+    boxes, dimensions = config.curriculum.boxes, config.contact_dimensions(load_profile(config.profile, robot))
     if device == "cpu":
         from saltus.sim.batch_engine import BatchEngine
 

@@ -121,7 +121,7 @@ def of_batch(profile: Profile) -> np.ndarray:
 def env_of(profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL) -> JumpEnv:
     path.write_text(profile_to_toml(profile))
     config = EnvConfig(profile=str(path), randomisation=randomisation)
-    engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=profile.body_chain.contact_dimensions, threads=1)
+    engine = engine or BatchEngine(ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1)
     return JumpEnv(engine, config, seed=0)
 
 
@@ -222,7 +222,7 @@ def test_who_has_no_true_heights_refuses_their_shift_by_name(
 def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:
     ranges = RandomisationConfig(wide=WideConfig(share=1.0))
     found = Profile(actuator=(FeedforwardDelay(delay=0.04), CommandDelay(delay=0.003), TorqueGain(gain=0.7)))
-    env = env_of(found, tmp_path / "found.toml", BatchEngine(ROBOT, 64, BOXES, threads=1), ranges)
+    env = env_of(found, tmp_path / "found.toml", BatchEngine(ROBOT, 64, BOXES, dimensions=6, threads=1), ranges)
     effects: dict[str, Any] = {effect.name: effect for effect in env._drives.effects}
     like = torch.zeros(64, 12)
     for name, parameter, low, high in (
@@ -266,6 +266,9 @@ def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
     soft = Profile(body=(SoftFeet(torsion=0.01),))
     with pytest.raises(ConfigError, match="soft_feet"):
         env_of(soft, tmp_path / "soft.toml", BatchEngine(ROBOT, 2, BOXES, threads=1))
+    drawn = RandomisationConfig(wide=WideConfig(share=0.5))
+    with pytest.raises(ConfigError, match="softness"):
+        env_of(Profile(), tmp_path / "claimed.toml", BatchEngine(ROBOT, 2, BOXES, threads=1), drawn)
 
 
 def test_contacts_are_drawn_around_those_of_the_profile(tmp_path: Any) -> None:

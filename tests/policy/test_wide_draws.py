@@ -33,7 +33,8 @@ def config(wide: WideConfig) -> EnvConfig:
 
 
 def env_of(wide: WideConfig, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
-    return JumpEnv(engine or BatchEngine(ROBOT, N, BOXES, threads=1), config(wide), seed=seed)
+    engine = engine or BatchEngine(ROBOT, N, BOXES, dimensions=wide.contact_dimensions, threads=1)
+    return JumpEnv(engine, config(wide), seed=seed)
 
 
 def bound(env: JumpEnv) -> torch.Tensor:
@@ -94,14 +95,19 @@ def test_ranges_grow_with_the_steps_of_the_training() -> None:
 
 @pytest.mark.parametrize("kind", [BatchEngine, WarpEngine])
 def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
-    engine: Any = kind(ROBOT, N, BOXES, **({"device": "cpu"} if kind is WarpEngine else {"threads": 1}))
+    more = {"device": "cpu"} if kind is WarpEngine else {"threads": 1}
+    engine: Any = kind(ROBOT, N, BOXES, dimensions=ALL.contact_dimensions, **more)
     env = env_of(ALL, engine)
     field = engine._fields.__getitem__ if kind is WarpEngine else engine.field
     layout = engine._layout if kind is WarpEngine else engine.layout
     soft, foot = env.memory.softness.numpy()[:, None], layout.robot.stop - 1
     usual, rubber = np.array(tuple(SOFT_RUBBER.values())).T
-    assert usual.tolist() == [scene.CONTACT_SOLREF[0], scene.CONTACT_SOLIMP[0], scene.CONTACT_SOLIMP[2]]
-    contact = field("geom_solref")[:, foot, :1], field("geom_solimp")[:, foot, :3:2]
+    assert usual[:3].tolist() == [scene.CONTACT_SOLREF[0], scene.CONTACT_SOLIMP[0], scene.CONTACT_SOLIMP[2]]
+    contact = (
+        field("geom_solref")[:, foot, :1],
+        field("geom_solimp")[:, foot, :3:2],
+        field("geom_friction")[:, foot, 1:],
+    )
     found = np.concatenate([torch.as_tensor(a).numpy() for a in contact], 1)
     np.testing.assert_allclose(found, usual + soft * (rubber - usual), atol=1e-6)
     env._control()
@@ -122,7 +128,7 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
 def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
     """Before the ranges have grown; the numbers of the usual draws are other ones, as there are more in a row."""
     env = env_of(WideConfig(share=1.0, growth_msteps=(1.0, 2.0)))
-    usual = JumpEnv(BatchEngine(ROBOT, N, BOXES, threads=1), config(WideConfig()), seed=0)
+    usual = JumpEnv(BatchEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), seed=0)
     usual.memory.time_s.zero_()
     for each in (env, usual):
         for f in fields(each.memory):
