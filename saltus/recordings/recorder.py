@@ -26,6 +26,7 @@ from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError, RecordingError
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
+from saltus.recordings import viewer
 from saltus.recordings.viewer import Viewer
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
@@ -173,7 +174,8 @@ class Recorder:
 
     def _schema(self, type_name: str) -> int:
         if type_name not in self._schemas:
-            text = codec.definition_of(type_name)
+            known = type_name in TYPE_NAME.values()
+            text = codec.definition_of(type_name) if known else viewer.definition_of(type_name)
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text.encode())
         return self._schemas[type_name]
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from saltus.arrays import Floats
@@ -20,7 +21,6 @@ from saltus.recordings.description import Topics
 from saltus.recordings.realsense import DEPTH_ENCODINGS, PIXEL_CENTRE, nanoseconds, pixels, reading
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
 from saltus.rotations import rotation_matrix
-from saltus.wire.codec import STORE
 
 TYPES = {
     "joints": "sensor_msgs/msg/JointState",
@@ -55,7 +55,8 @@ def read_rosbag(path: Path, topics: Topics) -> tuple[RunLog, list[str]]:
     Raises:
         RecordingError: no bag; no topic of joints; a topic that is not there, of another type, or one of several.
     """
-    with reading(path, "recording of ROS"), AnyReader([path], default_typestore=STORE) as reader:
+    types = get_typestore(Stores.ROS2_JAZZY)  # of a bag that does not hold its own
+    with reading(path, "recording of ROS"), AnyReader([path], default_typestore=types) as reader:
         chosen = _choose(reader, path, topics)
         received = _receive(reader, path, chosen)
     notes = [", ".join(f"{part} from {topic}" for part, topic in chosen.items())]

@@ -19,16 +19,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from rosbags.typesys import Stores, get_typestore
 
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire.codec import STORE, depth_on_the_wire, header
+from saltus.wire.codec import depth_on_the_wire, header
 from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, Message
 
+STORE = get_typestore(Stores.ROS2_JAZZY)
 EVERY = 5  # one image or heightmap in five is enough for the eye
 FLOAT32 = 7  # sensor_msgs/msg/PointField
 CUBE = 1  # visualization_msgs/msg/Marker
 GREY = (0.6, 0.63, 0.68, 1.0)
+
+
+def definition_of(type_name: str) -> str:
+    """The `ros2msg` schema text of a type that only viewers know."""
+    return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 
 @dataclass(frozen=True, eq=False)

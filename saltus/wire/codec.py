@@ -36,8 +36,8 @@ CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 LOG_INFO = 20  # rcl_interfaces/msg/Log
 _NANO = 10**9
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-for _name, _definition in schemas.DEFINITIONS.items():
+STORE = get_typestore(Stores.EMPTY)
+for _name, _definition in {**schemas.STANDARD, **schemas.DEFINITIONS}.items():
     STORE.register(get_types_from_msg(_definition, _name))
 _HEADER: Any = STORE.types["std_msgs/msg/Header"]
 _TIME: Any = STORE.types["builtin_interfaces/msg/Time"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 from samples import message_of
 
 from saltus.errors import MessageError
@@ -41,6 +42,13 @@ BAD_VALUES = [
 
 def test_every_message_has_a_type() -> None:
     assert set(KINDS) == set(messages.Message.__args__)
+
+
+@pytest.mark.parametrize("type_name", schemas.STANDARD)
+def test_standard_types_are_those_of_ros(type_name: str) -> None:
+    assert (
+        codec.definition_of(type_name) == get_typestore(Stores.ROS2_JAZZY).generate_msgdef(type_name, ros_version=2)[0]
+    )
 
 
 @kinds

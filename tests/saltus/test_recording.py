@@ -27,7 +27,7 @@ from samples import ROBOT
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
-from saltus.recordings import recorder
+from saltus.recordings import recorder, viewer
 from saltus.recordings.recorder import CHUNK_INDICES, PackedIndex, Recorder
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
 from saltus.wire import codec, messages
@@ -71,7 +71,8 @@ def test_viewer_messages_parse_as_their_ros_types(whole: Recording) -> None:
     with whole.path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             assert schema is not None
-            wire = codec.STORE.deserialize_cdr(message.data, schema.name)
+            store = codec.STORE if schema.name in TYPE_NAME.values() else viewer.STORE
+            wire = store.deserialize_cdr(message.data, schema.name)
             if channel.topic == "/viewer/heightmap":
                 assert wire.width == 30  # type: ignore[attr-defined]
             if channel.topic == "/viewer/tf":
