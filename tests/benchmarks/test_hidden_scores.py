@@ -1,5 +1,7 @@
 import itertools
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -147,18 +149,30 @@ def test_wilson_holds_the_share(hits, count):
             assert abs(hits / count - end) == pytest.approx(shares.Z95 * np.sqrt(end * (1 - end) / count), rel=1e-6)
 
 
-def test_who_is_interrupted_looks_at_no_further_log_and_seals_nothing(tmp_path):
+def test_who_is_interrupted_looks_at_no_further_log_and_seals_nothing(tmp_path, monkeypatch):
     looked: list[str] = []
+    over = threading.Event()
+
+    class Pool(ThreadPoolExecutor):
+        """A log that has begun meanwhile takes until the others have been called off, or have not."""
+
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            super().shutdown(wait=False, cancel_futures=cancel_futures)
+            over.set()
+            super().shutdown(wait=wait)
 
     def find(logs: tuple[Path, ...], out: Path) -> None:
         looked.append(out.name)
         if len(looked) == 2:
             raise KeyboardInterrupt
+        if len(looked) > 2:
+            over.wait()
         (out / "verdict.json").write_text(json.dumps({"verdict": "no_gap"}))
 
     for name in "abcdef":
         (tmp_path / "logs" / name).mkdir(parents=True)
         (tmp_path / "logs" / name / "meta.json").write_text("{}")
+    monkeypatch.setattr(identify, "ThreadPoolExecutor", Pool)
     with pytest.raises(KeyboardInterrupt):
         identify.identify(tmp_path / "logs", tmp_path / "out", find, jobs=1)
     assert len(looked) <= 3  # one may have begun meanwhile

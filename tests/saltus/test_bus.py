@@ -117,8 +117,8 @@ def test_who_waits_is_woken_by_what_comes_on_any_key_of_the_bus(pair: tuple[Bus,
     drain(dones)
     heard = receiver.bell.rings
     timer = threading.Timer(0.05, publisher.put, (done(1),))
-    timer.start()
     start_s = time.monotonic()
+    timer.start()
     receiver.bell.wait(heard, TIMEOUT_S)
     assert 0.04 < time.monotonic() - start_s < TIMEOUT_S
     assert states.take() is None
