@@ -27,12 +27,12 @@ imports: $(VENV)/.development
 # environment says.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/processes
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime'
 
-# The tests of processes in real time come alone; runs in lockstep need no such peace. They mostly wait: what they leave
-# of the processors goes to mypy, which yields to them.
+# Tests with limits in real time come alone; others need no such peace. They mostly wait: what they leave of the
+# processors goes to mypy, which yields to them.
 processes: $(VENV)/.development
-	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest tests/processes; tests=$$?; wait $$types && exit $$tests
+	nice -n 19 $(BIN)/mypy & types=$$!; $(BIN)/pytest -m realtime tests/processes; tests=$$?; wait $$types && exit $$tests
 
 # A wheel in an empty environment runs the demo from another folder.
 wheel-test: libraries

@@ -26,6 +26,13 @@ print(time.process_time() / 0.5)"""
 STEPS = (HALF, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What asks for a speed has limits in real time, and comes alone."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents and "speed" in getattr(item, "fixturenames", ()):
+            item.add_marker("realtime")
+
+
 @pytest.fixture(scope="session")
 def speed(tmp_path_factory: pytest.TempPathFactory) -> float:
     """Seconds of a run for each second of this computer."""

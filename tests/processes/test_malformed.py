@@ -142,7 +142,7 @@ class Victim:
         return None if sample is None else sample.message.rejected
 
     def close(self) -> None:
-        self.process.terminate()
+        """After it has been told to end."""
         try:
             self.process.wait(self.clock.machine_s(5.0))
         finally:
@@ -164,6 +164,8 @@ def victims(endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactor
     root = tmp_path_factory.mktemp("victims")
     victims = {name: Victim(name, endpoint, root / name, speed) for name in SUBSCRIBED}
     yield victims
+    for victim in victims.values():
+        victim.process.terminate()
     for victim in victims.values():
         victim.close()
 
