@@ -154,7 +154,7 @@ def _robot() -> "Robot":
 
 
 def _zenoh() -> str:
-    from saltus.runtime.stack import local_round_trip
+    from saltus.runtime.round_trip import local_round_trip
 
     return f"round trip {1e3 * local_round_trip():.1f} ms"
 

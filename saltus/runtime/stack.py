@@ -7,7 +7,6 @@ calls `poll` at 10 Hz or more, or `wait`.
 import contextlib
 import json
 import signal
-import statistics
 import time
 from collections import deque
 from collections.abc import Callable
@@ -29,7 +28,7 @@ from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.joining import write_client
-from saltus.wire.messages import Done, Event, ProcessStatus
+from saltus.wire.messages import Event, ProcessStatus
 from saltus.wire.router import Network, open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
@@ -54,7 +53,6 @@ LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its record
 POLL_S = 0.01
 RECORDED_AT_A_TIME = 20
 """Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
-ANSWER_TIMEOUT_S = 0.1
 SUPERVISOR = "supervisor"
 
 
@@ -372,26 +370,3 @@ class Stack:
             time.sleep(POLL_S)
         for child in group:
             child.kill()
-
-
-def local_round_trip(messages: int = 50) -> float:
-    """Median time of a small message from one client to another and back, through a router of this machine [s].
-
-    Raises:
-        StackError: no router can be had, or nothing arrives.
-    """
-    endpoint, router = open_router()
-    times = []
-    with contextlib.closing(router), ZenohBus(endpoint, "saltus") as here, ZenohBus(endpoint, "saltus") as there:
-        ping, pong = here.publisher("done", "ping"), there.publisher("done", "pong")
-        ping_in, pong_in = there.latest("done", "ping"), here.latest("done", "pong")
-        for step in range(messages):
-            start = time.perf_counter()
-            ping.put(Done(time_ns=0, step=step, process="ping"))
-            if ping_in.wait(ANSWER_TIMEOUT_S) is not None:
-                pong.put(Done(time_ns=0, step=step, process="pong"))
-                if pong_in.wait(ANSWER_TIMEOUT_S) is not None:
-                    times.append(time.perf_counter() - start)
-    if len(times) < messages // 2:  # the first are lost while the subscriptions travel
-        raise StackError(f"of {messages} messages through a router {len(times)} came back")
-    return statistics.median(times)
