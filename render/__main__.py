@@ -1,6 +1,9 @@
 """The camera process: python -m saltus.render --run-dir DIR --endpoint ENDPOINT."""
 
 import sys
+from dataclasses import replace
+
+import numpy as np
 
 from saltus.effects.image_pixels import to_images
 from saltus.render.backends import make_renderer
@@ -10,10 +13,36 @@ from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
 from saltus.trial import Trial
-from saltus.wire.messages import Done
+from saltus.wire.bus import Bus
+from saltus.wire.messages import OPERATOR, DepthFrame, Done
 
 WAIT_S = 0.1  # how often an idle process gives proof of life
 NOTHING_DUE = -1
+LONGEST_COVER_S = 60.0  # a run of the demo takes 20
+
+
+class Cover:
+    """What an operator lays over the lens: "blind", for the seconds of the run's clock that its detail names."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._events = bus.latest("event", OPERATOR)
+        self._until_ns = -1
+
+    def over(self, frame: DepthFrame, now_ns: int) -> DepthFrame:
+        """The image, all of it invalid while the lens is covered."""
+        sample = self._events.take()
+        if sample is not None and sample.message.code == "blind":
+            self._until_ns = now_ns + round(1e9 * _seconds(sample.message.detail))
+        return replace(frame, depth=np.zeros_like(frame.depth)) if now_ns < self._until_ns else frame
+
+
+def _seconds(text: str) -> float:
+    """A time that somebody has typed, at most `LONGEST_COVER_S`; 0 where it is none."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        return 0.0
+    return min(seconds, LONGEST_COVER_S) if seconds > 0.0 else 0.0
 
 
 def build(context: ProcessContext) -> CameraProcess:
@@ -50,6 +79,7 @@ def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
     truths = context.bus.latest("plant/truth")
     frames = context.bus.publisher("camera/depth")
     done = context.bus.publisher("done", context.name)
+    cover = Cover(context.bus)
     context.ready()
     last_step = -1
     while not context.stopped:
@@ -62,7 +92,7 @@ def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
         frame = camera.step(truth, truth.time_ns) if truth.step > last_step else camera.due
         last_step = max(last_step, truth.step)
         if frame is not None:
-            frames.put(frame)
+            frames.put(cover.over(frame, truth.time_ns))
         frame_id = NOTHING_DUE if camera.due is None else camera.due.frame_id
         done.put(Done(time_ns=truth.time_ns, step=truth.step, process=context.name, frame_id=frame_id))
 
@@ -71,6 +101,7 @@ def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
     """Exposes on the newest truth and publishes by the clock."""
     truths = context.bus.latest("plant/truth")
     frames = context.bus.publisher("camera/depth")
+    cover = Cover(context.bus)
     context.ready()
     while not context.stopped:
         context.beat(ticks=camera.exposures, overruns=camera.overruns)
@@ -81,7 +112,7 @@ def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
             truth = sample.message
         frame = camera.step(truth, now_ns)
         if frame is not None:
-            frames.put(frame)
+            frames.put(cover.over(frame, now_ns))
 
 
 if __name__ == "__main__":

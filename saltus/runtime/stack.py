@@ -2,6 +2,9 @@
 
 The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is its whole work: whoever holds a stack
 calls `poll` at 10 Hz or more, or `wait`.
+
+It obeys an operator, whose events are under `event/operator`: "stop" lets the robot land and ends the run, "kill" ends
+the process that its detail names, as a test of what the others do about it. The camera obeys "blind" itself.
 """
 
 import contextlib
@@ -28,8 +31,9 @@ from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.joining import write_client
-from saltus.wire.messages import Event, ProcessStatus
+from saltus.wire.messages import OPERATOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
+from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
 
 PROGRAMS = (
@@ -276,6 +280,7 @@ class Stack:
         for raw in samples:
             self._events_seen += raw.key == f"event/{SUPERVISOR}"
             self._note_status(raw)
+            self._obey(raw)
         self._judge_real_time()
         self._unrecorded.extend(samples)
         for _ in range(min(len(self._unrecorded), RECORDED_AT_A_TIME)):
@@ -325,6 +330,20 @@ class Stack:
             self._monitor.take(status)
         self.rejected[child.name] = status.rejected
         self.overruns[child.name] = status.overruns
+
+    def _obey(self, raw: RawSample) -> None:
+        if raw.key != f"event/{OPERATOR}":
+            return
+        try:
+            _, event = unpack(TOPICS["event"], raw)
+        except MessageError:
+            return  # counted by the recorder
+        if isinstance(event, Event) and event.code == "stop":
+            for child in self._children.values():
+                if not child.program.restart:
+                    child.signal(signal.SIGTERM)
+        elif isinstance(event, Event) and event.code == "kill" and event.detail in self._children:
+            self._children[event.detail].signal(signal.SIGKILL)
 
     def _event(self, code: str, detail: str) -> None:
         self._events_sent += 1

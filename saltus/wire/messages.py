@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.floating]
 
+OPERATOR = "operator"
+"""Whose events, under `event/operator`, ask something of a run."""
+
 
 class HeightmapStatus(IntEnum):
     """How far a heightmap may be trusted."""
