@@ -1,12 +1,17 @@
 #!/bin/sh
-# Installs the Debian libraries that Open3D (Embree) and OSMesa need, when it may; else prints the line to type.
+# Installs the Debian libraries that Open3D (Embree) and OSMesa need, when it may; else prints the line to type. With
+# the word tests also the browser in which the page of saltus watch is tested.
 set -eu
 packages="libosmesa6 libgl1 libegl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
+browser="chromium-headless-shell"
 missing=""
 for pair in libOSMesa.so:libosmesa6 libGL.so.1:libgl1 libEGL.so.1:libegl1 libgomp.so.1:libgomp1 \
     libidn2.so.0:libidn2-0 libudev.so.1:libudev1 libusb-1.0.so.0:libusb-1.0-0 libX11.so.6:libx11-6; do
     /sbin/ldconfig -p | grep -q "${pair%%:*}" || missing="$missing ${pair##*:}"
 done
+if [ "${1:-}" = tests ] && ! command -v "$browser" >/dev/null; then
+    missing="$missing $browser"
+fi
 [ -n "$missing" ] || exit 0
 line="apt-get install -y --no-install-recommends$missing"
 if command -v apt-get >/dev/null 2>&1; then

@@ -1,10 +1,12 @@
 """`saltus demo`: the whole stack on one terrain, with recording, report and video."""
 
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from saltus.cli.output import follow, print_json, run_directory
 from saltus.cli.run_options import RunOptions
+from saltus.cli.watch import ask_for_viser, watching
 from saltus.config import Pace, RunConfig
 from saltus.flags import Flag
 from saltus.wire.messages import GroundTruth
@@ -27,17 +29,30 @@ class Demo(RunOptions):
     """The run ends after this much simulated time."""
     video: bool = True
     """Make an MP4 of the robot with the predicted heightmap on the terrain."""
+    watch: Flag = False
+    """Show the run on a page in the browser, and then its recording until Ctrl-C; see saltus watch."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""
+        config = self.config(self.time_limit_s)
+        if self.watch:
+            ask_for_viser()
+        directory = run_directory("demo", self.out)
+        if not self.watch:
+            return self._run(config, directory)
+        with watching(directory) as page:
+            code = self._run(config, directory)
+            print("the page shows the recording until Ctrl-C", file=sys.stderr, flush=True)
+            page.wait()
+        return code
+
+    def _run(self, config: RunConfig, directory: Path) -> int:
         from saltus.recordings.recording import read_recording
         from saltus.recordings.report import write_report
         from saltus.recordings.summary import sentence, summarise
 
-        config = self.config(self.time_limit_s)
-        directory = run_directory("demo", self.out)
         run_stack(config, directory)
         recording = read_recording(directory / "recording.mcap")
         summary = summarise(recording)

@@ -17,7 +17,7 @@ from saltus.provenance import commit, package_version
 if TYPE_CHECKING:
     from saltus.robots.robot import Robot
 
-EXTRAS = ("train", "gpu", "ray")
+EXTRAS = ("train", "gpu", "ray", "watch")
 MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
 LIBRARIES = "install Debian's libgl1, libegl1, libx11-6, libusb-1.0-0, libidn2-0 and libgomp1"
 NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with room to spare

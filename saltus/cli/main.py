@@ -24,12 +24,14 @@ from saltus.cli.robot import RobotCommand
 from saltus.cli.router import Router
 from saltus.cli.signals import Ended, ending_by_signals, raise_again
 from saltus.cli.up import Up
+from saltus.cli.watch import Watch
 from saltus.errors import SaltusError
 from saltus.provenance import commit, package_version
 
 Command = (
     Demo
     | Up
+    | Watch
     | Router
     | Keys
     | Doctor

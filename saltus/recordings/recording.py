@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, TypeVar, cast
+from typing import BinaryIO, NamedTuple, TypeVar, cast
 
 import numpy as np
 from mcap.exceptions import EndOfFile
@@ -38,7 +38,20 @@ from saltus.wire.topics import TOPICS
 
 Kind = TypeVar("Kind", bound=Message)
 
+UNPACKED_CHUNKS = 64
+"""Kept by `Recording.arrivals` for who asks for one moment after the other: some seconds of a run, 16 MB."""
 DIGEST_TOPICS = ("heightmap/heightmap", "policy/plan", "controller/state")
+
+
+class Arrival(NamedTuple):
+    """A message as it came in, not decoded."""
+
+    arrival_ns: int
+    """In the run's clock."""
+    key: str
+    """Below the robot's prefix, e.g. "status/render"."""
+    envelope: Envelope
+    payload: bytes
 
 
 @dataclass(eq=False)
@@ -58,6 +71,7 @@ class Recording:
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, Channel] = field(default_factory=dict)
     _chunks: list[Chunk] = field(default_factory=list, repr=False)
+    _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def robot(self) -> Robot:
@@ -131,6 +145,38 @@ class Recording:
         for arrival_ns, envelope, payload, _ in self._records(topic):
             yield arrival_ns, envelope, payload
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Arrival of the first and of the last message [ns], in the run's clock; zeros where there is none."""
+        chunks = [chunk for chunk in self._chunks if chunk.message_end_time]
+        if not chunks:
+            return 0, 0
+        return min(c.message_start_time for c in chunks), max(c.message_end_time for c in chunks)
+
+    def arrivals(self, after_ns: int, until_ns: int) -> Iterator[Arrival]:
+        """Messages of all topics that arrived after one time and until another, in the order of the file.
+
+        Only what the interval needs is unpacked, so that any moment of a long run is at hand.
+        """
+        for number, chunk in enumerate(self._chunks):
+            if chunk.message_end_time > after_ns and chunk.message_start_time <= until_ns:
+                for row in self._rows(number, chunk):
+                    if after_ns < row.arrival_ns <= until_ns:
+                        yield row
+
+    def _rows(self, number: int, chunk: Chunk) -> list[Arrival]:
+        if number not in self._unpacked:
+            if len(self._unpacked) >= UNPACKED_CHUNKS:
+                del self._unpacked[next(iter(self._unpacked))]
+            self._unpacked[number] = [
+                Arrival(record.log_time, key, Envelope(record.sequence, record.publish_time, boot_id), record.data)
+                for record in breakup_chunk(chunk)
+                if isinstance(record, Record)
+                for key, boot_id in [_sender(self._channels[record.channel_id])]
+                if topic_of(key) is not None
+            ]
+        return self._unpacked[number]
+
     def _check_fields(self, topic: str) -> None:
         """Refuses fields of another version: the bytes of one that was renamed would be read under its new meaning."""
         for channel in self._channels_of(topic).values():
@@ -156,10 +202,7 @@ class Recording:
         return found
 
     def _records(self, topic: str) -> Iterator[tuple[int, Envelope, bytes, str]]:
-        wanted = {
-            number: (channel.topic[1:], bytes.fromhex(channel.metadata.get("boot_id", "")))
-            for number, channel in self._channels_of(topic).items()
-        }
+        wanted = {number: _sender(channel) for number, channel in self._channels_of(topic).items()}
         for chunk in self._chunks:
             for record in breakup_chunk(chunk):
                 if isinstance(record, Record) and record.channel_id in wanted:
@@ -271,6 +314,11 @@ class _Reader:
                 self.recording.config = config.from_toml(RunConfig, record.metadata.get("config", ""))
             except ConfigError as error:
                 self.recording.lost.append(f"the configuration: {error}")
+
+
+def _sender(channel: Channel) -> tuple[str, bytes]:
+    """Key of a channel below the robot's prefix, and boot id of who sent to it."""
+    return channel.topic[1:], bytes.fromhex(channel.metadata.get("boot_id", ""))
 
 
 def _fields(definition: str) -> list[str]:

@@ -1,0 +1,137 @@
+"""Draws the scenes of one run: robot, terrain, heights, planned feet and forces."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.constants import LOADED_N
+from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
+from saltus.watch.scene import Heights, Scene, World
+from saltus.watch.server import Server
+from saltus.wire.messages import Floats, HeightmapStatus
+
+Rgb = tuple[int, int, int]
+
+# Okabe and Ito's palette: told apart by colour-blind readers; the page's legend has the same
+PREDICTED, TRUE, PLANNED, FORCE = (213, 94, 0), (0, 158, 115), (0, 114, 178), (230, 159, 0)
+UNTRUSTED: Rgb = (150, 150, 150)
+TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
+SKY = ((150, 186, 222), (244, 247, 250))
+FORCE_SCALE_M = 0.3 / 60.0
+"""Length of an arrow [m/N]: 0.3 m for what one of two legs bears of a Go1."""
+LIFT = np.array([0.0, 0.0, 0.004])  # lines float this far above the ground, else they flicker [m]
+DISC_LIFT = np.array([0.0, 0.0, 0.013])  # a disc faces the browser: half of it would be in the ground [m]
+GAP_M = 0.5  # between the grounds of two runs
+
+
+class Drawing:
+    """What a server shows of one run; `draw` is all that changes.
+
+    Args:
+        server: The page.
+        number: Of the run on this page: others stand beside it.
+        world: Its robot and terrain.
+        aside: Where its y = 0 lies [m].
+    """
+
+    def __init__(self, server: Server, number: int, world: World, aside: float) -> None:
+        scene = server.scene
+        self._aside = aside
+        self._root = scene.add_frame(f"/run{number}", show_axes=False)
+        name = f"/run{number}"
+        boxes = world.terrain.arrays
+        for ground, (vertices, faces), colour in (
+            ("tops", terrain_tops(boxes), TOP), ("walls", terrain_walls(boxes), WALL),
+        ):  # fmt: skip
+            scene.add_mesh_simple(f"{name}/{ground}", vertices, faces, color=colour, flat_shading=True)
+        edges = terrain_edges(boxes) + LIFT
+        scene.add_line_segments(f"{name}/edges", edges, EDGE, thickness=1.5, thickness_units="screen")
+        self._shapes = RobotShapes(world.robot, world.terrain)
+        self._bodies = []
+        nodes = {"world": f"{name}/robot"}
+        for (body, shapes), offset in zip(self._shapes.shapes.items(), self._shapes.offsets, strict=True):
+            where = nodes[body] = f"{nodes[self._shapes.parents[body]]}/{body}"
+            self._bodies.append(scene.add_frame(where, show_axes=False, position=offset))
+            for part, shape in enumerate(shapes):
+                scene.add_mesh_simple(f"{where}/{part}", shape.vertices, shape.faces, color=shape.rgba[:3])
+        self._trunk = self._bodies[0]
+        self._trunk.visible = False
+        nothing = np.zeros((1, 2, 3))
+
+        def line(part: str, colour: Rgb, pixels: float) -> Any:
+            where = f"{name}/{part}"
+            return scene.add_line_segments(
+                where, nothing, colour, thickness=pixels, thickness_units="screen", visible=False
+            )
+
+        self._predicted = line("predicted", PREDICTED, 4.0)
+        self._widths = line("half_widths", PREDICTED, 1.5)
+        self._true = line("true", TRUE, 4.0)
+        self._paths = line("paths", PLANNED, 2.0)
+        self._targets = scene.add_point_cloud(
+            f"{name}/planned_feet", nothing[0], PLANNED, point_size=0.025, point_shape="circle", visible=False
+        )
+        self._forces = scene.add_arrows(
+            f"{name}/forces", nothing, FORCE, shaft_radius=0.008, head_radius=0.02, head_length=0.04, visible=False
+        )
+
+    def remove(self) -> None:
+        """Takes it all away."""
+        self._root.remove()
+
+    def draw(self, scene: Scene, looked_at: Floats) -> None:
+        """Shows a scene, so that this point of its world [m], shape (3,), is where the browser looks."""
+        self._root.position = np.array([0.0, self._aside, 0.0]) - looked_at
+        if scene.base_pose is not None:
+            self._draw_robot(scene, scene.base_pose)
+        self._draw_heights(scene.heights)
+        planned = np.isfinite(scene.planned_feet).all(axis=1) & np.isfinite(scene.feet).all(axis=1)
+        self._targets.visible = self._paths.visible = bool(planned.any())
+        if planned.any():
+            self._targets.points = (scene.planned_feet[planned] + DISC_LIFT).astype(np.float32)
+            self._paths.points = np.stack([scene.feet[planned], scene.planned_feet[planned]], axis=1).astype(np.float32)
+        loaded = (scene.foot_force > LOADED_N) & np.isfinite(scene.feet).all(axis=1)
+        self._forces.visible = bool(loaded.any())
+        if loaded.any():
+            up = np.zeros((int(loaded.sum()), 3))
+            up[:, 2] = FORCE_SCALE_M * scene.foot_force[loaded]
+            self._forces.points = np.stack([scene.feet[loaded], scene.feet[loaded] + up], axis=1).astype(np.float32)
+
+    def _draw_robot(self, scene: Scene, pose: Floats) -> None:
+        self._trunk.position, self._trunk.wxyz, self._trunk.visible = pose[:3], pose[3:], True
+        for body, quaternion in zip(self._bodies[1:], self._shapes.turns(scene.joint_position)[1:], strict=True):
+            body.wxyz = quaternion
+
+    def _draw_heights(self, heights: Heights | None) -> None:
+        self._predicted.visible = self._widths.visible = heights is not None
+        self._true.visible = heights is not None and heights.true is not None
+        if heights is None:
+            return
+        usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
+        colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
+        if not np.array_equal(self._predicted.colors, colour):
+            self._predicted.colors = self._widths.colors = colour
+        up = np.zeros_like(heights.predicted)
+        up[:, 2] = heights.half_width_90
+        self._predicted.points = _polyline(heights.predicted + 2.0 * LIFT)
+        self._widths.points = np.stack([heights.predicted - up, heights.predicted + up], axis=1).astype(np.float32)
+        if heights.true is not None:
+            self._true.points = _polyline(heights.true + LIFT)
+
+
+def aside(worlds: list[World]) -> list[float]:
+    """Where the y = 0 of each run lies, so that their grounds lie beside each other [m]."""
+    places: list[float] = []
+    edge = 0.0
+    for world in worlds:
+        boxes = world.terrain.arrays
+        low = float((boxes.center - boxes.extent)[:, 1].min())
+        high = float((boxes.center + boxes.extent)[:, 1].max())
+        places.append(edge - low if places else 0.0)
+        edge = places[-1] + high + GAP_M
+    return places
+
+
+def _polyline(points: Floats) -> NDArray[np.float32]:
+    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)

@@ -1,0 +1,250 @@
+"""What is known of a run at an instant, from the messages of the seconds before it, live and recorded alike."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.action import action_of
+from saltus.config import RunConfig
+from saltus.controller.gait import GaitConfig
+from saltus.controller.signals import observe, plan_from_action
+from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.depth_camera import DepthCamera
+from saltus.errors import MessageError
+from saltus.recordings.recording import Arrival
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import Robot
+from saltus.rotations import rotation_matrix, yaw_rotation
+from saltus.runtime.ticker import freshness
+from saltus.terrain.terrain import Terrain
+from saltus.wire import codec
+from saltus.wire.messages import (
+    ControllerMode,
+    DepthFrame,
+    Event,
+    Floats,
+    GroundTruth,
+    Heightmap,
+    HeightmapStatus,
+    Message,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
+from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
+
+Kind = TypeVar("Kind", bound=Message)
+
+LOOK_BACK_NS = 1_500_000_000
+"""What came before is not looked at: a topic that has said nothing for so long is silent."""
+RATE_OVER_NS = 1_000_000_000
+STEPS_APART_NS = 100_000_000
+"""A heightmap whose truth is known is drawn rather than a newer one without, if it is no older than this."""
+SILENT = "silent"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World:
+    """What stays the same in a run."""
+
+    title: str
+    config: RunConfig
+    robot: Robot
+    terrain: Terrain
+    camera: DepthCamera
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicRow:
+    """How a topic is doing."""
+
+    name: str
+    rate_hz: float
+    age_ms: float
+    """Since the newest message was true; infinite where it is silent."""
+    status: str
+    """A value of `Freshness`, or "silent"."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Heights:
+    """A heightmap and the truth at its points."""
+
+    predicted: Floats
+    """World frame [m], shape (30, 3)."""
+    half_width_90: Floats
+    """90 % of the errors are smaller [m], shape (30,)."""
+    true: Floats | None
+    """World frame [m], shape (30, 3); None where nobody knows."""
+    x: Floats
+    """Distance ahead of the base [m], shape (30,)."""
+    status: HeightmapStatus
+    depth_age_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """What is known of a run at an instant; None for what nobody has said."""
+
+    time_s: float
+    """In the run's clock."""
+    base_pose: Floats | None
+    """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (7,). True where a simulator says it;
+    else from IMU and estimated height, at the origin."""
+    joint_position: Floats
+    """[rad], shape (12,)."""
+    speed_mps: float
+    """Horizontal, true or estimated."""
+    feet: Floats
+    """World frame [m], shape (4, 3)."""
+    foot_force: Floats
+    """Vertical ground reaction [N], shape (4,); zeros where nobody knows."""
+    planned_feet: Floats
+    """Where feet in swing are to stand next, on the predicted heights, world frame [m], shape (4, 3); NaN for those
+    that stand."""
+    mode: ControllerMode | None
+    plan: PlanStatus | None
+    heights: Heights | None
+    depth: DepthFrame | None
+    topics: tuple[TopicRow, ...]
+    events: tuple[Event, ...]
+    """The newest last."""
+
+
+class SceneMaker:
+    """Makes scenes of one run."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._legs = LegKinematics(world.robot)
+        self._swing = SwingLegs(world.robot, SwingConfig())
+        self._topics = {**TOPICS, "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S)}
+
+    def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
+        """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`, in order, and from all events."""
+        newest: dict[str, Arrival] = {}
+        truths: dict[int, Arrival] = {}
+        with_truth: Arrival | None = None
+        rates: Counter[str] = Counter()
+        for row in arrivals:
+            newest[row.key] = row
+            rates[row.key] += row.arrival_ns > now_ns - RATE_OVER_NS
+            if row.key == "plant/truth":
+                truths[row.envelope.capture_ns] = row
+            elif row.key == "heightmap/heightmap" and row.envelope.capture_ns in truths:
+                with_truth = row
+        if with_truth is not None and now_ns - with_truth.envelope.capture_ns < STEPS_APART_NS:
+            newest["heightmap/heightmap"] = with_truth
+        state = _newest(RobotState, newest, "controller/state")
+        truth = _newest(GroundTruth, newest, "plant/truth")
+        plan = _newest(MotionPlan, newest, "policy/plan")
+        heightmap = _newest(Heightmap, newest, "heightmap/heightmap")
+        pose, joints = _pose(truth, state)
+        velocity = truth or state
+        return Scene(
+            time_s=1e-9 * now_ns,
+            base_pose=pose,
+            joint_position=joints,
+            speed_mps=float(np.hypot(*velocity.velocity_base_in_world[:2])) if velocity is not None else float("nan"),
+            feet=_feet(self._legs, pose, joints),
+            foot_force=np.zeros(4) if truth is None else np.asarray(truth.foot_force),
+            planned_feet=self._planned_feet(state, plan, heightmap, pose),
+            mode=None if state is None else ControllerMode(state.mode),
+            plan=None if plan is None else PlanStatus(plan.status),
+            heights=None if heightmap is None else _heights(heightmap, truths, pose),
+            depth=_newest(DepthFrame, newest, "camera/depth"),
+            topics=tuple(self._rows(newest, rates, now_ns)),
+            events=events,
+        )
+
+    def _rows(self, newest: dict[str, Arrival], rates: Counter[str], now_ns: int) -> Iterable[TopicRow]:
+        for topic in self._topics.values():
+            keys = [key for key in newest if key == topic.name or key.startswith(f"{topic.name}/")]
+            if topic.rate_hz == 0.0 or not topic.recorded:
+                continue
+            for key in sorted(keys) or ([topic.name] if topic.publisher != "*" else []):
+                if key not in newest:
+                    yield TopicRow(name=key, rate_hz=0.0, age_ms=float("inf"), status=SILENT)
+                    continue
+                capture_ns = newest[key].envelope.capture_ns
+                yield TopicRow(
+                    name=key,
+                    rate_hz=rates[key] * 1e9 / RATE_OVER_NS,
+                    age_ms=1e-6 * (now_ns - capture_ns),
+                    status=freshness(topic, capture_ns, now_ns).value,
+                )
+
+    def _planned_feet(
+        self, state: RobotState | None, plan: MotionPlan | None, heightmap: Heightmap | None, pose: Floats | None
+    ) -> Floats:
+        """The end of the law's own path of each swinging foot, with the plan's residual."""
+        nowhere = np.full((4, 3), np.nan)
+        going = state is not None and state.mode in (ControllerMode.RUN, ControllerMode.COAST)
+        if state is None or plan is None or pose is None or not going or plan.stepping_frequency_hz <= 0.0:
+            return nowhere
+        body = observe(state, self._legs)
+        stance_s = np.asarray((1.0 - GaitConfig().swing_ratio) / plan.stepping_frequency_hz)
+        path = self._swing.nominal_path(body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height))
+        target = path + plan_from_action(action_of(plan), body.yaw).foot_residual
+        if heightmap is not None:  # the target itself is as high as the swing goes
+            target[:, 2] = np.interp(target[:, 0], heightmap.x, heightmap.height)
+        in_world = pose[:3] + target @ _heading(pose).T
+        return np.where(np.asarray(state.leg_contact)[:, None], nowhere, in_world)
+
+
+def _newest(kind: type[Kind], newest: dict[str, Arrival], key: str) -> Kind | None:
+    """The newest message of a key; None where there is none, or it is malformed."""
+    row = newest.get(key)
+    try:
+        return None if row is None else codec.decode(kind, row.payload)
+    except MessageError:
+        return None
+
+
+def _pose(truth: GroundTruth | None, state: RobotState | None) -> tuple[Floats | None, Floats]:
+    if truth is not None:
+        pose = np.concatenate([truth.position_base_in_world, truth.quaternion_base_in_world])
+        return pose, np.asarray(truth.joint_position)
+    if state is not None:
+        pose = np.concatenate([[0.0, 0.0, state.base_height], state.quaternion_base_in_world])
+        return pose, np.asarray(state.joint_position)
+    return None, np.zeros(12)
+
+
+def _feet(legs: LegKinematics, pose: Floats | None, joints: Floats) -> Floats:
+    if pose is None:
+        return np.full((4, 3), np.nan)
+    feet = legs.position(np.asarray(joints, dtype=np.float64))
+    return np.asarray(pose[:3] + feet @ rotation_matrix(np.asarray(pose[3:], dtype=np.float64)).T)
+
+
+def _heading(pose: Floats) -> NDArray[np.float64]:
+    """Rotation from the yaw frame of the base to the world, shape (3, 3)."""
+    rotation = rotation_matrix(np.asarray(pose[3:], dtype=np.float64))
+    return np.asarray(yaw_rotation(np.arctan2(rotation[1, 0], rotation[0, 0])))
+
+
+def _heights(heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None) -> Heights | None:
+    """A heightmap is relative to where the base was when it was true."""
+    row = truths.get(heightmap.time_ns)
+    truth = None if row is None else _newest(GroundTruth, {"": row}, "")
+    base = pose if truth is None else _pose(truth, None)[0]
+    if base is None:
+        return None
+
+    def in_world(height: Floats) -> Floats:
+        local = np.stack([np.asarray(heightmap.x), np.zeros(len(height)), np.asarray(height)], axis=-1)
+        return cast(Floats, base[:3] + local @ _heading(base).T)
+
+    return Heights(
+        predicted=in_world(heightmap.height),
+        half_width_90=np.asarray(heightmap.half_width_90),
+        true=None if truth is None else in_world(truth.height),
+        x=np.asarray(heightmap.x),
+        status=HeightmapStatus(heightmap.status),
+        depth_age_s=heightmap.depth_age_s,
+    )

@@ -1,0 +1,58 @@
+"""Runs that are watched in a real browser: one that is started, disturbed and stopped on the page, and a demo."""
+
+import signal
+from pathlib import Path
+
+import numpy as np
+from browser import Tab, browser
+from page import page_of
+
+from saltus.recordings.recording import read_recording
+from saltus.wire.messages import ControllerMode, Event, RobotState
+
+WIDTH, HEIGHT = 1000, 480
+GROUND = slice(200, None), slice(310, 590)
+"""Rows and columns of a picture between the panels, below what the browser says of its speed."""
+PATIENCE_S = 60.0
+
+
+def wait_for(tab: Tab, *said: str) -> None:
+    tab.until(lambda: all(each in tab.text() for each in said), " and ".join(said))
+
+
+def test_a_run_is_started_disturbed_and_stopped_on_the_page(tmp_path: Path) -> None:
+    """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
+    with page_of("watch", "--port", "0", folder=tmp_path) as (address, _), browser(WIDTH, HEIGHT) as tab:
+        tab.open(address)
+        wait_for(tab, "no run: start one")
+        tab.choose("0.5", "0.25")  # a browser without a GPU is slow
+        tab.click("Start")
+        wait_for(tab, "live", "mode_run")
+        tab.click("Blind the camera 1 s")
+        before = tab.picture()[GROUND].astype(int)
+        wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")
+        assert np.abs(tab.picture()[GROUND] - before).max(axis=-1).mean() > 1.0  # the robot has gone on
+        for label, process in (
+            ("Kill the camera", "render"), ("Kill the heightmap service", "heightmap"), ("Kill the planner", "policy"),
+        ):  # fmt: skip
+            tab.click(label)
+            wait_for(tab, f"kill {process}", f"process_died {process}", f"process_ready {process}: after")
+        tab.click("Stop")
+        wait_for(tab, "recording", "Pause")
+        assert "Stop" not in tab.text()
+    recording = read_recording(next(tmp_path.glob("runs/*/recording.mcap")))
+    assert recording.complete
+    assert recording.of(RobotState)[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
+    asked = [(event.code, event.detail) for event in recording.of(Event, "event/operator")]
+    assert asked == [("blind", "1"), ("kill", "render"), ("kill", "heightmap"), ("kill", "policy"), ("stop", "")]
+
+
+def test_a_demo_is_watched_and_then_its_recording(tmp_path: Path) -> None:
+    demo = ("demo", "--watch", "--terrain", "flat", "--time-limit-s", "2", "--no-video", "--out", "run")
+    with page_of(*demo, folder=tmp_path) as (address, process), browser(WIDTH, HEIGHT) as tab:
+        tab.open(address)
+        wait_for(tab, "flat, seed 0", "plant/truth")
+        wait_for(tab, "recording", "timeout")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == -signal.SIGTERM
+    assert read_recording(tmp_path / "run" / "recording.mcap").complete
