@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from samples import ROBOT
 from standing_robot import Motion, run_log
+from stated_values import check_stated_values
 
 from saltus.effects.effect import Effect
 from saltus.effects.end_stop import EndStop
@@ -97,6 +98,10 @@ def test_a_profile_whose_feet_stiffen_as_no_replay_does_is_not_dropped_silently(
     held, lost = (RebasedProblem(claimed, Profile(body=(each,))) for each in feet)
     assert "soft_feet" not in set(held.untestable) - set(claimed.untestable)
     assert lost.untestable["soft_feet"] == NOT_HELD
+
+
+def test_what_a_profile_has_is_taken_from_its_values_exactly(claimed: BodyProblem) -> None:
+    check_stated_values(claimed)
 
 
 def test_sets_of_unknowns_do_not_mix(claimed: BodyProblem) -> None:

@@ -22,6 +22,7 @@ from camera_logs import (
     sine,
     still,
 )
+from stated_values import check_stated_values
 
 from saltus.arrays import Floats
 from saltus.effects.camera_latency import CameraLatency
@@ -172,6 +173,10 @@ def test_residuals_are_finite_at_every_bound_and_sets_do_not_mix() -> None:
     assert np.max(np.abs(together)) < 200.0
     for values, expected in zip(sets, together, strict=True):
         np.testing.assert_array_equal(claimed().residuals(values[None])[0], expected)
+
+
+def test_what_a_profile_has_is_taken_from_its_values_exactly() -> None:
+    check_stated_values(claimed())
 
 
 def test_every_residual_has_a_place() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from standing_robot import MOTIONS, run_log
+from stated_values import check_stated_values
 
 from saltus.effects.effect import Effect
 from saltus.effects.imu_bias import ImuBias
@@ -42,6 +43,7 @@ def held(log: RunLog) -> RunLog:
 )
 def test_fit_recovers_what_is_hidden(effects: tuple[Effect, ...]) -> None:
     problem = ImuProblem(run_log(effects, motions=MOVING))
+    check_stated_values(problem)
     found = fitted(problem)
     true = {f"{e.name}.{f.name}": getattr(e, f.name) for e in effects for f in dataclasses.fields(e)}
     tolerance = {"imu_latency.delay": 5e-4, "imu_bias.roll": 1e-3, "imu_bias.pitch": 1e-3}

@@ -9,6 +9,7 @@ import pytest
 from samples import CURVE, ROBOT
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
+from stated_values import check_stated_values
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
@@ -266,6 +267,10 @@ def test_a_base_that_moves_is_refused() -> None:
     log = motion()
     with pytest.raises(RecordingError, match="held base"):
         JointProblem(replace(log, meta={**log.meta, "base": "free"}))
+
+
+def test_what_a_profile_has_is_taken_from_its_values_exactly() -> None:
+    check_stated_values(problem_of())
 
 
 def test_physical_parameters_of_a_saturation() -> None:

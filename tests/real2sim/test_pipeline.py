@@ -153,16 +153,3 @@ def test_runs_of_different_rigs_are_compared_apart(held: RunLog, seeing: RunLog,
     both, other = load_rigs([tmp_path / name for name in "abc"])
     assert {segment.name.split("/")[0] for segment in segments_of(both)} == {"a", "c"}
     assert len(other.joints.q) == len(seeing.joints.q)
-
-
-def test_what_a_profile_has_is_taken_from_its_values_exactly(held: RunLog, seeing: RunLog) -> None:
-    """Every candidate says its unknowns for its parameters, also at the ends of ranges."""
-    for sensor in SENSORS:
-        log = held if sensor.name == "joints" else seeing
-        for candidate in sensor.problem(log).candidates:
-            if candidate.is_nuisance or candidate.effect == "torque_saturation":
-                continue
-            for share in (0.0, 0.3, 1.0):
-                unknowns = np.array([u.stated or u.low + share * (u.high - u.low) for u in candidate.unknowns])
-                parameters = {name: found.value for name, found in candidate.parameters(unknowns).items()}
-                np.testing.assert_allclose(candidate.unknowns_of(parameters), unknowns, rtol=1e-6, atol=1e-9)
