@@ -20,6 +20,7 @@ ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "PYTHONUNBUFFERED": "1",
+    "MUJOCO_GL": "off",  # nobody draws here; to find a window system MuJoCo would start one more Python, for 0.07 s
     # Of the two receiving threads of the default one waits for the sockets and wakes the other for each message. Not
     # for the router: with one it drops large messages.
     "ZENOH_RUNTIME": "(rx: (worker_threads: 1))",
