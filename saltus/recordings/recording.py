@@ -171,7 +171,7 @@ class Recording:
             self._unpacked[number] = [
                 Arrival(record.log_time, key, Envelope(record.sequence, record.publish_time, boot_id), record.data)
                 for record in breakup_chunk(chunk)
-                if isinstance(record, Record)
+                if isinstance(record, Record) and record.channel_id in self._channels
                 for key, boot_id in [_sender(self._channels[record.channel_id])]
                 if topic_of(key) is not None
             ]

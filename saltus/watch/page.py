@@ -176,7 +176,9 @@ class Page:
             for label, (code, detail) in FAULTS.items():
                 self._on_click(gui.add_button(label), partial(Ask, code=code, detail=detail))
         self._on_click(self._stop, partial(Ask, code="stop"))
-        self._on_click(start, lambda: Start(terrain=str(terrain.value), seed=int(seed.value), speed=str(speed.value)))
+        self._on_click(
+            start, lambda: Start(terrain=str(terrain.value), seed=int(seed.value or 0), speed=str(speed.value))
+        )
 
         @self._play.on_click
         def _(_: object) -> None:

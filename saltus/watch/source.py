@@ -62,6 +62,7 @@ class Source:
             if self.live.connected():
                 return False
             self.leave()
+            self._joined = _written(self.path / CLIENT_FILE)  # what is gone is not tried again until it is new
             self._read_recording()
             return True
         return self.path.suffix != ".mcap" and (self._join() or (self.recorded is None and self._read_recording()))
