@@ -71,7 +71,8 @@ def test_all_of_it_runs_together_to_a_verdict_and_report_and_recording_say_what_
     times_ns = [state.time_ns for state in recording.of(RobotState)]
     ran_s = 1e-9 * (times_ns[-1] - times_ns[0])
     assert ran_s > 1.2
-    assert len(frames) == pytest.approx(camera.rate_hz * ran_s, abs=7)  # less those under way at the end
+    taken = {frame.frame_id for frame in frames}  # on a busy computer some are asked for twice
+    assert len(taken) == pytest.approx(camera.rate_hz * ran_s, abs=7)  # less those under way at the end
     assert {(*frame.depth.shape, frame.fx, frame.cy) for frame in frames} == {
         (480, 640, camera.image.fx, camera.image.cy)
     }
