@@ -21,6 +21,7 @@ LEFT_PX, RIGHT_PX = 300, 400
 CAMERA_AT, CAMERA_LOOKS_AT = (-0.8, -1.5, 0.6), (0.2, 0.0, -0.05)
 """Beside a robot that goes along x, a little behind it, all of the heights that it predicts in view [m]."""
 READ_EVERY = 3
+BACK = 0.5  # so many times farther away for each metre to the last of several robots [1/m]
 FOLLOW_SHARE, FAR_M = 0.15, 1.0
 """Of the way to the robot, each time that is drawn: jumps do not shake the picture; from farther away, and where a
 recording pauses, all of it."""
@@ -89,8 +90,12 @@ class Page:
         with self.server.atomic():
             for old in (*self._drawings, *self._panels):
                 old.remove()
-            places = enumerate(zip(worlds, aside(worlds), strict=True))
-            self._drawings = [Drawing(self.server, number, world, y) for number, (world, y) in places]
+            places = aside(worlds)
+            parts = enumerate(zip(worlds, places, strict=True))
+            self._drawings = [Drawing(self.server, number, world, y) for number, (world, y) in parts]
+            last_y = max(places, default=0.0)
+            self.server.initial_camera.position = max(1.0, BACK * last_y) * np.array(CAMERA_AT)
+            self.server.initial_camera.look_at = np.array(CAMERA_LOOKS_AT) + np.array([0.0, 0.5 * last_y, 0.0])
             self._panels, self._shown = [], []
             for world in worlds:
                 panel = self.server.gui.add_panel()
@@ -152,8 +157,6 @@ class Page:
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.configure_environment_map(None)
         server.scene.add_light_hemisphere("/light", sky_color=(255, 255, 255), ground_color=GROUND, intensity=LIGHT)
-        server.initial_camera.position = CAMERA_AT
-        server.initial_camera.look_at = CAMERA_LOOKS_AT
 
     def _add_controls(self) -> None:
         gui = self.server.gui
