@@ -8,6 +8,7 @@ from browser import Tab, browser
 from page import page_of
 from recorded import STEPS, run_samples, write
 
+SHARP = "?fixedDpr=1"  # a page that is slow to draw draws fewer pixels, by default
 WIDTH, HEIGHT = 1300, 560
 GROUND = slice(200, None), slice(310, 490)
 """Rows and columns of a picture between the panels, below what the browser says of its speed."""
@@ -20,7 +21,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
         write(folder / name, list(run_samples()))
     page = page_of("watch", "one.mcap", "two.mcap", "--port", "0", folder=folder)
     with page as (address, _), browser(WIDTH, HEIGHT) as tab:
-        tab.open(address)
+        tab.open(address + SHARP)
         tab.until(lambda: tab.text().count("heightmap/heightmap") == 2, "a panel of each run")
         yield tab
 
