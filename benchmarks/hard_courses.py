@@ -1,8 +1,8 @@
 """How policies do on hard courses and on robots unlike the one they were trained on: one table, several models.
 
-The paper's courses with the model's armature and with that of Unitree's motors; stairs of 0.20 m with late commands, on
-slippery ground, with soft feet, with joints that resist, with a push from the side; ground that leads down, irregular
-stairs, ditches, hurdles and ramps. Trials go on where they were left when --out names a file that was begun before.
+The paper's courses; stairs of 0.20 m with late commands, on slippery ground, with soft feet, with joints that resist,
+with a push from the side; ground that leads down, irregular stairs, ditches, hurdles and ramps. Trials go on where they
+were left when --out names a file that was begun before.
 
     saltus bench hard_courses -- --models models/policy.onnx runs/mine/policy.onnx --trials 50 --out runs/hard.jsonl
 """
@@ -23,7 +23,7 @@ from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.depth_camera import load_camera
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Effect
-from saltus.effects.offsets_and_factors import Armature, ContactCompliance, CoulombFriction, SoftFeet, ViscousFriction
+from saltus.effects.offsets_and_factors import ContactCompliance, CoulombFriction, SoftFeet, ViscousFriction
 from saltus.effects.profile import PARTS, SHIPPED, Profile, load_profile
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import shown
@@ -36,8 +36,6 @@ from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.workers import in_order
 
-ARMATURE = np.tile([0.00448, 0.00448, 0.01008], 4)
-"""Of a Go1's joints [kg m^2]: rotors of 1.118e-4 kg m^2 behind gears of 6.33, 6.33 and 9.495."""
 RUBBER = (ContactCompliance(time_constant=0.02), SoftFeet(torsion=0.02, rolling=0.01, touch=0.015, depth=0.022))
 """As of the feet of MuJoCo Menagerie's Go1."""
 
@@ -64,8 +62,6 @@ PAPER_COURSES = {
 
 
 def _rows() -> dict[str, Row]:
-    added = np.maximum(ARMATURE - load_robot(DEFAULT_ROBOT).armature, 0.0)
-    armature = (Armature(added=tuple(added.tolist())),)
     stairs = PAPER_COURSES["stairs 0.20"]
     others = {
         "stairs down 0.15": TerrainConfig(terrain="stairs_down", rise_m=0.15),
@@ -79,7 +75,6 @@ def _rows() -> dict[str, Row]:
     }
     return {
         **{name: Row(course=course) for name, course in PAPER_COURSES.items()},
-        **{f"{name}, corrected armature": Row(course=it, effects=armature) for name, it in PAPER_COURSES.items()},
         "stairs 0.20, commands 15 ms late": Row(course=stairs, effects=(CommandDelay(delay=0.015),)),
         "stairs 0.20, friction 0.35": Row(course=stairs, friction=0.35),
         "stairs 0.20, soft feet": Row(course=stairs, effects=RUBBER),
@@ -87,7 +82,7 @@ def _rows() -> dict[str, Row]:
             course=stairs, effects=(ViscousFriction(coefficient=0.25), CoulombFriction(torque=0.3))
         ),
         "stairs 0.20, push 15 Ns": Row(course=stairs, push_ns=15.0),
-        **{name: Row(course=course, effects=armature) for name, course in others.items()},
+        **{name: Row(course=course) for name, course in others.items()},
     }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ ANCHOR = (0.1881, 0.04675)  # abduction axis from the trunk's centre, ahead and 
 ABDUCTION, THIGH, CALF = 0.08, 0.213, 0.213  # [m]
 FOOT_RADIUS = 0.02
 
-ARMATURE = np.tile(1.118e-4 * np.array([4.22, 4.22, 6.33]) ** 2, 4)
+ARMATURE = np.tile(1.118e-4 * np.array([6.33, 6.33, 9.495]) ** 2, 4)
 TORQUE_LIMIT = np.tile([23.7, 23.7, 35.55], 4)
 LOWER = np.tile([-0.863, -0.686, -2.818], 4)
 UPPER = np.tile([0.863, 4.501, -0.888], 4)

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from saltus.arrays import Array, Constant
+from saltus.arrays import Array
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.command_delay import CommandDelay
 from saltus.effects.effect import Drawn, Effect
 from saltus.effects.feedforward_delay import FeedforwardDelay
-from saltus.effects.offsets_and_factors import Armature, CoulombFriction, TorqueGain, ViscousFriction
+from saltus.effects.offsets_and_factors import CoulombFriction, TorqueGain, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.policy.env.memory import Memory
 from saltus.policy.env.randomisation import RandomisationConfig
@@ -21,7 +21,7 @@ from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 def training_drives(robot: Robot, profile: Profile, config: RandomisationConfig, memory: Memory) -> ActuatorChain:
     """The chain of all robots; what is drawn for them is read from `memory` at every use."""
-    armature, wide, m = Constant(robot.armature), config.wide, memory
+    wide, m = config.wide, memory
     effects: dict[str, Effect[Any]] = {effect.name: effect.fitted(robot) for effect in profile.actuator}
 
     def draw(kind: type[Effect[Any]], parameter: str, around: Callable[[Array], Array], beyond: float = 0.0) -> None:
@@ -43,5 +43,4 @@ def training_drives(robot: Robot, profile: Profile, config: RandomisationConfig,
         draw(CommandDelay, "delay", lambda delay: delay + m.command_delay_s[:, None], wide.command_delay_s)
         draw(CoulombFriction, "torque", lambda torque: torque + m.joint_friction[:, None])
         draw(ViscousFriction, "coefficient", lambda damping: damping + m.joint_damping[:, None])
-        draw(Armature, "added", lambda added: added + (m.armature - 1.0)[:, None] * armature.like(m.armature))
     return ActuatorChain(tuple(effects.values()))

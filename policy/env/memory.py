@@ -67,7 +67,6 @@ class Memory:
     # drawn only where `saltus.policy.env.randomisation.WideConfig` is on
     joint_friction: Tensor
     joint_damping: Tensor
-    armature: Tensor
     softness: Tensor
     command_delay_s: Tensor
     push_mps: Tensor

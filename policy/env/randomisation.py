@@ -17,7 +17,7 @@ BODY_DRAWS = 9
 
 
 WIDE = {
-    "joint_damping": 10.0, "joint_friction": 10.0, "armature": 1.0, "softness": 1.0, "command_delay_s": 100.0,
+    "joint_damping": 10.0, "joint_friction": 10.0, "softness": 1.0, "command_delay_s": 100.0,
     "push_mps": 1.0, "friction": 1.0,
 }  # fmt: skip
 """What `WideConfig` draws, by its names in `saltus.policy.env.memory.Memory`, each from one uniform random number; and
@@ -51,9 +51,6 @@ class WideConfig:
     """[Nm s/rad]."""
     joint_friction: float = 0.4
     """Dry [Nm]."""
-    armature: tuple[float, float] = (1.0, 2.25)
-    """True inertia of the rotors over that of the model: the usual one, and the greatest drawn; 2.25 are 1.5 times the
-    gear ratios."""
     softness: float = 1.0
     """Of contacts: 1 is soft rubber, see `SOFT_RUBBER`."""
     command_delay_s: float = 0.015
@@ -65,7 +62,7 @@ class WideConfig:
 
     def __post_init__(self) -> None:
         check_between(self, share=(0.0, 1.0), growth_msteps=(0.0, 1e9), friction=(0.01, 10.0))
-        check_between(self, joint_damping=(0.0, 10.0), joint_friction=(0.0, 10.0), armature=(0.1, 10.0))
+        check_between(self, joint_damping=(0.0, 10.0), joint_friction=(0.0, 10.0))
         check_between(self, softness=(0.0, 1.0), command_delay_s=(0.0, 0.1), side_push_ns=(0.0, 1e3))
         check_between(self, side_push_period_s=(1e-3, 1e12))
         if self.growth_msteps[0] > self.growth_msteps[1]:
@@ -177,7 +174,6 @@ def draw_wide(
         "friction": usual_friction + (wide.friction - usual_friction) * part["friction"],
         "joint_damping": wide.joint_damping * part["joint_damping"],
         "joint_friction": wide.joint_friction * part["joint_friction"],
-        "armature": between(wide.armature, part["armature"]),
         "softness": wide.softness * part["softness"],
         "command_delay_s": wide.command_delay_s * part["command_delay_s"],
         "push_mps": wide.side_push_ns / mass_kg * part["push_mps"],

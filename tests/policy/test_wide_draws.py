@@ -49,7 +49,6 @@ def ends(wide: WideConfig) -> dict[str, tuple[float, float]]:
         "friction": (wide.friction, usual.friction[1]),
         "joint_damping": (0.0, wide.joint_damping),
         "joint_friction": (0.0, wide.joint_friction),
-        "armature": wide.armature,
         "softness": (0.0, wide.softness),
         "command_delay_s": (0.0, wide.command_delay_s),
         "push_mps": (0.0, wide.side_push_ns / ROBOT.mass),
@@ -112,7 +111,6 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     np.testing.assert_allclose(found, usual + soft * (rubber - usual), atol=1e-6)
     env._control()
     for name, expected in (
-        ("dof_armature", env.memory.armature.numpy()[:, None] * ROBOT.armature),
         ("dof_frictionloss", np.tile(env.memory.joint_friction.numpy()[:, None], 12)),
         ("dof_damping", np.tile(env.memory.joint_damping.numpy()[:, None], 12)),
     ):
@@ -132,7 +130,7 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
     usual.memory.time_s.zero_()
     for each in (env, usual):
         for f in fields(each.memory):
-            if f.name not in ("actuators", "imu", "armature", "push_mps"):
+            if f.name not in ("actuators", "imu", "push_mps"):
                 getattr(each.memory, f.name).copy_(getattr(usual.memory, f.name))
         each._engine.qpos[:], each._engine.qvel[:] = usual._engine.qpos, 0.0
         each._engine.warmstart[:] = 0.0

@@ -24,8 +24,8 @@ NUMBERS = {
     "trunk_mass": 5.204,
     "link_mass": 4 * [0.591 + 0.089, 0.92 + 0.089, 0.135862 + 0.06],
     "mass": 5.204 + 4 * (0.591 + 0.089 + (0.92 + 0.089) + (0.135862 + 0.06)),
-    "armature": 1.118e-4 * np.tile([4.22, 4.22, 6.33], 4) ** 2,  # of the rotors, through the reduction
-    "reduction": 4 * [4.22, 4.22, 6.33],
+    "armature": 1.118e-4 * np.tile([6.33, 6.33, 9.495], 4) ** 2,  # of the rotors, through the reduction
+    "reduction": 4 * [6.33, 6.33, 9.495],
     "joint_lower": 4 * [-0.863, -0.686, -2.818],
     "joint_upper": 4 * [0.863, 4.501, -0.888],
     "torque_limit": 4 * [23.7, 23.7, 35.55],

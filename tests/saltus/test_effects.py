@@ -70,7 +70,7 @@ def test_only_the_whole_packet_delays_the_feedback() -> None:
 def test_the_go1s_dynamometer_curve() -> None:
     saturation = TorqueSaturation(curve=CURVE).fitted(ROBOT)
     for asked, given in CURVE:
-        scale = ROBOT.reduction / 6.33
+        scale = ROBOT.reduction / 9.495
         np.testing.assert_allclose(saturation.delivered(asked * scale), given * scale, rtol=1e-12)
         np.testing.assert_allclose(saturation.delivered(-asked * scale), -given * scale, rtol=1e-12)
     np.testing.assert_allclose(saturation.delivered(ROBOT.torque_limit)[:3], [17.24, 17.24, 25.86], atol=5e-3)
