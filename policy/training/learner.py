@@ -29,8 +29,8 @@ class Learner:
         self._env, self._config = env, config
         self._observation = _observation(env.transition())
         device = str(env.device)
-        self._world = distributed[1]
-        self._together = self._world > 1
+        self.world = distributed[1]
+        self._together = self.world > 1
         group = {"global_rank": distributed[0], "world_size": distributed[1]} if self._together else None
         storage = RolloutStorage("rl", env.count, config.horizon, self._observation, [len(ACTIONS)], device)
         self.ppo = PPO(
@@ -51,13 +51,13 @@ class Learner:
         )
         self.iteration = 0
         self.steps = 0
-        """Environment steps so far, of this process."""
+        """Environment steps so far, of all processes."""
         self._share_parameters()
 
     @torch.no_grad()
     def collect(self) -> None:
         """Steps the environment `horizon` times."""
-        self._env.episodes.grow(float(self.steps * self._world))
+        self._env.episodes.grow(float(self.steps))
         for _ in range(self._config.horizon):
             transition = self._env.step(self.act())
             self._observation = _observation(transition)
@@ -65,7 +65,7 @@ class Learner:
                 self._observation, transition.reward, transition.done, {"time_outs": transition.timed_out.float()}
             )
         self.ppo.compute_returns(self._observation)
-        self.steps += self._config.horizon * self._env.count
+        self.steps += self._config.horizon * self._env.count * self.world
 
     def act(self) -> torch.Tensor:
         """Output of the network for the present observation, with exploration, shape (n, 10)."""
@@ -113,7 +113,7 @@ class Learner:
         if old != new:
             rebase(self.ppo.actor, old, new)
         self.iteration, self.steps = int(state["iteration"]), int(state["steps"])
-        self._env.episodes.grow(float(self.steps * self._world))
+        self._env.episodes.grow(float(self.steps))
         self._env.set_levels(_levels(state["kind"], state["level"], self._env.memory.kind))
         self._observation = _observation(self._env.transition())
         self._share_parameters()

@@ -57,7 +57,8 @@ class Progress:
 
     def _rewards(self) -> dict[str, float]:
         sums = self._env.episodes.term_sums
-        steps = max((self._learner.steps - self._last_steps) / self._env.count, 1.0)
+        robots = self._env.count * self._learner.world
+        steps = max((self._learner.steps - self._last_steps) / robots, 1.0)
         means = (100.0 * sums / steps).tolist()  # per second
         sums.zero_()
         return {f"reward/{name}": value for name, value in zip(TERMS, means, strict=True)} | {"reward": sum(means)}
