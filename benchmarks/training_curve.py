@@ -1,8 +1,8 @@
 """How a training of the motion policy went: the last row of the table that it writes, and a picture of all.
 
-A column for each kind of terrain. Above: the share of episodes that came to the end of the course, exploring, and the
-mean level of the courses. Below: speed. Dots: what the deployed stack did with the policy of that moment, where the
-training was evaluated with it.
+A panel for each kind of terrain: the share of episodes that came to the end of the course, exploring; the mean level of
+the courses; speed. Marks: what the deployed stack did with the policy of that moment, where the training was evaluated
+with it, filled for its share of successes, hollow for its speed.
 
     saltus bench training_curve -- runs/policy --picture training.png
 """
@@ -22,6 +22,7 @@ from saltus.policy.training.evaluation_table import Row, read_rows
 from saltus.policy.training.standard_evaluation import course_of
 
 Column = NDArray[np.float64]
+_ACROSS = 5  # panels in a row: as wide as a page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,31 +53,33 @@ def read_columns(path: Path) -> dict[str, Column]:
 
 def draw(table: dict[str, Column], rows: Sequence[Row], kinds: Sequence[str], path: Path) -> None:
     """Draws the curves of some kinds of terrain over minutes."""
-    size = max(7.0, 4.0 * len(kinds)), 5.5
-    figure, axes = subplots(2, len(kinds), figsize=size, sharex=True, sharey="row", squeeze=False)
-    for (above, below), kind in zip(axes.T, kinds, strict=True):
+    across = min(_ACROSS, len(kinds))
+    down = -(-len(kinds) // across)
+    size = max(7.0, 3.2 * across), max(4.0, 2.5 * down)
+    figure, axes = subplots(down, across, figsize=size, sharex=True, sharey=True, squeeze=False)
+    for panel, kind in zip(axes.flat, kinds, strict=False):
         mine = [row for row in rows if course_of(row.course).terrain == kind]
-        _draw_kind(above, below, table, mine, kind)
-    axes[0, 0].set_ylim(0.0, 1.05)
-    axes[1, 0].set_ylim(bottom=0.0)
-    figure.suptitle(f"{table['steps'][-1] / 1e6:.1f} million steps of training")
+        _draw_kind(panel, table, mine, kind)
+    axes[0, 0].set_ylim(bottom=0.0)
+    for panel in axes.flat[len(kinds) :]:
+        panel.set_visible(False)
+    lines = [line for line in axes[0, 0].get_lines() if not line.get_label().startswith("_")]
+    figure.legend(lines, [line.get_label() for line in lines], loc="outside upper center", ncols=3, frameon=False)
+    figure.supxlabel(f"time [min]; {table['steps'][-1] / 1e6:.1f} million steps of training")
     save(figure, path)
 
 
-def _draw_kind(above: Any, below: Any, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:
+def _draw_kind(panel: Any, table: dict[str, Column], rows: Sequence[Row], kind: str) -> None:
     minutes = table["seconds"] / 60.0
-    above.plot(minutes, table[f"{kind}/finished"], label="came to the end")
-    above.plot(minutes, 0.1 * table[f"{kind}/level"], label="level, of the hardest")
-    below.plot(minutes, table[f"{kind}/speed"], label="in training [m/s]")
+    panel.plot(minutes, table[f"{kind}/finished"], label="came to the end (share)")
+    panel.plot(minutes, 0.1 * table[f"{kind}/level"], label="level (of the hardest)")
+    panel.plot(minutes, table[f"{kind}/speed"], color="0.6", label="speed [m/s]")
     markers = zip(("o", "s", "^"), ("C2", "C3", "C4"), dict.fromkeys(row.course for row in rows), strict=False)
     for marker, color, course in markers:
         mine = [row for row in rows if row.course == course]
         when = np.interp([row.iteration for row in mine], table["iteration"], minutes)
-        style: dict[str, Any] = {"marker": marker, "color": color, "linestyle": "none"}
-        above.plot(when, [row.success_rate for row in mine], label=f"deployed: {course}", **style)
-        below.plot(when, [row.mean_speed_mps for row in mine], label=f"deployed: {course}", **style)
-    above.set_title(kind.replace("_", " "))
-    below.set_xlabel("time [min]")
-    for axes in (above, below):
-        axes.legend(fontsize=7, loc="lower right")
-        axes.grid(alpha=0.3)
+        style: dict[str, Any] = {"marker": marker, "color": color, "linestyle": "none", "markersize": 4}
+        panel.plot(when, [row.success_rate for row in mine], **style)
+        panel.plot(when, [row.mean_speed_mps for row in mine], fillstyle="none", **style)
+    panel.set_title(kind.replace("_", " "), fontsize=10)
+    panel.grid(alpha=0.3)
