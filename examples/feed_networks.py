@@ -7,6 +7,7 @@ Here the robot stands still on level ground, and its camera sees just that: put 
 """
 
 import argparse
+import json
 import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -77,7 +78,7 @@ def proprioception(state: Any) -> np.ndarray:
 
 
 def features(state: Any, heights: np.ndarray) -> np.ndarray:
-    """What the policy reads, shape (59,)."""
+    """What the policy reads of now, shape (59,)."""
     body, contact = Body(state), np.asarray(state.leg_contact, dtype=float)
     attitude, height = (body.roll, body.pitch), (state.base_height,)
     motion = (body.velocity, body.angular_velocity)
@@ -147,10 +148,26 @@ class Heights:
         return True
 
 
-def plan(network: onnxruntime.InferenceSession, state: Any, heights: np.ndarray) -> np.ndarray:
-    """Frequency, velocities ahead and up, pitch rate, residuals of front and rear feet: shape (10,)."""
-    given = features(state, heights).astype(np.float32)
-    return network.run(["plan"], {"features": given[None]})[0][0]
+class Policy:
+    """The motion policy and what it remembers: one object for each time that a robot begins to go."""
+
+    def __init__(self, network: onnxruntime.InferenceSession) -> None:
+        self.network = network
+        metadata = network.get_modelmeta().custom_metadata_map
+        self.past_steps, self.low, self.high = (json.loads(metadata[name]) for name in ("past_steps", "low", "high"))
+        self.past: list[np.ndarray] = []
+
+    def step(self, state: Any, heights: np.ndarray) -> np.ndarray:
+        """Frequency, velocities ahead and up, pitch rate, residuals of front and rear feet, shape (10,); each 10 ms."""
+        now = features(state, heights)
+        known = now[: -len(heights)]
+        if not self.past:
+            self.past = max(self.past_steps) * [np.concatenate([known, np.zeros(10)])]
+        given = np.concatenate([now, *(self.past[steps - 1] for steps in self.past_steps)])
+        plan = self.network.run(["plan"], {"features": given[None].astype(np.float32)})[0][0]
+        scaled = 2.0 * (plan - self.low) / np.subtract(self.high, self.low) - 1.0
+        self.past = [np.concatenate([known, scaled]), *self.past[:-1]]
+        return plan
 
 
 def main() -> None:
@@ -160,7 +177,7 @@ def main() -> None:
     parser.add_argument("policy", help="models/policy.onnx")
     options = parser.parse_args()
     heights = Heights(onnxruntime.InferenceSession(options.heightmap))
-    policy = onnxruntime.InferenceSession(options.policy)
+    policy = Policy(onnxruntime.InferenceSession(options.policy))
     standing = SimpleNamespace(
         quaternion_base_in_world=(1.0, 0.0, 0.0, 0.0), angular_velocity_base=np.zeros(3),
         velocity_base_in_world=np.zeros(3), base_height=0.285, joint_position=np.tile([0.0, 0.9, -1.8], 4),
@@ -174,7 +191,7 @@ def main() -> None:
         now_s = 0.01 * tick
         height, half_width_90 = heights.step(now_s, standing, image if tick % 2 else None, now_s - 0.05)
     print("heights", np.round(height[10::5], 3), "+-", np.round(half_width_90[10::5], 3), "m")
-    print("plan", np.round(plan(policy, standing, height), 2))
+    print("plan", np.round(policy.step(standing, height), 2))
 
 
 if __name__ == "__main__":
