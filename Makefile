@@ -51,6 +51,7 @@ $(VENV)/.run-time: $(VENV)/.python pyproject.toml tools/libraries.sh
 	@touch $@
 
 $(VENV)/.development: $(VENV)/.run-time constraints.txt
+	@tools/libraries.sh tests
 	$(BIN)/pip install --constraint constraints.txt --editable ".[train,ray,dev]"
 	@touch $@
 
