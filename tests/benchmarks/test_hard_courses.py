@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks import hard_courses
-from benchmarks.hard_courses import ARMATURE, ROWS
+from benchmarks.hard_courses import ROWS
 from saltus.cli.main import main
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.chain import BodyChain
-from saltus.effects.offsets_and_factors import Armature
 from saltus.policy.evaluation.evaluate import courses_of
 from saltus.robots.loading import load_robot
 from saltus.sim import scene
@@ -62,14 +61,6 @@ def test_every_row_has_a_course_that_can_be_finished(name: str) -> None:
 
 def test_rows_have_all_families_but_flat_ground() -> None:
     assert {row.course.terrain for row in ROWS.values()} == set(FAMILIES) - {"flat"}
-
-
-def test_the_corrected_armature_is_that_of_the_motors() -> None:
-    (effect,) = ROWS["gap 0.8, corrected armature"].effects
-    assert isinstance(effect, Armature)
-    np.testing.assert_allclose(load_robot(DEFAULT_ROBOT).armature + np.asarray(effect.added), ARMATURE, rtol=1e-9)
-    reflected = 1.118e-4 * np.tile([6.33, 6.33, 9.495], 4) ** 2
-    np.testing.assert_allclose(ARMATURE, reflected, rtol=2e-3)
 
 
 def test_soft_feet_resist_torsion_and_rolling() -> None:

@@ -191,8 +191,9 @@ def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = problem_of(case.effect)
     truth = {case.effect.name: case.unknowns}
     claimed, right = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, truth)]))
-    # repeats differ where the battery empties, and noise is then taken for a little more than it is
-    assert np.mean(right**2) == pytest.approx(1.0, abs=0.35 if case.effect.name == "battery_sag" else 0.12)
+    # repeats differ where the battery empties or coarse angles are fed back: noise is then taken for more than it is
+    least = 0.5 if case.effect.name in ("battery_sag", "encoder_quantisation") else 0.88
+    assert least < np.mean(right**2) < 1.12
     assert np.mean(claimed**2) > 1.2
 
 
