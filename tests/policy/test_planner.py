@@ -11,7 +11,7 @@ from saltus.config import PlannerName
 from saltus.errors import ConfigError, ModelError
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ActionBounds
-from saltus.policy.features import SIZE, features, read
+from saltus.policy.features import SIZE, features, read, size_with
 from saltus.policy.planner import make_planner, warm_up
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.resources import resource
@@ -33,7 +33,7 @@ def test_only_the_learned_planner_takes_a_model(tmp_path: Path) -> None:
 
 def test_the_shipped_policy_repeats_and_stays_within_its_bounds_whatever_it_sees() -> None:
     actor, bounds = PolicyActor(ROBOT, resource("models/policy.onnx")), ActionBounds()
-    given = np.random.default_rng(0).normal(0.0, 3.0, (200, SIZE))
+    given = np.random.default_rng(0).normal(0.0, 3.0, (200, size_with(actor.past_steps)))
     plan = actor.values(given)
     assert np.array_equal(plan, actor.values(given))
     assert (plan >= np.array(bounds.low) - 1e-5).all()

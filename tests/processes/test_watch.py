@@ -4,6 +4,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
+import pytest
 from browser import Tab, browser
 from page import page_of
 
@@ -14,6 +15,7 @@ WIDTH, HEIGHT = 1000, 480
 GROUND = slice(200, None), slice(310, 590)
 """Rows and columns of a picture between the panels, below what the browser says of its speed."""
 PATIENCE_S = 60.0
+pytestmark = pytest.mark.realtime  # a page has low priority: beside a busy worker it stands still
 
 
 def wait_for(tab: Tab, *said: str) -> None:
