@@ -71,7 +71,7 @@ def find(
         if report:
             from saltus.real2sim.reporting.report import report_page
 
-            texts["report.html"] = report_page(judgement, profile=profile, seed=seed)
+            texts["report.html"] = report_page(judgement, seed=seed)
         _write(texts, out)
     if progress is not None:
         progress("done", 1.0)
@@ -203,7 +203,7 @@ def judge(examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...],
             minimum_detectable={n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)},
         )
     patch = Patch(effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations))
-    return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence)
+    return Judgement(verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile)
 
 
 def _robot(examinations: Sequence[Examination]) -> Robot:

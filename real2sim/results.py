@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from saltus.effects.profile import Profile
 from saltus.real2sim.patch import Evidence, Patch
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.screening.align import ClockOffset
@@ -51,6 +52,8 @@ class Judgement:
     patch: Patch
     examinations: tuple[Examination, ...]
     evidence: tuple[Evidence, ...]
+    profile: Profile
+    """Effects that the simulator had already."""
 
     @property
     def not_compared(self) -> dict[str, str]:

@@ -7,7 +7,6 @@ otherwise.
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.reporting import figures, text
@@ -26,19 +25,19 @@ SAID_BEFORE, SAID_AFTER = 6, 3
 """Number of statements on where the gap lies, and on what is left."""
 
 
-def report_page(judgement: Judgement, *, profile: Profile = IDEAL, seed: int = 0) -> str:
-    """The text of `report.html`; the simulator had the effects of `profile` from the start."""
+def report_page(judgement: Judgement, *, seed: int = 0) -> str:
+    """The text of `report.html`; the simulator had the effects of its profile from the start."""
     verdict = judgement.verdict
     findings = [comparison.findings for each in judgement.examinations for comparison in each.comparisons]
     rivals = [rival for each in findings for rival in each.rivals]
-    parts = [text.headline(verdict, profile), text.effects_table(verdict.effects, rivals)]
+    parts = [text.headline(verdict, judgement.profile), text.effects_table(verdict.effects, rivals)]
     if findings:
         parts += ["<h2>The gap</h2>", text.gap_paragraph(verdict.gap)]
     parts += [_examination(each, is_alone=len(judgement.examinations) == 1) for each in judgement.examinations]
     parts += ["<h2>Next experiment</h2>", text.next_paragraph(verdict)] if findings else []
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
-    parts += ["<h2>Provenance</h2>", text.provenance(judgement, profile, seed)]
+    parts += ["<h2>Provenance</h2>", text.provenance(judgement, judgement.profile, seed)]
     return page("What the simulator lacks", "".join(parts), MORE_STYLE, f"<script>{get_plotlyjs()}</script>")
 
 

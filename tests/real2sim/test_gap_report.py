@@ -12,6 +12,7 @@ from camera_logs import STEP, Recipe, camera_log, chirp
 from linear_problem import LinearProblem
 from rig_logs import joints_log
 
+from saltus.effects.profile import IDEAL
 from saltus.real2sim.patch import Applicability, Evidence, Patch
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.problem import Driver, Problem
@@ -67,7 +68,7 @@ def judged(case: str) -> Judgement:
 
 def judgement(verdict: Verdict, examined: Examination) -> Judgement:
     patch = Patch(effects=verdict.effects, evidence=(LOG,), range=Applicability())
-    return Judgement(verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,))
+    return Judgement(verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,), profile=IDEAL)
 
 
 def page(of: Judgement, folder: Path) -> str:
