@@ -24,6 +24,7 @@ def faults(wheel: Path, expected: set[str]) -> list[str]:
     found = [] if tops == {"saltus"} else [f"top-level names {sorted(tops)}, not saltus alone"]
     found += [f"{name} is missing" for name in sorted(expected - held)]
     found += [f"{name} is not of the checkout" for name in sorted(held - expected)]
+    found += [] if "saltus/py.typed" in names else ["saltus/py.typed is missing: types of the API are not seen"]
     found += [f"{name} is there twice" for name in sorted({name for name in names if names.count(name) > 1})]
     return found
 

@@ -49,18 +49,15 @@ class Find:
 
     def run(self) -> int:
         """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
-        from saltus.effects.profile import load_profile
-        from saltus.real2sim.pipeline import find
-        from saltus.real2sim.problem.log import robot_of_runs
+        from saltus.api import find_effects
         from saltus.real2sim.reporting.words import sentence
-        from saltus.recordings.run_log_export import as_run_log
 
         directory = self.out or new_folder("real2sim")
-        runs = [as_run_log(run, directory / "logs" / run.name) for run in self.runs]
-        profile = load_profile(self.profile, robot_of_runs(runs))
         with Bar() as bar:
-            judgement = find(runs, directory, profile=profile, seed=self.seed, report=self.report, progress=bar.at)
-        verdict = judgement.verdict
+            judgement = find_effects(
+                self.runs, directory, profile=self.profile, seed=self.seed, report=self.report, progress=bar.at
+            )
+        verdict, profile = judgement.verdict, judgement.profile
         print(sentence(verdict, profile))
         if verdict.next_experiment is not None:
             print(f"next experiment: {verdict.next_experiment.name}, {verdict.next_experiment.why}")

@@ -231,8 +231,9 @@ def is_recording(path: Path) -> bool:
     return False
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: str | Path) -> Recording:
     """Opens a recording, checks every part of it, and keeps what is sound; `RecordingError` where nothing is."""
+    path = Path(path)
     recording = Recording(path)
     try:
         with path.open("rb") as file:
