@@ -1,53 +1,52 @@
 """The command `saltus`: its table of subcommands, and how errors look."""
 
+import ast
 import errno
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from pathlib import Path
+from typing import Annotated, Protocol, cast
 
 from tyro.conf import subcommand
 
-from saltus.cli.bench import Bench
-from saltus.cli.camera import Camera
-from saltus.cli.controller import Controller
-from saltus.cli.demo import Demo
-from saltus.cli.doctor import Doctor
-from saltus.cli.heightmap import Heightmap
-from saltus.cli.keys import Keys
 from saltus.cli.parsing import BAD_INPUT, parse
-from saltus.cli.policy import Policy
-from saltus.cli.real2sim import Real2sim
-from saltus.cli.record import Record
-from saltus.cli.render import Render
-from saltus.cli.replay import Replay
-from saltus.cli.robot import RobotCommand
-from saltus.cli.router import Router
 from saltus.cli.signals import Ended, ending_by_signals, raise_again
-from saltus.cli.up import Up
-from saltus.cli.watch import Watch
 from saltus.errors import SaltusError
-from saltus.provenance import commit, package_version
 
-Command = (
-    Demo
-    | Up
-    | Watch
-    | Router
-    | Keys
-    | Doctor
-    | Record
-    | Replay
-    | Camera
-    | Render
-    | Heightmap
-    | Policy
-    | Controller
-    | Real2sim
-    | Annotated[RobotCommand, subcommand("robot")]
-    | Bench
-)
+COMMANDS = {
+    "demo": "Demo",
+    "up": "Up",
+    "watch": "Watch",
+    "router": "Router",
+    "keys": "Keys",
+    "doctor": "Doctor",
+    "record": "Record",
+    "replay": "Replay",
+    "camera": "Camera",
+    "render": "Render",
+    "heightmap": "Heightmap",
+    "policy": "Policy",
+    "controller": "Controller",
+    "real2sim": "Real2sim",
+    "robot": "RobotCommand",
+    "bench": "Bench",
+}
+"""The class of each command, in the module of `saltus.cli` that has its name; only the one that is run is imported."""
 
 INTERRUPTED = 130
+
+
+class Command(Protocol):
+    """What a command line stands for."""
+
+    def run(self) -> int:
+        """Does it; returns the exit code."""
+        ...
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str]) -> int:
     try:
         if list(arguments) == ["--version"]:
+            from saltus.provenance import commit, package_version
+
             print(f"saltus {package_version('saltus')} ({commit()})")
             return 0
         return command_of(arguments).run()
@@ -91,11 +92,34 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def command_of(arguments: Sequence[str]) -> Command:
-    """What is to be run; what follows the name of a benchmark is for that benchmark to read."""
-    if arguments[:1] == ["bench"] and len(arguments) > 1 and not arguments[1].startswith("-"):
-        return Bench(name=arguments[1], arguments=tuple(arguments[2:]))
-    command: Command = parse(Command, arguments, prog="saltus", description="A legged robot that sees where it steps.")
-    return command
+    """What is to be run; what follows the name of a benchmark is for that benchmark to read.
+
+    Raises:
+        SaltusError: no command line of Saltus.
+    """
+    name, *words = arguments or [""]
+    if name in COMMANDS:
+        kind = _imported(name)
+        if name == "bench" and words and not words[0].startswith("-"):
+            return cast(Command, kind(name=words[0], arguments=tuple(words[1:])))
+        with suppress(SaltusError):  # which is told below, with what the other commands take
+            return cast(Command, parse(kind, words, prog=f"saltus {name}", description=None))
+    kinds = _described if name in ("-h", "--help") else _imported
+    union = reduce(or_, [Annotated[kinds(name), subcommand(name)] for name in COMMANDS])
+    return cast(Command, parse(union, arguments, prog="saltus", description="A legged robot that sees where it steps."))
+
+
+def _imported(name: str) -> type:
+    """The class of a command."""
+    kind: type = getattr(import_module(f"saltus.cli.{name}"), COMMANDS[name])
+    return kind
+
+
+def _described(name: str) -> type:
+    """A stand-in for it that says the same in its first sentence, without what running it would import."""
+    source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text())
+    (found,) = (node for node in source.body if isinstance(node, ast.ClassDef) and node.name == COMMANDS[name])
+    return dataclass(type(name, (), {"__doc__": (ast.get_docstring(found) or "").split("\n\n")[0]}))
 
 
 if __name__ == "__main__":

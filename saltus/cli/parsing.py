@@ -15,7 +15,7 @@ BAD_INPUT = 2
 LARGEST_SEED = 2**63 - 1
 
 
-def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description: str) -> Any:
+def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description: str | None) -> Any:
     """A dataclass, or one of a union of them, from a command line, by default that of this process.
 
     Where a command has a method `defaults`, its flags name which defaults hold, e.g. those of the training that it goes
@@ -42,7 +42,7 @@ def _defaults_of(command: Any) -> Any:
     return None if found is None else replace(command, command=found)
 
 
-def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: str, default: Any) -> Any:
+def _read(kind: Any, arguments: Sequence[str] | None, prog: str, description: str | None, default: Any) -> Any:
     """What tyro reads; what it would print as a box becomes one line."""
     box = io.StringIO()
     try:

@@ -24,7 +24,7 @@ class Router(NetworkOptions):
     For example:
       saltus router --out runs/mine
       saltus heightmap serve --run-dir runs/mine
-      saltus record --run-dir runs/mine
+      saltus record run --run-dir runs/mine
     """
 
     robot: str = DEFAULT_ROBOT

@@ -3,13 +3,15 @@
 import json
 import re
 import shlex
+import subprocess
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from saltus.cli.main import command_of, main
+from saltus.cli.main import COMMANDS, command_of, main
 from saltus.cli.output import finite
 from saltus.errors import SaltusError
 
@@ -53,3 +55,18 @@ def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -
 def test_json_has_no_infinities() -> None:
     table = finite({"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": (2.0, float("-inf"))}})
     assert json.loads(json.dumps(table, allow_nan=False)) == {"a": None, "b": [None, 1.0], "c": {"d": [2.0, None]}}
+
+
+def test_the_list_of_commands_says_what_each_says_itself_and_imports_none(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listed = " ".join(help_of("", capsys, monkeypatch).split())
+    for name in COMMANDS:
+        own = help_of(name, capsys, monkeypatch).split("\n\n")[1]
+        assert f" {name} {' '.join(own.split())}" in listed
+    code = "import sys; from saltus.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "saltus.cli.main" in loaded
+    assert {"numpy", *(f"saltus.cli.{name}" for name in COMMANDS)} & set(loaded) == set()
