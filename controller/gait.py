@@ -8,6 +8,7 @@ with all four feet on it. Source: paper ("bounding gait with 4 contact modes"), 
 from dataclasses import dataclass
 
 from saltus.arrays import Array, Constant, namespace
+from saltus.footholds import SWING_RATIO
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,8 +17,7 @@ class GaitConfig:
 
     offset: tuple[float, ...] = (0.05, 0.05, -0.40, -0.40)
     """Phase of each leg at the start [cycles]; original."""
-    swing_ratio: float = 0.6
-    """Share of the cycle that a leg swings; original."""
+    swing_ratio: float = SWING_RATIO
     trusted_share: float = 0.5
     """Middle share of the stance in which a foot is taken to be on the ground; original."""
 

@@ -12,9 +12,9 @@ import numpy as np
 from saltus.arrays import Array, Constant, namespace, smooth_step
 from saltus.constants import GRAVITY
 from saltus.controller.signals import Body
+from saltus.footholds import Footholds
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.rotations import skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,7 @@ class SwingLegs:
         x, y = robot.neutral_foot
         low, high = robot.swing_foot_z
         self._legs = LegKinematics(robot)
+        self._footholds = Footholds(robot)
         self.config = config
         self._hip = Constant([[x, -y, 0.0], [x, y, 0.0], [-x, -y, 0.0], [-x, y, 0.0]])
         self._landing_limit = Constant([*robot.landing_reach, 0.0])
@@ -56,13 +57,8 @@ class SwingLegs:
             stance_duration: [s], shape (...).
             base_height: base over terrain [m], shape (...).
         """
-        xp = namespace(liftoff)
-        hip = self._hip.like(liftoff) @ body.base_in_yaw.mT
-        hip_velocity = body.velocity[..., None, :] + hip @ skew(body.angular_velocity).mT
-        limit = self._landing_limit.like(liftoff)
-        step = xp.clip(hip_velocity * (0.5 * stance_duration)[..., None, None], -limit, limit)
-        middle = (
-            hip * self._horizontal.like(liftoff) + (base_height[..., None] * self._down.like(liftoff))[..., None, :]
+        middle, step = self._footholds.middle_and_step(
+            body.base_in_yaw, body.velocity, body.angular_velocity, stance_duration, base_height
         )
         t = progress[..., None]
         first = smooth_step(2.0 * t)

@@ -8,13 +8,10 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.action import action_of
 from saltus.config import RunConfig
-from saltus.controller.gait import GaitConfig
-from saltus.controller.signals import observe, plan_from_action
-from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError
+from saltus.footholds import Footholds
 from saltus.recordings.recording import Arrival
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -121,7 +118,7 @@ class SceneMaker:
     def __init__(self, world: World) -> None:
         self.world = world
         self._legs = LegKinematics(world.robot)
-        self._swing = SwingLegs(world.robot, SwingConfig())
+        self._footholds = Footholds(world.robot)
         self._topics = {**TOPICS, "camera/depth": depth_topic(world.camera.latency_s or CAMERA_LATENCY_S)}
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
@@ -182,18 +179,9 @@ class SceneMaker:
         self, state: RobotState | None, plan: MotionPlan | None, heightmap: Heightmap | None, pose: Floats | None
     ) -> Floats:
         """The end of the law's own path of each swinging foot, with the plan's residual."""
-        nowhere = np.full((4, 3), np.nan)
-        going = state is not None and state.mode in (ControllerMode.RUN, ControllerMode.COAST)
-        if state is None or plan is None or pose is None or not going or plan.stepping_frequency_hz <= 0.0:
-            return nowhere
-        body = observe(state, self._legs)
-        stance_s = np.asarray((1.0 - GaitConfig().swing_ratio) / plan.stepping_frequency_hz)
-        path = self._swing.nominal_path(body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height))
-        target = path + plan_from_action(action_of(plan), body.yaw).foot_residual
-        if heightmap is not None:  # the target itself is as high as the swing goes
-            target[:, 2] = np.interp(target[:, 0], heightmap.x, heightmap.height)
-        in_world = pose[:3] + target @ _heading(pose).T
-        return np.where(np.asarray(state.leg_contact)[:, None], nowhere, in_world)
+        if state is None or plan is None or pose is None:
+            return np.full((4, 3), np.nan)
+        return np.asarray(pose[:3] + self._footholds.planned(state, plan, heightmap) @ _heading(pose).T)
 
 
 def _newest(kind: type[Kind], newest: dict[str, Arrival], key: str) -> Kind | None:
