@@ -19,6 +19,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.profile import PARTS
 from saltus.effects.registry import EFFECTS
 from saltus.heightmap.service import features
+from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS
 from saltus.wire import messages, schemas
 from saltus.wire.topics import TOPICS
@@ -111,6 +112,7 @@ def messages_page() -> str:
     ]
     for kind in dict.fromkeys(topic.message for topic in TOPICS.values()):
         parts.append(_message(kind))
+    parts += _derived()
     return "\n\n".join(_wrapped(part) for part in parts) + "\n"
 
 
@@ -125,6 +127,20 @@ def _topics() -> str:
         cells = (f"`{t.name}`", f"`{schemas.TYPE_NAME[t.message]}`", sender, *numbers, "yes" if t.recorded else "no")
         rows.append(f"| {' | '.join(cells)} |")
     return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
+
+
+def _derived() -> list[str]:
+    rows = [f"| `{name}` | `{type_name}` | {what} |" for name, (type_name, what) in viewer.TOPICS.items()]
+    numbers = [f"| `{name}` | {kind} | {meaning} |" for kind, name, meaning in viewer.NUMBERS]
+    return [
+        "## Derived for viewers",
+        "Recordings hold these too, and `saltus watch --foxglove` serves them; they are not on the bus. Made by "
+        "`saltus/recordings/viewer.py`, in ROS 2's own types. 20 Hz where the table says nothing else.",
+        "| topic | type | what |\n|---|---|---|\n" + "\n".join(rows),
+        f"Fields of `{viewer.NUMBERS_TYPE}` after its header; NaN where nobody knows, 255 for a status that nobody has "
+        "said yet.",
+        "| field | type | meaning |\n|---|---|---|\n" + "\n".join(numbers),
+    ]
 
 
 def _message(kind: type[Any]) -> str:

@@ -26,11 +26,10 @@ from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError, RecordingError
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
-from saltus.recordings import viewer
+from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
-from saltus.wire import codec
 from saltus.wire.bus import RawSample, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
@@ -93,7 +92,7 @@ class Recorder:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, bytes], int] = {}
         self._viewer = Viewer(robot, terrain)
-        self._viewed: Counter[str] = Counter()
+        self._begun = False
         self._flushed_s = time.monotonic()
         with _writing(path):
             self._file = path.open("wb", buffering=CHUNK_BYTES)  # a full disk shows at the first flush
@@ -114,11 +113,9 @@ class Recorder:
             return
         arrival_ns = self._arrival_ns(raw, message)
         self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
-        self._viewed[raw.key] += 1
-        if len(self._channels) == 1 and self._viewed[raw.key] == 1:  # with the first message: its sender and time
-            still = self._viewer.first()
-            self._add(still.topic, still.type_name, envelope, arrival_ns, still.payload)
-        for derived in self._viewer.derive(message, self._viewed[raw.key]):
+        still = [] if self._begun else self._viewer.first()  # with the first message: its sender and time
+        self._begun = True
+        for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
             self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
 
     def flush(self) -> None:
@@ -174,9 +171,8 @@ class Recorder:
 
     def _schema(self, type_name: str) -> int:
         if type_name not in self._schemas:
-            known = type_name in TYPE_NAME.values()
-            text = codec.definition_of(type_name) if known else viewer.definition_of(type_name)
-            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text.encode())
+            text = definition_of(type_name).encode()
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
         return self._schemas[type_name]
 
 

@@ -1,41 +1,99 @@
-"""Derived messages in ROS 2's own types, so that a viewer shows a recording at once.
+"""Derived messages in ROS 2's own types, so that a viewer shows a recording or a live run at once.
 
-| topic | type | what |
-|---|---|---|
-| `/viewer/depth` | sensor_msgs/Image | one depth image in five |
-| `/viewer/camera_info` | sensor_msgs/CameraInfo | pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy) |
-| `/viewer/tf` | tf2_msgs/TFMessage | world to base and base_yaw, base to camera (z along the optical axis); 100 Hz |
-| `/viewer/heightmap` | sensor_msgs/PointCloud2 | one in five, in the yaw frame |
-| `/viewer/terrain` | visualization_msgs/MarkerArray | the boxes of the terrain, once |
-
-They hold nothing that the recorded topics and the metadata do not. An image was taken at a time at which there is a
-transform, so that each of its points has a place in the world.
+`TOPICS` is the table of them. They hold nothing that the messages on the bus and the metadata do not: recorder and live
+server make them by these same lines. Where no simulator says the truth, the robot stands at the origin, as IMU and
+estimated height have it. An image was taken at a time at which there is a transform, so that each of its points has a
+place in the world.
 """
 
 import math
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_types_from_msg
 
-from saltus.robots.robot import Robot
+from saltus.constants import LOADED_N
+from saltus.footholds import Footholds
+from saltus.recordings import ros_messages as ros
+from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
+from saltus.robots.legs import LegKinematics
+from saltus.robots.robot import LINKS, Robot
+from saltus.rotations import rotation_matrix
+from saltus.sim.scene import TRUNK
+from saltus.sim.shapes import looks_of
 from saltus.terrain.terrain import Terrain
-from saltus.wire.codec import depth_on_the_wire, header
-from saltus.wire.messages import DepthFrame, GroundTruth, Heightmap, Message
+from saltus.wire.bus import topic_of
+from saltus.wire.codec import LOG_INFO, depth_on_the_wire, header, stamp
+from saltus.wire.messages import DepthFrame, Event, Floats, GroundTruth, Heightmap, Message, MotionPlan, RobotState
+from saltus.wire.schemas import EVENT_TYPE
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-EVERY = 5  # one image or heightmap in five is enough for the eye
-FLOAT32 = 7  # sensor_msgs/msg/PointField
-CUBE = 1  # visualization_msgs/msg/Marker
+EVERY = 5  # one in five, 20 a second, is enough for the eye
+LEGS_EVERY = 2  # legs swing in 0.2 s
+KEPT = 50  # truths that a heightmap may belong to: half a second of them
+
+NUMBERS_TYPE = "saltus_msgs/msg/Numbers"
+NUMBERS = (
+    ("float64", "speed", "Horizontal [m/s], true or estimated."),
+    ("float64", "x", "True place along the course [m]."),
+    ("float64", "base_height", "Estimated height of the base above the feet in stance [m]."),
+    ("uint8", "mode", "`mode` of the newest robot state."),
+    ("uint8", "plan_status", "`status` of the newest plan; 255 before the first."),
+    ("uint8", "heightmap_status", "`status` of the newest heightmap; 255 before the first."),
+    ("float64", "depth_age_ms", "Since the newest message of `camera/depth` was true."),
+    ("float64", "heightmap_age_ms", "The same of `heightmap/heightmap`."),
+    ("float64", "plan_age_ms", "The same of `policy/plan`."),
+    ("float64", "height_error_mm", "How far the newest heightmap is off the truth, mean over its points."),
+    ("float64", "height_error_max_mm", "The same at the worst point."),
+    ("float64", "half_width_90_mm", "Mean half-width of the predicted 90 % intervals."),
+    ("float64", "foot_force_fr", "True vertical force [N], as the three that follow."),
+    ("float64", "foot_force_fl", ""),
+    ("float64", "foot_force_rr", ""),
+    ("float64", "foot_force_rl", ""),
+)
+"""Type, name and meaning of the fields after the header; NaN for what nobody knows."""
+ros.STORE.register(
+    get_types_from_msg("std_msgs/Header header\n" + "".join(f"{t} {n}\n" for t, n, _ in NUMBERS), NUMBERS_TYPE)
+)
+NEVER = 255  # a status before the first message
+
+MARKERS = "visualization_msgs/msg/MarkerArray"
+POINTS = "sensor_msgs/msg/PointCloud2"
+TOPICS: dict[str, tuple[str, str]] = {
+    "/viewer/robot": (MARKERS, "shapes of the robot, each in the frame of its link; once"),
+    "/viewer/terrain": (MARKERS, "the boxes of the terrain; once"),
+    "/viewer/tf": (
+        "tf2_msgs/msg/TFMessage",
+        "world to base and base_yaw, base to camera (z along the optical axis), 100 Hz; links of the legs, 50 Hz",
+    ),
+    "/viewer/depth": ("sensor_msgs/msg/Image", "one depth image in five"),
+    "/viewer/camera_info": (
+        "sensor_msgs/msg/CameraInfo",
+        "of that image: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)",
+    ),
+    "/viewer/heightmap": (POINTS, "predicted heights in the yaw frame, and half_width_90; NaN where not to be used"),
+    "/viewer/grid_map": (
+        "grid_map_msgs/msg/GridMap",
+        "the same as layers elevation and variance; sigma is half of the 90 % interval over 1.645",
+    ),
+    "/viewer/true_heights": (POINTS, "true heights at the same points, where a simulator says them"),
+    "/viewer/plan": (MARKERS, "where feet in swing are to stand next, and the way there"),
+    "/viewer/contacts": (MARKERS, "feet that are to stand, and the true force on each foot"),
+    "/viewer/numbers": (NUMBERS_TYPE, "speed, modes, ages, errors, forces: fields to plot"),
+    "/viewer/log": (EVENT_TYPE, "all events in one topic"),
+}
+"""Type of each derived topic, and what it holds; 20 Hz where the text says nothing else."""
+
+# Okabe and Ito's palette, as the page of saltus watch has it
+PLANNED, FORCE, STANCE = (0.0, 0.447, 0.698, 1.0), (0.902, 0.624, 0.0, 1.0), (0.337, 0.706, 0.914, 1.0)
 GREY = (0.6, 0.63, 0.68, 1.0)
-
-
-def definition_of(type_name: str) -> str:
-    """The `ros2msg` schema text of a type that only viewers know."""
-    return STORE.generate_msgdef(type_name, ros_version=2)[0]
+FORCE_SCALE_M = 0.3 / 60.0
+"""Length of a line [m/N]: 0.3 m for what one of two legs bears of a Go1."""
+DOT_M, LINE_M = 0.03, 0.012
+KINDS = {"box": ros.CUBE, "ball": ros.SPHERE, "cylinder": ros.CYLINDER}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,104 +106,205 @@ class ViewerMessage:
 
 
 class Viewer:
-    """Derives what a viewer needs of the messages of one run."""
+    """Derives what a viewer needs of the messages of one run, which it is given in order of arrival."""
 
     def __init__(self, robot: Robot, terrain: Terrain) -> None:
         self._terrain = terrain
-        self._camera = (robot.camera_position, _optical(robot.camera_pitch))
+        self._looks = looks_of(robot)
+        self._frames = Frames(robot)
+        self._legs = LegKinematics(robot)
+        self._footholds = Footholds(robot)
+        self._counts: Counter[str] = Counter()
+        self._captured: dict[str, int] = {}
+        self._truths: deque[GroundTruth] = deque(maxlen=KEPT)
+        self._plan: MotionPlan | None = None
+        self._heightmap: Heightmap | None = None
+        self._errors: Floats | None = None
 
-    def first(self) -> ViewerMessage:
-        """What stands still: the terrain."""
-        boxes = self._terrain.arrays
-        markers = [
-            _make(
-                "visualization_msgs/msg/Marker",
-                header=header(0, "world"), ns="terrain", id=i, type=CUBE, action=0,
-                pose=_make("geometry_msgs/msg/Pose", position=_point(center), orientation=_quaternion(turned)),
-                scale=_vector(size), color=_make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", GREY, strict=True))),
-                lifetime=_make("builtin_interfaces/msg/Duration", sec=0, nanosec=0), frame_locked=False,
-                points=[], colors=[], texture_resource="", uv_coordinates=[], text="", mesh_resource="",
-                texture=_make(
-                    "sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=np.zeros(0, np.uint8)
-                ),
-                mesh_file=_make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
-                mesh_use_embedded_materials=False,
-            )
-            for i, (center, size, turned) in enumerate(
-                zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
-            )
-        ]  # fmt: skip
-        return _message("/viewer/terrain", _make("visualization_msgs/msg/MarkerArray", markers=markers))
+    def first(self) -> Iterator[ViewerMessage]:
+        """What stands still: robot and terrain."""
+        yield _message("/viewer/robot", ros.marker_array(list(self._robot_markers())))
+        yield _message("/viewer/terrain", ros.marker_array(list(self._terrain_markers())))
 
-    def derive(self, message: Message, sequence: int) -> Iterator[ViewerMessage]:
-        """What a viewer needs of one recorded message, the `sequence`-th of its key; nothing for most."""
-        if isinstance(message, GroundTruth):
-            yield _message("/viewer/tf", self._transforms(message))
-        if sequence % EVERY:
+    def derive(self, key: str, message: Message, arrival_ns: int) -> Iterator[ViewerMessage]:
+        """What a viewer needs of one message of a key below the robot's prefix; nothing for most."""
+        topic = topic_of(key)
+        if topic is None:
             return
-        if isinstance(message, DepthFrame):
+        self._counts[key] += 1
+        self._captured[topic.name] = message.time_ns
+        drawn = self._counts[key] % EVERY == 0
+        if isinstance(message, GroundTruth):
+            self._truths.append(message)
+            yield self._transforms(message, message.position_base_in_world)
+        elif isinstance(message, RobotState):
+            yield from self._of_state(message, arrival_ns, drawn=drawn)
+        elif isinstance(message, MotionPlan):
+            self._plan = message
+        elif isinstance(message, Heightmap):
+            yield from self._of_heightmap(message, drawn=drawn)
+        elif isinstance(message, DepthFrame) and drawn:
             wire = depth_on_the_wire(message)
             yield _message("/viewer/depth", wire.image)
             yield _message("/viewer/camera_info", wire.camera_info)
-        elif isinstance(message, Heightmap):
-            yield _message("/viewer/heightmap", _points(message))
+        elif isinstance(message, Event):
+            text = f"{message.code} {message.detail}".strip()
+            yield _message(
+                "/viewer/log",
+                ros.make(
+                    EVENT_TYPE, stamp=stamp(message.time_ns), level=LOG_INFO, name=message.process, msg=text, file="",
+                    function=message.code, line=0,
+                ),
+            )  # fmt: skip
 
-    def _transforms(self, truth: GroundTruth) -> Any:
-        w, x, y, z = (float(v) for v in truth.quaternion_base_in_world)
-        half_yaw = 0.5 * math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        yaw = (math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
-        position = truth.position_base_in_world
+    def _of_state(self, state: RobotState, arrival_ns: int, *, drawn: bool) -> Iterator[ViewerMessage]:
+        if not self._truths:
+            yield self._transforms(state, (0.0, 0.0, state.base_height))
+        if drawn:
+            yield _message("/viewer/contacts", ros.marker_array(list(self._contacts(state))))
+            yield _message("/viewer/plan", ros.marker_array(list(self._planned(state))))
+            yield _message("/viewer/numbers", self._numbers(state, arrival_ns))
+
+    def _of_heightmap(self, heightmap: Heightmap, *, drawn: bool) -> Iterator[ViewerMessage]:
+        self._heightmap = heightmap
+        truth = next((truth for truth in reversed(self._truths) if truth.time_ns == heightmap.time_ns), None)
+        self._errors = None if truth is None else np.abs(np.asarray(heightmap.height) - truth.height)
+        if not drawn:
+            return
+        yield _message("/viewer/heightmap", ros.height_points(heightmap))
+        yield _message("/viewer/grid_map", ros.grid_map(heightmap))
+        if truth is not None:
+            x = np.asarray(heightmap.x)
+            places = ros.points(heightmap.time_ns, BASE_YAW, x=x, y=np.zeros_like(x), z=truth.height)
+            yield _message("/viewer/true_heights", places)
+
+    def _transforms(self, body: GroundTruth | RobotState, position: Any) -> ViewerMessage:
+        """Where the base is, and in one of `LEGS_EVERY` where its links are."""
+        turned, time_ns = np.asarray(body.quaternion_base_in_world), body.time_ns
+        where, head = ros.vector(position), header(time_ns, WORLD)
         transforms = [
-            _transform(truth.time_ns, "world", "base", position, truth.quaternion_base_in_world),
-            _transform(truth.time_ns, "world", "base_yaw", position, yaw),
-            _transform(truth.time_ns, "base", "camera", *self._camera),
+            ros.place(head, BASE, where, ros.quaternion(turned)),
+            ros.place(head, BASE_YAW, where, ros.quaternion(ros.yaw_of(turned))),
+            self._frames.camera(time_ns),
         ]
-        return _make("tf2_msgs/msg/TFMessage", transforms=transforms)
+        if body.step % LEGS_EVERY == 0:
+            transforms += self._frames.links(time_ns, body.joint_position)
+        return _message("/viewer/tf", ros.make("tf2_msgs/msg/TFMessage", transforms=transforms))
+
+    def _robot_markers(self) -> Iterator[Any]:
+        for number, part in enumerate(self._looks.primitives):
+            yield ros.marker(
+                0, frame_of(part.body), "robot", number, KINDS[part.kind], rgba=part.rgba, scale=part.size,
+                position=part.position, wxyz=part.quaternion, locked=True,
+            )  # fmt: skip
+
+    def _terrain_markers(self) -> Iterator[Any]:
+        boxes = self._terrain.arrays
+        rows = zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
+        for number, (centre, size, turned) in enumerate(rows):
+            yield ros.marker(
+                0, WORLD, "terrain", number, ros.CUBE, rgba=GREY, scale=size, position=centre, wxyz=turned
+            )  # fmt: skip
+
+    def _feet(self, state: RobotState) -> Floats:
+        """Relative to the base, yaw frame [m], shape (4, 3)."""
+        turned = np.asarray(state.quaternion_base_in_world, dtype=np.float64)
+        yaw = rotation_matrix(np.array(ros.yaw_of(turned)))
+        feet = self._legs.position(np.asarray(state.joint_position, dtype=np.float64))
+        return np.asarray(feet @ rotation_matrix(turned).T @ yaw)
+
+    def _contacts(self, state: RobotState) -> Iterator[Any]:
+        feet = self._feet(state)
+        standing = feet[np.asarray(state.leg_contact)]
+        yield _dots(state, "stance", 0, STANCE, standing)
+        force = np.asarray(self._truths[-1].foot_force) if self._truths else np.zeros(4)
+        loaded = force > LOADED_N
+        up = np.zeros((int(loaded.sum()), 3))
+        up[:, 2] = FORCE_SCALE_M * force[loaded]
+        yield _lines(state, "force", 1, FORCE, feet[loaded], feet[loaded] + up)
+
+    def _planned(self, state: RobotState) -> Iterator[Any]:
+        feet, planned = self._feet(state), np.full((4, 3), np.nan)
+        if self._plan is not None:
+            planned = self._footholds.planned(state, self._plan, self._heightmap)
+        swings = np.isfinite(planned).all(axis=1)
+        yield _dots(state, "target", 0, PLANNED, planned[swings])
+        yield _lines(state, "way", 1, PLANNED, feet[swings], planned[swings])
+
+    def _numbers(self, state: RobotState, arrival_ns: int) -> Any:
+        truth = self._truths[-1] if self._truths else None
+        heightmap, plan, errors = self._heightmap, self._plan, self._errors
+        velocity = np.asarray((truth or state).velocity_base_in_world)
+        nan = float("nan")
+
+        def age_ms(topic: str) -> float:
+            return 1e-6 * (arrival_ns - self._captured[topic]) if topic in self._captured else nan
+
+        forces = np.full(4, nan) if truth is None else np.asarray(truth.foot_force)
+        legs = dict(zip(("fr", "fl", "rr", "rl"), map(float, forces), strict=True))
+        return ros.make(
+            NUMBERS_TYPE,
+            header=header(state.time_ns, BASE),
+            speed=float(np.hypot(velocity[0], velocity[1])),
+            x=nan if truth is None else float(truth.position_base_in_world[0]),
+            base_height=float(state.base_height),
+            mode=int(state.mode),
+            plan_status=NEVER if plan is None else int(plan.status),
+            heightmap_status=NEVER if heightmap is None else int(heightmap.status),
+            depth_age_ms=age_ms("camera/depth"),
+            heightmap_age_ms=age_ms("heightmap/heightmap"),
+            plan_age_ms=age_ms("policy/plan"),
+            height_error_mm=nan if errors is None else 1e3 * float(errors.mean()),
+            height_error_max_mm=nan if errors is None else 1e3 * float(errors.max()),
+            half_width_90_mm=nan if heightmap is None else 1e3 * float(np.mean(heightmap.half_width_90)),
+            **{f"foot_force_{leg}": force for leg, force in legs.items()},
+        )
 
 
-def _optical(pitch: float) -> tuple[float, float, float, float]:
-    """Quaternion of the camera frame in the base frame, of a camera that looks ahead and nose down by `pitch`."""
-    c, s = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    a, b = 0.5 * (c - s), 0.5 * (c + s)  # of level optical axes (0.5, -0.5, 0.5, -0.5), turned about y
-    return (a, -b, b, -a)
+def frame_of(body: str) -> str:
+    """The frame of a body: that of the trunk is the base."""
+    return BASE if body == TRUNK else body
 
 
-def _points(heightmap: Heightmap) -> Any:
-    field: Any = STORE.types["sensor_msgs/msg/PointField"]
-    points = np.stack([heightmap.x, 0 * heightmap.x, heightmap.height], axis=-1).astype(np.float32)
-    fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]
-    data = points.reshape(-1).view(np.uint8)
-    return _make(
-        "sensor_msgs/msg/PointCloud2", header=header(heightmap.time_ns, "base_yaw"), height=1, width=len(points),
-        fields=fields, is_bigendian=False, point_step=12, row_step=data.size, data=data, is_dense=True,
-    )  # fmt: skip
+class Frames:
+    """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`."""
+
+    def __init__(self, robot: Robot) -> None:
+        looks = looks_of(robot)
+        self._links = [
+            (frame_of(parent), body, ros.vector(offset), body.endswith(f"_{LINKS[0]}"))
+            for (body, parent), offset in zip(looks.parents.items(), looks.offsets, strict=True)
+            if body != TRUNK
+        ]
+        self._camera = (ros.vector(robot.camera_position), ros.quaternion(ros.optical(robot.camera_pitch)))
+
+    def camera(self, time_ns: int) -> Any:
+        """The camera, z along its optical axis, on the base."""
+        return ros.place(header(time_ns, BASE), CAMERA, *self._camera)
+
+    def links(self, time_ns: int, joint_position: ArrayLike) -> list[Any]:
+        """The links of the legs, each in the frame of the one before it; joint positions [rad], shape (12,)."""
+        places = []
+        angles = np.asarray(joint_position, dtype=np.float64).tolist()
+        for (parent, link, offset, abduction), angle in zip(self._links, angles, strict=True):
+            cosine, sine = math.cos(0.5 * angle), math.sin(0.5 * angle)
+            turned = ros.QUATERNION(sine, 0.0, 0.0, cosine) if abduction else ros.QUATERNION(0.0, sine, 0.0, cosine)
+            places.append(ros.place(header(time_ns, parent), link, offset, turned))
+        return places
 
 
-def _transform(time_ns: int, parent: str, child: str, position: ArrayLike, quaternion: ArrayLike) -> Any:
-    return _make(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(time_ns, parent),
-        child_frame_id=child,
-        transform=_make("geometry_msgs/msg/Transform", translation=_vector(position), rotation=_quaternion(quaternion)),
+def _dots(state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Floats) -> Any:
+    return ros.marker(
+        state.time_ns, BASE_YAW, name, number, ros.SPHERE_LIST, rgba=rgba, scale=(DOT_M,) * 3, places=list(places)
     )
 
 
-def _vector(values: ArrayLike) -> Any:
-    return STORE.types["geometry_msgs/msg/Vector3"](*np.asarray(values, np.float64).tolist())
-
-
-def _point(values: ArrayLike) -> Any:
-    return STORE.types["geometry_msgs/msg/Point"](*np.asarray(values, np.float64).tolist())
-
-
-def _quaternion(wxyz: ArrayLike) -> Any:
-    w, x, y, z = np.asarray(wxyz, np.float64).tolist()
-    return STORE.types["geometry_msgs/msg/Quaternion"](x, y, z, w)
-
-
-def _make(type_name: str, **fields: Any) -> Any:
-    return STORE.types[type_name](**fields)
+def _lines(state: RobotState, name: str, number: int, rgba: ros.Rgba, start: Floats, end: Floats) -> Any:
+    places = list(np.stack([start, end], axis=1).reshape(-1, 3))
+    return ros.marker(
+        state.time_ns, BASE_YAW, name, number, ros.LINE_LIST, rgba=rgba, scale=(LINE_M, 0.0, 0.0), places=places
+    )
 
 
 def _message(topic: str, wire: Any) -> ViewerMessage:
-    return ViewerMessage(topic, wire.__msgtype__, bytes(STORE.serialize_cdr(wire, wire.__msgtype__)))
+    return ViewerMessage(topic, wire.__msgtype__, ros.payload_of(wire))

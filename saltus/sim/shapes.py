@@ -1,6 +1,8 @@
 """Robot and terrain as triangles, for viewers that are no MuJoCo: shapes of videos, and where they are in a pose."""
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -9,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from saltus.robots.robot import Robot
 from saltus.sim import scene
 from saltus.sim.appearance import decorate
+from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.terrain import Terrain
 
@@ -33,6 +36,21 @@ class Shape:
     rgba: tuple[float, float, float, float]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Primitive:
+    """A box, a ball or a cylinder of a body, for viewers that know such shapes themselves."""
+
+    body: str
+    kind: Literal["box", "ball", "cylinder"]
+    size: Floats
+    """Full extents along its own axes [m], shape (3,); a cylinder stands along z, a ball may be an ellipsoid."""
+    position: Floats
+    """Of its centre in the frame of the body [m], shape (3,)."""
+    quaternion: Floats
+    """From its own axes to those of the body (w, x, y, z), shape (4,)."""
+    rgba: tuple[float, float, float, float]
+
+
 class RobotShapes:
     """What a robot looks like, body by body."""
 
@@ -41,17 +59,24 @@ class RobotShapes:
         decorate(spec, robot, terrain)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
-        seen = np.flatnonzero((self._model.geom_group == scene.VISUAL_GROUP) & (self._model.geom_bodyid > 0))
-        self._bodies = np.unique(self._model.geom_bodyid[seen])
+        self._seen = np.flatnonzero((self._model.geom_group == scene.VISUAL_GROUP) & (self._model.geom_bodyid > 0))
+        self._bodies = np.unique(self._model.geom_bodyid[self._seen])
         self._parents = self._model.body_parentid[self._bodies]
-        self.shapes = {self._model.body(body).name: list(self._of_body(body, seen)) for body in self._bodies}
-        """Shapes of each body in its own frame, one for each colour; the trunk comes first."""
-        self.parents = {
-            name: self._model.body(body).name for name, body in zip(self.shapes, self._parents, strict=True)
-        }
+        names = [self._model.body(body).name for body in self._bodies]
+        self.parents = {name: self._model.body(body).name for name, body in zip(names, self._parents, strict=True)}
         """The body that each hangs on; "world" for the trunk."""
         self.offsets = self._model.body_pos[self._bodies].copy()
         """Where each hangs on it, in its frame [m], shape (n, 3): joints turn bodies about their origins."""
+
+    @cached_property
+    def shapes(self) -> "dict[str, list[Shape]]":
+        """Shapes of each body in its own frame, one for each colour; the trunk comes first."""
+        return {name: self._of_body(body) for name, body in zip(self.parents, self._bodies, strict=True)}
+
+    @cached_property
+    def primitives(self) -> list[Primitive]:
+        """The same as boxes, balls and cylinders; a capsule is one cylinder and two balls."""
+        return [part for geom in self._seen for part in self._primitives_of(int(geom))]
 
     def turns(self, joint_position: ArrayLike) -> Floats:
         """How each body is turned in the frame of the one that it hangs on (w, x, y, z), shape (n, 4).
@@ -63,13 +88,38 @@ class RobotShapes:
         quaternion, parents = self._data.xquat[self._bodies], self._data.xquat[self._parents]
         return _product(parents * np.array([1.0, -1.0, -1.0, -1.0]), quaternion)
 
-    def _of_body(self, body: int, seen: NDArray[np.int64]) -> "list[Shape]":
-        geoms = [geom for geom in seen if self._model.geom_bodyid[geom] == body]
+    def _of_body(self, body: int) -> "list[Shape]":
+        geoms = [int(geom) for geom in self._seen if self._model.geom_bodyid[geom] == body]
         colours = sorted({tuple(self._model.geom_rgba[geom].tolist()) for geom in geoms})
         return [
             _joined([self._triangles(g) for g in geoms if tuple(self._model.geom_rgba[g].tolist()) == rgba], rgba)
             for rgba in colours
         ]
+
+    def _primitives_of(self, geom: int) -> list[Primitive]:
+        model, kind = self._model, self._model.geom_type[geom]
+        size, centre, quaternion = model.geom_size[geom], model.geom_pos[geom], model.geom_quat[geom]
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, quaternion)
+
+        def part(shape: Literal["box", "ball", "cylinder"], half: ArrayLike, along: float = 0.0) -> Primitive:
+            return Primitive(
+                body=model.body(model.geom_bodyid[geom]).name,
+                kind=shape,
+                size=2.0 * np.asarray(half, dtype=np.float64),
+                position=centre + along * rotation.reshape(3, 3)[:, 2],
+                quaternion=np.array(quaternion),
+                rgba=tuple(model.geom_rgba[geom].tolist()),
+            )
+
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            return [part("box", size)]
+        if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return [part("cylinder", [size[0], size[0], size[1]])]
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            ends = [part("ball", [size[0]] * 3, along) for along in (-size[1], size[1])]
+            return [part("cylinder", [size[0], size[0], size[1]]), *ends]
+        return [part("ball", size if size[1] > 0.0 else [size[0]] * 3)]
 
     def _triangles(self, geom: int) -> tuple[Floats, Faces]:
         size, kind = self._model.geom_size[geom], self._model.geom_type[geom]
@@ -87,6 +137,12 @@ class RobotShapes:
         rotation = np.zeros(9)
         mujoco.mju_quat2Mat(rotation, self._model.geom_quat[geom])
         return corners @ rotation.reshape(3, 3).T + self._model.geom_pos[geom], faces
+
+
+@lru_cache(maxsize=4)
+def looks_of(robot: Robot) -> RobotShapes:
+    """What a robot looks like, wherever it stands; kept, as it takes 0.1 s."""
+    return RobotShapes(robot, flat.make())
 
 
 def box(half_size: Floats) -> tuple[Floats, Faces]:

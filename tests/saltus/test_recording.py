@@ -27,7 +27,7 @@ from samples import ROBOT
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
-from saltus.recordings import recorder, viewer
+from saltus.recordings import recorder
 from saltus.recordings.recorder import CHUNK_INDICES, PackedIndex, Recorder
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
 from saltus.wire import codec, messages
@@ -65,20 +65,6 @@ def test_another_reader_opens_it_and_finds_the_definitions(whole: Recording) -> 
         name = summary.schemas[channel.schema_id].name
         assert channel.message_encoding == "cdr"
         assert b"MSG: std_msgs/Header" in schemas[name].data or name == "rcl_interfaces/msg/Log"
-
-
-def test_viewer_messages_parse_as_their_ros_types(whole: Recording) -> None:
-    with whole.path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            assert schema is not None
-            store = codec.STORE if schema.name in TYPE_NAME.values() else viewer.STORE
-            wire = store.deserialize_cdr(message.data, schema.name)
-            if channel.topic == "/viewer/heightmap":
-                assert wire.width == 30  # type: ignore[attr-defined]
-            if channel.topic == "/viewer/tf":
-                rotations = [t.transform.rotation for t in wire.transforms]  # type: ignore[attr-defined]
-                norms = [r.x**2 + r.y**2 + r.z**2 + r.w**2 for r in rotations]
-                np.testing.assert_allclose(norms, 1.0, rtol=1e-12)
 
 
 def test_fields_of_another_version_are_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,196 @@
+"""Messages in ROS 2's own types, made of ours: what viewers of recordings and of live runs read, and other robots."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from saltus.wire import codec
+from saltus.wire.codec import header
+from saltus.wire.messages import Floats, Heightmap, HeightmapStatus
+from saltus.wire.schemas import TYPE_NAME
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+GRID_MAP = {
+    "grid_map_msgs/msg/GridMapInfo": (
+        "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"
+    ),
+    "grid_map_msgs/msg/GridMap": (
+        "std_msgs/Header header\n"
+        "grid_map_msgs/GridMapInfo info\n"
+        "string[] layers\n"
+        "string[] basic_layers\n"
+        "std_msgs/Float32MultiArray[] data\n"
+        "uint16 outer_start_index\n"
+        "uint16 inner_start_index\n"
+    ),
+}
+"""Of the package grid_map_msgs for ROS 2, which is not among those that every ROS 2 has."""
+for _name, _text in GRID_MAP.items():
+    STORE.register(get_types_from_msg(_text, _name))
+
+_VECTOR: Any = STORE.types["geometry_msgs/msg/Vector3"]
+_POINT: Any = STORE.types["geometry_msgs/msg/Point"]
+QUATERNION: Any = STORE.types["geometry_msgs/msg/Quaternion"]
+"""`geometry_msgs/msg/Quaternion` of x, y, z, w."""
+_TRANSFORM: Any = STORE.types["geometry_msgs/msg/Transform"]
+_STAMPED: Any = STORE.types["geometry_msgs/msg/TransformStamped"]
+
+BASE, BASE_YAW, WORLD, CAMERA = "base", "base_yaw", "world", "camera"
+"""Frames: of the trunk, the same turned by the yaw alone, of the course, and of the depth image (z along its axis)."""
+ELEVATION, VARIANCE = "elevation", "variance"
+"""Layers of a GridMap; viewers and planners look for the first by this name."""
+SIGMAS_OF_HALF_WIDTH_90 = 1.645
+"""Half of the 90 % interval of a normal distribution, in standard deviations."""
+COLUMNS = 2
+"""Of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces between cells."""
+FLOAT32 = 7  # sensor_msgs/msg/PointField
+CUBE, SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST = 1, 2, 3, 5, 7  # visualization_msgs/msg/Marker
+ADD, DELETE = 0, 2
+USABLE = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
+Rgba = tuple[float, float, float, float]
+
+
+def definition_of(type_name: str) -> str:
+    """The `ros2msg` schema text of a type with all that it contains."""
+    if type_name in TYPE_NAME.values():
+        return codec.definition_of(type_name)
+    return STORE.generate_msgdef(type_name, ros_version=2)[0]
+
+
+def payload_of(message: Any) -> bytes:
+    """A message as CDR."""
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__))
+
+
+def make(type_name: str, **fields: Any) -> Any:
+    """A message of a type of `STORE`."""
+    return STORE.types[type_name](**fields)
+
+
+def vector(values: ArrayLike) -> Any:
+    """A `geometry_msgs/msg/Vector3`."""
+    return _VECTOR(*np.asarray(values, np.float64).tolist())
+
+
+def point(values: ArrayLike) -> Any:
+    """A `geometry_msgs/msg/Point`."""
+    return _POINT(*np.asarray(values, np.float64).tolist())
+
+
+def quaternion(wxyz: ArrayLike) -> Any:
+    """A `geometry_msgs/msg/Quaternion`, which has w last."""
+    w, x, y, z = np.asarray(wxyz, np.float64).tolist()
+    return QUATERNION(x, y, z, w)
+
+
+def place(head: Any, child: str, translation: Any, rotation: Any) -> Any:
+    """A `geometry_msgs/msg/TransformStamped` from the frame of the header to another one."""
+    return _STAMPED(head, child, _TRANSFORM(translation, rotation))
+
+
+def yaw_of(wxyz: Floats) -> tuple[float, float, float, float]:
+    """The quaternion that turns by the same yaw and by nothing else."""
+    w, x, y, z = (float(v) for v in wxyz)
+    half = 0.5 * math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return (math.cos(half), 0.0, 0.0, math.sin(half))
+
+
+def optical(pitch: float) -> tuple[float, float, float, float]:
+    """Quaternion of the camera frame in the base frame, of a camera that looks ahead and nose down by `pitch`."""
+    c, s = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    a, b = 0.5 * (c - s), 0.5 * (c + s)  # of level optical axes (0.5, -0.5, 0.5, -0.5), turned about y
+    return (a, -b, b, -a)
+
+
+def usable_heights(heightmap: Heightmap) -> Floats:
+    """The heights [m], NaN for all where the heightmap itself says that they are not to be used; shape (30,)."""
+    height = np.asarray(heightmap.height)
+    return height if heightmap.status in USABLE else np.full_like(height, np.nan)
+
+
+def points(time_ns: int, frame: str, **columns: ArrayLike) -> Any:
+    """A `sensor_msgs/msg/PointCloud2` of one row; `columns` are x, y, z and what else each point has, shape (n,)."""
+    table = np.stack([np.asarray(values, np.float32) for values in columns.values()], axis=-1)
+    field: Any = STORE.types["sensor_msgs/msg/PointField"]
+    fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate(columns)]
+    data = table.reshape(-1).view(np.uint8)
+    return make(
+        "sensor_msgs/msg/PointCloud2", header=header(time_ns, frame), height=1, width=len(table), fields=fields,
+        is_bigendian=False, point_step=4 * len(fields), row_step=data.size, data=data,
+        is_dense=bool(np.isfinite(table).all()),
+    )  # fmt: skip
+
+
+def height_points(heightmap: Heightmap) -> Any:
+    """Predicted heights as points in the yaw frame, each with half of its 90 % interval."""
+    x = np.asarray(heightmap.x)
+    return points(
+        heightmap.time_ns, BASE_YAW, x=x, y=np.zeros_like(x), z=usable_heights(heightmap),
+        half_width_90=heightmap.half_width_90,
+    )  # fmt: skip
+
+
+def grid_map(heightmap: Heightmap) -> Any:
+    """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame, relative to the base: elevation, variance.
+
+    Cells go backwards from the one farthest ahead, as the package has it. Heights between points that are not evenly
+    spaced are interpolated.
+    """
+    x = np.linspace(heightmap.x[-1], heightmap.x[0], len(heightmap.x))
+    resolution = float(x[0] - x[-1]) / (len(x) - 1)
+    sigma = np.asarray(heightmap.half_width_90) / SIGMAS_OF_HALF_WIDTH_90
+    layers = {ELEVATION: usable_heights(heightmap), VARIANCE: sigma * sigma}
+    centre = make(
+        "geometry_msgs/msg/Pose", position=point([0.5 * (x[0] + x[-1]), 0.0, 0.0]), orientation=quaternion([1, 0, 0, 0])
+    )
+    return make(
+        "grid_map_msgs/msg/GridMap",
+        header=header(heightmap.time_ns, BASE_YAW),
+        info=make(
+            "grid_map_msgs/msg/GridMapInfo", resolution=resolution, length_x=resolution * len(x),
+            length_y=resolution * COLUMNS, pose=centre,
+        ),
+        layers=list(layers),
+        basic_layers=[ELEVATION],
+        data=[_column_major(np.interp(x, heightmap.x, values)) for values in layers.values()],
+        outer_start_index=0,
+        inner_start_index=0,
+    )  # fmt: skip
+
+
+def _column_major(column: Floats) -> Any:
+    dimension: Any = STORE.types["std_msgs/msg/MultiArrayDimension"]
+    rows = len(column)
+    sizes = [dimension("column_index", COLUMNS, rows * COLUMNS), dimension("row_index", rows, rows)]
+    layout = make("std_msgs/msg/MultiArrayLayout", dim=sizes, data_offset=0)
+    return make("std_msgs/msg/Float32MultiArray", layout=layout, data=np.tile(column.astype(np.float32), COLUMNS))
+
+
+def marker(
+    time_ns: int, frame: str, name: str, number: int, kind: int, *,
+    rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0), wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    places: Sequence[NDArray[Any]] | NDArray[Any] = (), locked: bool = False,
+) -> Any:  # fmt: skip
+    """A `visualization_msgs/msg/Marker`; one of a list of places takes away the earlier one where there are none."""
+    nothing = kind in (LINE_LIST, SPHERE_LIST) and not len(places)
+    image = make("sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=np.zeros(0, np.uint8))
+    return make(
+        "visualization_msgs/msg/Marker",
+        header=header(time_ns, frame), ns=name, id=number, type=kind, action=DELETE if nothing else ADD,
+        pose=make("geometry_msgs/msg/Pose", position=point(position), orientation=quaternion(wxyz)),
+        scale=vector(scale), color=make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", rgba, strict=True))),
+        lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0), frame_locked=locked,
+        points=[point(place) for place in places], colors=[], texture_resource="", uv_coordinates=[], text="",
+        mesh_resource="", texture=image,
+        mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
+        mesh_use_embedded_materials=False,
+    )  # fmt: skip
+
+
+def marker_array(markers: list[Any]) -> Any:
+    """A `visualization_msgs/msg/MarkerArray`."""
+    return make("visualization_msgs/msg/MarkerArray", markers=markers)
