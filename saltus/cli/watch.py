@@ -13,10 +13,12 @@ from typing import Annotated
 import tyro
 
 from saltus.errors import SaltusError
-from saltus.flags import shown
+from saltus.flags import Flag, shown
 
 PORT = 8080
+FOXGLOVE_PORT = 8765  # of its apps
 VISER = "pip install 'saltus[watch]'"
+FOXGLOVE = "pip install 'saltus[foxglove]'"
 NICENESS = 10  # the stack comes first
 
 
@@ -29,6 +31,7 @@ class Watch:
       saltus watch runs/one
       saltus watch runs/one/recording.mcap runs/two/recording.mcap
       saltus watch runs/fleet --robots robot/0 robot/1
+      saltus watch --foxglove runs/one
     """
 
     runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")] = ()
@@ -36,16 +39,20 @@ class Watch:
     beside each other."""
     robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
     """Prefixes of the robots' keys, where several share the router of one folder."""
-    port: int = PORT
-    """Of the page, on this machine only; the next free one where it is taken."""
+    port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken; {FOXGLOVE_PORT}")] = None
+    """Of the page, or of Foxglove's connection, on this machine only."""
+    foxglove: Flag = False
+    """Serve one run or recording to Foxglove in place of a page."""
 
     def run(self) -> int:
         """Prints the address, and keeps the page up to date until Ctrl-C."""
+        if self.port is not None and not 0 <= self.port < 65536:
+            raise SaltusError(f"port = {self.port}: it must be from 0 (any that is free) to 65535")
+        if self.foxglove:
+            return self._serve_foxglove()
         ask_for_viser()
         if self.robots and len(self.runs) != 1:
             raise SaltusError(f"--robots names robots of one folder, and {len(self.runs)} are given")
-        if not 0 <= self.port < 65536:
-            raise SaltusError(f"port = {self.port}: it must be from 0 (any that is free) to 65535")
         from saltus.watch.page import Page
         from saltus.watch.server import Server
         from saltus.watch.source import Source
@@ -53,7 +60,7 @@ class Watch:
 
         sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
         os.nice(NICENESS)
-        server = Server(self.port)
+        server = Server(PORT if self.port is None else self.port)
         watcher = Watcher(Page(server), sources)
         print(f"watch at {server.address} until Ctrl-C", flush=True)
         try:
@@ -61,6 +68,25 @@ class Watch:
         finally:
             watcher.close()
             server.stop()
+        return 0
+
+    def _serve_foxglove(self) -> int:
+        if importlib.util.find_spec("foxglove") is None:
+            raise SaltusError("--foxglove needs the package 'foxglove-sdk', which is not installed: " + FOXGLOVE)
+        if len(self.runs) != 1 or len(self.robots) > 1:
+            raise SaltusError("--foxglove shows one robot: name one run or recording, and one of its --robots")
+        from saltus.watch.foxglove import LAYOUT, Studio
+        from saltus.watch.source import Source
+
+        os.nice(NICENESS)
+        studio = Studio(Source(self.runs[0], *self.robots), FOXGLOVE_PORT if self.port is None else self.port)
+        print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
+        print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)
+        try:
+            studio.run()
+            print(f"the run has ended; its recording: saltus watch --foxglove {self.runs[0]}")
+        finally:
+            studio.close()
         return 0
 
 

@@ -52,24 +52,32 @@ class LiveRun:
         """Whether the run still answers."""
         return self._bus.connected()
 
-    def now(self) -> Scene:
-        """The scene of this moment; in lockstep of the newest step."""
-        for raw in self._stream.drain():
-            self._hear(raw)
-        now_ns = self._simulated_ns if self._clock.lockstep else self._clock.now_ns()
+    def hear(self) -> list[Arrival]:
+        """What has come in since the last call."""
+        arrivals = [arrival for raw in self._stream.drain() if (arrival := self._arrival(raw)) is not None]
+        self._arrivals.extend(arrivals)
+        now_ns = self.now_ns()
         while self._arrivals and self._arrivals[0].arrival_ns <= now_ns - LOOK_BACK_NS:
             self._arrivals.popleft()
-        return self._maker.make(self._arrivals, now_ns, tuple(self._events))
+        return arrivals
+
+    def now_ns(self) -> int:
+        """This moment in the run's clock [ns]; in lockstep that of the newest step."""
+        return self._simulated_ns if self._clock.lockstep else self._clock.now_ns()
+
+    def now(self) -> Scene:
+        """The scene of this moment; in lockstep of the newest step."""
+        self.hear()
+        return self._maker.make(self._arrivals, self.now_ns(), tuple(self._events))
 
     def ask(self, code: str, detail: str = "") -> None:
         """Says as the operator what shall be done, see `saltus.runtime.stack`."""
-        now_ns = self._simulated_ns if self._clock.lockstep else self._clock.now_ns()
-        self._operator.put(Event(time_ns=now_ns, process=OPERATOR, code=code, detail=detail))
+        self._operator.put(Event(time_ns=self.now_ns(), process=OPERATOR, code=code, detail=detail))
 
-    def _hear(self, raw: RawSample) -> None:
+    def _arrival(self, raw: RawSample) -> Arrival | None:
         topic = topic_of(raw.key)
         if topic is None:
-            return
+            return None
         try:
             if topic.message is Event:
                 _, event = unpack(topic, raw)
@@ -77,11 +85,11 @@ class LiveRun:
                     self._events.append(event)
             envelope = Envelope.from_bytes(raw.attachment)
         except MessageError:
-            return  # malformed: a recorder counts it
+            return None  # malformed: a recorder counts it
         if self._clock.lockstep:
             if raw.key in ("plant/truth", "controller/state"):  # simulated time moves with what the robot says
                 self._simulated_ns = max(self._simulated_ns, envelope.capture_ns)
             arrival_ns = self._simulated_ns
         else:
             arrival_ns = self._clock.of_monotonic(raw.arrival_ns)
-        self._arrivals.append(Arrival(arrival_ns, raw.key, envelope, raw.payload))
+        return Arrival(arrival_ns, raw.key, envelope, raw.payload)
