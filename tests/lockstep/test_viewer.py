@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from rosbags.typesys import Stores, get_typestore
+from plain_reader import messages_of
 
 from saltus.cli.main import main
 from saltus.config import load
@@ -19,7 +18,6 @@ from saltus.recordings.summary import summarise
 from saltus.terrain.terrain import Terrain
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "course.toml"
-STORE = get_typestore(Stores.ROS2_JAZZY)
 CLOSE_M = 0.005
 LEGS_REACH_M = 0.6  # from the camera: nearer may be the robot itself
 
@@ -61,10 +59,8 @@ def test_a_course_is_crossed_from_its_file_alone_and_the_recording_has_it(crosse
 
 def test_depth_images_lie_on_the_terrain(crossed: Path) -> None:
     read: dict[str, list[Any]] = {}
-    with crossed.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            if schema is not None and channel.topic.startswith("/viewer/"):
-                read.setdefault(channel.topic, []).append(STORE.deserialize_cdr(message.data, schema.name))
+    for topic, _, message, _ in messages_of(crossed):
+        read.setdefault(topic, []).append(message)
     (terrain,) = read["/viewer/terrain"]
     poses: dict[tuple[int, str], Any] = {}
     for message in read["/viewer/tf"]:
