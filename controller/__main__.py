@@ -11,6 +11,7 @@ from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
 from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.controller.shove import Shove
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.trial import Trial
@@ -52,6 +53,7 @@ class Run:
         self._course = Course(robot.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)
+        self._shove = Shove(context.bus)
         self._joints = context.bus.publisher("controller/joints")
         self._states = context.bus.publisher("controller/state")
         self._truths = context.bus.publisher("plant/truth")
@@ -71,6 +73,7 @@ class Run:
             truth = self._robot.truth(start_ns, self._step)
             if not exchange.answered(truth, self._loop.state):
                 break
+            self._robot.push(self._shove.step())
             for tick in range(POLICY_STEPS):
                 now_ns = start_ns + tick * TICK_NS
                 self._context.clock.set(now_ns)
@@ -94,6 +97,7 @@ class Run:
     def _free_step(self, ticker: Ticker | None) -> None:
         """A policy step that waits for nobody: by the run's clock, or, without a ticker, as fast as it goes."""
         start_ns = 0
+        self._robot.push(self._shove.step())
         for tick in range(POLICY_STEPS):
             if ticker is not None:
                 ticker.wait()

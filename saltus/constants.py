@@ -6,6 +6,8 @@ POLICY_STEPS = 5
 """Physics steps in a step of the motion policy: 100 Hz."""
 POLICY_DT = PHYSICS_DT * POLICY_STEPS
 """Period of the motion policy [s]."""
+PUSH_STEPS = 10
+"""Steps of the motion policy that a push lasts: 0.1 s, about what a person's shove takes."""
 GRAVITY = 9.81
 """[m/s^2]; the engine's default, and the original's."""
 LOADED_N = 5.0

@@ -48,6 +48,10 @@ class MujocoRobot(RobotBackend):
         """Advances by 2 ms."""
         self._trunk_contact |= bool(self._plant.step(command).trunk_contact)
 
+    def push(self, force: float) -> None:
+        """Pushes the trunk along the world's y from now on [N]; 0 ends it."""
+        self._plant.push(force)
+
     def close(self) -> None:
         """Nothing to let go of."""
 

@@ -5,12 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.constants import POLICY_DT
+from saltus.constants import POLICY_DT, PUSH_STEPS
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 
-PUSH_STEPS = 10
-"""Policy steps that a push lasts: 0.1 s, about what a person's shove takes."""
 _STREAM = 9  # of a trial's seed: other numbers than those of the trial itself
 
 

@@ -4,7 +4,8 @@ The supervisor hosts the Zenoh router in a folder of its owner. `Stack.poll` is 
 calls `poll` at 10 Hz or more, or `wait`.
 
 It obeys an operator, whose events are under `event/operator`: "stop" lets the robot land and ends the run, "kill" ends
-the process that its detail names, as a test of what the others do about it. The camera obeys "blind" itself.
+the process that its detail names, as a test of what the others do about it. The camera obeys "blind" itself, and
+the controller of a simulated robot "push".
 """
 
 import contextlib

@@ -134,6 +134,10 @@ class Plant(DrivenRobots):
         mujoco.mj_forward(self.model, self.data)
         return self._look(np.zeros(12))
 
+    def push(self, force: float) -> None:
+        """Pushes the trunk's centre of mass along the world's y from now on [N]; 0 ends it."""
+        self.data.xfrc_applied[self._layout.trunk, 1] = force
+
     def _advance(self, torque: Torques) -> None:
         if not np.isfinite(torque.believed + torque.applied).all():  # the engine would take it for zero
             raise SaltusError(f"the joint command at {self._now:.3f} s is not finite: torque {torque.believed}")

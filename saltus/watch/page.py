@@ -28,9 +28,11 @@ recording pauses, all of it."""
 LIGHT, GROUND = 2.2, (150, 150, 155)
 SPEEDS = ("lockstep", "1", "0.5", "0.25", "0.1")
 PLAY_SPEEDS = ("1", "0.5", "0.25", "0.1")
-BLIND_S = 1.0
+BLIND_S, PUSH_NS = 1.0, 15
 FAULTS = {
     f"Blind the camera {BLIND_S:g} s": ("blind", f"{BLIND_S:g}"),
+    f"Push it to the left, {PUSH_NS} Ns": ("push", f"{PUSH_NS}"),
+    f"Push it to the right, {PUSH_NS} Ns": ("push", f"-{PUSH_NS}"),
     "Kill the camera": ("kill", "render"),
     "Kill the heightmap service": ("kill", "heightmap"),
     "Kill the planner": ("kill", "policy"),

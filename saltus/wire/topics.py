@@ -56,7 +56,7 @@ _ROWS = (
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
     Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
     Topic("done", messages.Done, "*", ("controller",), max_extra_age_s=1.0, recorded=False),
-    Topic("event", messages.Event, "*", ("render",), 0.0, max_extra_age_s=1.0),
+    Topic("event", messages.Event, "*", ("render", "controller"), 0.0, max_extra_age_s=1.0),
     Topic("status", messages.ProcessStatus, "*", (), 2.0, max_extra_age_s=1.0),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}

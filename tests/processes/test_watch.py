@@ -9,7 +9,7 @@ from browser import Tab, browser
 from page import page_of
 
 from saltus.recordings.recording import read_recording
-from saltus.wire.messages import ControllerMode, Event, RobotState
+from saltus.wire.messages import ControllerMode, Event, GroundTruth, RobotState
 
 WIDTH, HEIGHT = 1000, 480
 GROUND = slice(200, None), slice(310, 590)
@@ -23,13 +23,15 @@ def wait_for(tab: Tab, *said: str) -> None:
 
 
 def test_a_run_is_started_disturbed_and_stopped_on_the_page(tmp_path: Path) -> None:
-    """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
+    """Five faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
     with page_of("watch", "--port", "0", folder=tmp_path) as (address, _), browser(WIDTH, HEIGHT) as tab:
         tab.open(address)
         wait_for(tab, "no run: start one")
         tab.choose("0.5", "0.25")  # a browser without a GPU is slow
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
+        tab.click("Push it to the left, 15 Ns")
+        wait_for(tab, "push 15")
         tab.click("Blind the camera 1 s")
         before = tab.picture()[GROUND].astype(int)
         wait_for(tab, "blind 1", "heightmap_invalid", "mode_stopped")
@@ -45,8 +47,12 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(tmp_path: Path) -> N
     recording = read_recording(next(tmp_path.glob("runs/*/recording.mcap")))
     assert recording.complete
     assert recording.of(RobotState)[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
+    time_ns = recording.of(Event, "event/operator")[0].time_ns
+    sideways = [t.velocity_base_in_world[1] for t in recording.of(GroundTruth) if 0 < t.time_ns - time_ns < 3e8]
+    assert max(sideways) > 0.5  # 15 Ns on 13 kg
     asked = [(event.code, event.detail) for event in recording.of(Event, "event/operator")]
-    assert asked == [("blind", "1"), ("kill", "render"), ("kill", "heightmap"), ("kill", "policy"), ("stop", "")]
+    assert asked[:2] == [("push", "15"), ("blind", "1")]
+    assert asked[2:] == [("kill", "render"), ("kill", "heightmap"), ("kill", "policy"), ("stop", "")]
 
 
 def test_a_demo_is_watched_and_then_its_recording(tmp_path: Path) -> None:
