@@ -177,7 +177,7 @@ def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
             f"model {path} was made for a camera elsewhere: the robot's sits {ahead:+.1f} cm ahead, {left:+.1f} cm to "
             f"the left and {up:+.1f} cm up of it, {steeper}, and training covers "
             f"{100.0 * MOUNT_POSITION_ERROR_M:g} cm and {np.rad2deg(MOUNT_PITCH_ERROR):.1f} deg; give one that was "
-            "trained for this camera (--heightmap-model, see docs/camera.md)"
+            "trained for this camera (--heightmap-model, see docs/tutorials/camera.md)"
         )
 
 
