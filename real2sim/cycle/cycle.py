@@ -48,7 +48,6 @@ class Cycle:
         """
         self._find()
         if export is not None:
-            self._collect()
             elsewhere.export_training(self.folder, self.settings, export)
             self.observer.say(f"training is left to another machine: {export / 'README.md'}")
         else:
@@ -83,10 +82,10 @@ class Cycle:
         elif self.folder.trained.exists():
             self.observer.say("training: done before")
         else:
-            self._collect()
-            training.train_predictor(self.folder, self.settings, self.observer.at)
             if has_gpu := training.has_gpu():
                 training.train_policy(self.folder, self.settings)
+            self._collect()
+            training.train_predictor(self.folder, self.settings, self.observer.at)
             self._trained({"heightmap": "trained here", "policy": "trained here" if has_gpu else NO_GPU})
 
     def _trained(self, became: dict[ModelKind, str]) -> None:

@@ -1,7 +1,10 @@
 """A training that is carried to another machine, and what comes back."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
+
+import tomli_w
 
 from saltus.config import DEFAULT_ROBOT, to_toml
 from saltus.depth_camera import load_camera
@@ -11,26 +14,33 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.models import ModelKind
 from saltus.policy.planner import make_planner
+from saltus.policy.training.command import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.cycle.training import shipped_checkpoint
+from saltus.real2sim.cycle.training import device_collection, policy_changes, shipped_checkpoint
 from saltus.robots.loading import load_robot
 
-PROFILE = "profile.toml"
+PROFILE, CAMERA = "profile.toml", "camera.toml"
 _SCRIPT = """#!/usr/bin/env bash
-# Trains the policy (needs a GPU) and the predictor further with profile.toml; after an interruption it goes on.
+# Trains the policy further with profile.toml, lets it drive robots of that profile, and trains the predictor with what
+# they saw. It needs a GPU. After an interruption it goes on.
 set -euo pipefail
 cd "$(dirname "$0")"
 begin=policy/checkpoint.pt
 [ -e "$begin" ] || begin=policy.pt
-saltus policy train --resume "$begin" --profile profile.toml --seed {seed} --minutes {minutes:g} --out policy
-saltus policy export --checkpoint policy/checkpoint.pt --out policy
+if [ ! -e dataset ]; then
+  saltus policy train --resume "$begin" --config policy.toml --minutes {minutes:g} --out policy
+  rm -rf partial
+  saltus heightmap collect gpu --config collection.toml --out partial
+  mv partial dataset
+fi
 saltus heightmap train --data dataset --start heightmap.pt --config predictor.toml --seed {seed} --out heightmap
+saltus policy export --checkpoint policy/checkpoint.pt --out policy
 saltus heightmap export --data dataset --checkpoint heightmap/heightmap.pt --out heightmap
 """
 _README = """# Training of a cycle
 
-Profile, data and checkpoints of `saltus real2sim cycle`, to be trained on a machine with a GPU:
+Profile and checkpoints of `saltus real2sim cycle`, to be trained on a machine with a GPU:
 
     pip install 'saltus[train,gpu]'
     bash train.sh
@@ -39,10 +49,11 @@ Profile, data and checkpoints of `saltus real2sim cycle`, to be trained on a mac
 |---|---|
 | profile.toml | the robot as it was found |
 | policy.pt, heightmap.pt | checkpoints to begin with |
-| dataset | what the predictor learns from, of robots with this profile |
-| predictor.toml | settings of its training |
+| policy.toml, predictor.toml | settings of their trainings |
+| collection.toml | how the new policy drives robots of this profile, for the predictor to learn from |
 
-train.sh writes policy/policy.onnx and heightmap/heightmap.onnx. Bring this folder back and go on with
+train.sh writes policy/policy.onnx and heightmap/heightmap.onnx. Bring these two folders back beside profile.toml and go
+on with
 
     saltus real2sim cycle --out FOLDER_OF_THE_CYCLE --take-training THIS_FOLDER
 
@@ -65,10 +76,15 @@ def refuse(export: Path | None, take: Path | None) -> None:
 def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> None:
     """Writes a folder to carry away, of which `refuse` says nothing."""
     with whole_folder(out) as made:
-        shutil.copytree(folder.dataset, made / "dataset")
         shutil.copyfile(folder.profile, made / PROFILE)
         for kind in MODELS:
             shutil.copyfile(shipped_checkpoint(kind), made / f"{kind}.pt")
+        if Path(settings.loop.camera).is_file():
+            shutil.copyfile(settings.loop.camera, made / CAMERA)
+            settings = replace(settings, loop=replace(settings.loop, camera=CAMERA))
+        collection = device_collection(settings, Path("policy") / CHECKPOINT, Path("heightmap.pt"), Path(PROFILE))
+        (made / "collection.toml").write_text(to_toml(collection))
+        (made / "policy.toml").write_text(tomli_w.dumps(policy_changes(settings, Path(PROFILE))))
         (made / "predictor.toml").write_text(to_toml(settings.predictor))
         (made / "train.sh").write_text(_SCRIPT.format(seed=settings.seed, minutes=settings.policy_minutes))
         (made / "README.md").write_text(_README)

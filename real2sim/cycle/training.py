@@ -1,17 +1,24 @@
 """Policy and predictor, trained further from the shipped checkpoints with the profile that was found."""
 
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from saltus.config import changed
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import collect
-from saltus.heightmap.settings import ProcessorCollection
+from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.models import model_path
 from saltus.policy.training.command import CHECKPOINT, Train
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
 from saltus.resources import resource
+
+FURTHER_KL = 0.01
+"""Of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings begin."""
+LEARNED = 0.75
+"""Share of robots that the policy drives in the predictor's data, as in those of the shipped one: rules see to it that
+motions are not all alike."""
 
 
 def shipped_checkpoint(kind: str) -> Path:
@@ -20,25 +27,48 @@ def shipped_checkpoint(kind: str) -> Path:
 
 
 def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
-    """Runs robots with the profile on processors, the shipped predictor in the loop, as `saltus heightmap collect cpu`.
+    """Runs robots with the profile, the shipped predictor in the loop.
+
+    Where a policy was trained it drives them, on the GPU, as with `saltus heightmap collect gpu`; else the shipped one
+    does, on processors, as with `saltus heightmap collect cpu`.
 
     Raises:
         KeyboardInterrupt: it was interrupted; nothing is kept.
     """
-    ticks, total = 0.0, settings.batches * settings.loop.ticks
+    own, ticks = folder.policy / CHECKPOINT, 0.0
+    on_gpu = device_collection(settings, own, shipped_checkpoint("heightmap"), folder.profile)
+    total = settings.loop.ticks * (on_gpu.batches if own.exists() else settings.batches)
 
-    def ran(more: float) -> None:
+    def ran(more: float = 1.0) -> None:
         nonlocal ticks
         ticks += more
         tell("collect", ticks / total)
 
-    wanted = ProcessorCollection(
-        batches=settings.batches, seed=settings.seed, profile=str(folder.profile), model=model_path("heightmap"),
-        loop=settings.loop,
-    )  # fmt: skip
     with whole_folder(folder.dataset) as partial_folder:
-        if not collect(wanted, partial_folder, lambda _: None, listener=ran).whole:
+        if own.exists():
+            from saltus.heightmap import device_collection as gpu
+
+            cameras = dict.fromkeys(on_gpu.loop.cameras, partial_folder)
+            made = gpu.collect(on_gpu, cameras, ran, lambda *_: None)
+        else:
+            on_processors = ProcessorCollection(
+                batches=settings.batches, seed=settings.seed, profile=str(folder.profile),
+                model=model_path("heightmap"), loop=settings.loop,
+            )  # fmt: skip
+            made = collect(on_processors, partial_folder, lambda _: None, listener=ran)
+        if not made.whole:
             raise KeyboardInterrupt
+
+
+def device_collection(settings: CycleSettings, policy: Path, predictor: Path, profile: Path) -> DeviceCollection:
+    """What `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
+    loop = DeviceLoop(
+        ticks=settings.loop.ticks, learned=LEARNED, terrains=settings.loop.terrains, cameras=(settings.loop.camera,)
+    )
+    return DeviceCollection(
+        episodes=settings.episodes, seed=settings.seed, policy=policy, predictor=predictor, profile=str(profile),
+        loop=loop,
+    )  # fmt: skip
 
 
 def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
@@ -62,6 +92,15 @@ def has_gpu() -> bool:
     return train.has_gpu()
 
 
+def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, Any]:
+    """What the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
+
+    The shipped one ended with small steps; a robot that is another needs those of the beginning.
+    """
+    kl = {"desired_kl": FURTHER_KL, "last_kl": FURTHER_KL}
+    return {"seed": settings.seed, "env": {"profile": str(profile)}, "learning": kl}
+
+
 def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:
     """Trains the shipped policy with the profile, as `saltus policy train` and `export`; goes on where it was."""
     from saltus.policy.training.checkpoint import config_of, read_checkpoint
@@ -70,8 +109,7 @@ def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:
     shipped, own = shipped_checkpoint("policy"), folder.policy / CHECKPOINT
     resume = own if own.exists() else shipped
     done_s = float(read_checkpoint(resume)["seconds"]) - float(read_checkpoint(shipped)["seconds"])
-    config = config_of(read_checkpoint(shipped))
-    config = replace(config, seed=settings.seed, env=replace(config.env, profile=str(folder.profile.absolute())))
+    config = changed(config_of(read_checkpoint(shipped)), policy_changes(settings, folder.profile.absolute()))
     minutes = settings.policy_minutes - done_s / 60.0
     if minutes > 0.0:
         Train(out=folder.policy, minutes=minutes, resume=resume, training=config, evaluate_minutes=0.0).run()

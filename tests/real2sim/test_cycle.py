@@ -3,6 +3,7 @@
 import html
 import json
 import shlex
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import pytest
 from saltus.cli.main import command_of, main
 from saltus.effects.offsets_and_factors import CoulombFriction
 from saltus.effects.profile import load_profile, profile_to_toml
+from saltus.heightmap import collection, device_collection
+from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import finding, measuring, training
@@ -36,6 +39,14 @@ TINY = (
 def _small(short_calibration: None) -> Any:
     """One course, a short experiment; a processor in place of a GPU, with few robots."""
     law = checkpoint.config_of
+
+    def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
+        (folder,) = outputs.values()
+        assert settings.policy.exists()
+        loop = ClosedLoop(robots=12, courses=1, ticks=settings.loop.ticks, camera=settings.loop.cameras[0])
+        few = ProcessorCollection(batches=1, seed=settings.seed, profile=settings.profile, loop=loop)
+        return collection.collect(few, folder, lambda _: None, listener=ticked)
+
     sines = replace(
         EXPERIMENTS["single_sine"],
         sections=lambda robot: motions.repeated("sine", 3, motions.sine(robot, 2.0, 1.0, 0.3)),
@@ -44,6 +55,7 @@ def _small(short_calibration: None) -> Any:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
         patch.setattr(measuring, "COURSES", {GAP: measuring.COURSES[GAP]})
         patch.setattr(training, "has_gpu", lambda: True)
+        patch.setattr(device_collection, "collect", collect)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
         yield
 
@@ -66,6 +78,11 @@ def results(out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[s
     assert cycle(out, "--json", *more) == 0
     table: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
     return table
+
+
+def innermost(command: Any) -> Any:
+    """What a group of commands was asked for."""
+    return innermost(command.command) if hasattr(command, "command") else command
 
 
 def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,12 +147,17 @@ def test_logs_of_ones_own_are_trained_with_elsewhere(
     assert cycle(mine, *logs, *TINY, "--export-training", str(away)) == 0
     assert "nothing was found that could be added" in capsys.readouterr().out
     monkeypatch.chdir(away)
-    lines = [line for line in Path("train.sh").read_text().splitlines() if line.startswith("saltus")]
-    commands = [shlex.split(line.replace("$begin", "policy.pt"))[1:] for line in lines]
-    assert len([command_of(command) for command in commands]) == 4
+    lines = [line.strip() for line in Path("train.sh").read_text().splitlines()]
+    commands = [shlex.split(line.replace("$begin", "policy.pt"))[1:] for line in lines if line.startswith("saltus")]
+    train, collect, *further = [innermost(command_of(command)) for command in commands]
+    further_kl = replace(train.training.learning, desired_kl=training.FURTHER_KL, last_kl=training.FURTHER_KL)
+    assert (train.training.env.profile, train.training.learning) == ("profile.toml", further_kl)
+    assert (collect.settings.policy, collect.settings.profile) == (Path("policy/checkpoint.pt"), "profile.toml")
+    assert len(further) == 3
+    shutil.copytree(run / "dataset", "dataset")
     assert cycle(mine, "--take-training", str(away)) == 2
     assert "run its train.sh" in capsys.readouterr().err
-    assert [main(command) for command in commands[2:]] == [0, 0]
+    assert [main(commands[2]), main(commands[4])] == [0, 0]
     assert results(mine, capsys, "--take-training", str(away))["models"] == {
         "heightmap": "trained elsewhere",
         "policy": "as shipped",
