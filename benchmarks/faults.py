@@ -1,12 +1,17 @@
 """Kills camera, heightmap service and planner at random phases of the gait during real-time runs.
 
-saltus bench faults -- --trials 10
+The clock of the run may be slowed, all limits with it. Results are kept in a file, and the same command adds to them.
+
+    saltus bench faults -- --trials 10
+    saltus bench faults -- --terrain stairs --planner learned --trials 20 --speed 0.3 --out runs/faults.jsonl
 """
 
+import json
 import tempfile
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,37 +20,62 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.runtime.faults import PRODUCT, FaultResult, judge, kill_during_run
 from saltus.wire.messages import ControllerMode
 
+COURSES = {
+    "flat": TerrainConfig(terrain="flat"),
+    "stairs": TerrainConfig(terrain="stairs", rise_m=0.2),
+    "stepping_stones": TerrainConfig(terrain="stepping_stones", gap_m=0.1, gap_max_m=0.5),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
+    terrain: Literal["flat", "stairs", "stepping_stones"] = "flat"
+    """What the robot crosses: flat ground, stairs of 0.20 m, stones with gaps of 0.1 to 0.5 m."""
+    planner: Literal["learned", "scripted"] = "scripted"
+    """Who leads it; the scripted one crosses flat ground alone."""
     trials: int = 5
     """Kills of each process."""
     seed: int = 0
     """Of the first trial, and of the moments of the kills."""
+    speed: float = 1.0
+    """Of the clock of the runs."""
+    out: Path | None = None
+    """File of results so far, to go on from; by default none is kept."""
 
     def measure(self) -> dict[str, Any]:
         """The worst case of each process."""
-        rng = np.random.default_rng(self.seed)
+        kept = [] if self.out is None or not self.out.is_file() else self.out.read_text().splitlines()
+        key = [self.terrain, self.planner]
+        done = {(row["process"], row["seed"]): row for row in map(json.loads, kept) if row["course"] == key}
         table = {}
         for process in PRODUCT:
-            # between 0.5 and 2.5 s lies more than a cycle of the gait: every phase
-            moments = rng.uniform(0.5, 2.5, self.trials).tolist()
-            results = [
-                self._kill(process, self.seed + trial, after_s)
-                for trial, after_s in enumerate(progress(moments, process))
-            ]
-            table[process] = {
-                "trials": len(results),
-                "told_ms_max": max(result.told_ms for result in results),
-                "back_s_max": max(result.back_s for result in results),
-                "stopped": sum(result.mode == ControllerMode.STOPPED for result in results),
-                "upright": sum(result.upright for result in results),
-            }
-        return {"faults": table}
+            seeds = range(self.seed, self.seed + self.trials)
+            for seed in progress([seed for seed in seeds if (process, seed) not in done], process):
+                row = {"course": key, "seed": seed, **self._kill(process, seed)}
+                done[process, seed] = row
+                tell(str(row))
+                if self.out is not None:
+                    with self.out.open("a") as file:
+                        file.write(json.dumps(row) + "\n")
+            table[process] = summary([done[process, seed] for seed in seeds])
+        return {"faults": {"terrain": self.terrain, "planner": self.planner, **table}}
 
-    def _kill(self, process: str, seed: int, after_s: float) -> FaultResult:
-        config = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted", seed=seed)
+    def _kill(self, process: str, seed: int) -> dict[str, Any]:
+        # between 0.5 and 2.5 s lies more than a cycle of the gait: every phase
+        after_s = float(np.random.default_rng([seed, *process.encode()]).uniform(0.5, 2.5))
+        terrain = replace(COURSES[self.terrain], layout_seed=seed)
+        config = RunConfig(terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed)
         with tempfile.TemporaryDirectory() as directory:
-            result = judge(kill_during_run(config, Path(directory), process, after_s), process, after_s)
-        tell(str(result))
-        return result
+            result: FaultResult = judge(kill_during_run(config, Path(directory), process, after_s), process, after_s)
+        return {**asdict(result), "mode": ControllerMode(result.mode).name}
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of the kills of one process."""
+    return {
+        "trials": len(rows),
+        "told_ms_max": max(row["told_ms"] for row in rows),
+        "back_s_max": max(row["back_s"] for row in rows),
+        "modes": dict(Counter(row["mode"] for row in rows)),
+        "upright": sum(row["upright"] for row in rows),
+    }
