@@ -2,6 +2,7 @@
 
 import html
 import json
+import math
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -215,7 +216,7 @@ def _words(verdict: dict[str, Any] | None) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None else "a curve" if math.isnan(value) else f"{value:.4g}"
 
 
 def _link(found: Path) -> str:

@@ -76,6 +76,13 @@ def _hidden(folder: CycleFolder, known: Profile, hidden: Profile, effects: tuple
         for field in fields(EFFECTS[name]):
             if "null" not in field.metadata:
                 continue
+            if field.metadata["null"] == ():  # a curve is no number: found are knee and plateau
+                if _effect(known, name) != _effect(hidden, name):
+                    yield Row(
+                        effect=name, parameter=field.name, unit=field.metadata["unit"], where="", known=None,
+                        true=float("nan"), found=None, ci90=None, remark=_why_not(folder, name),
+                    )  # fmt: skip
+                continue
             before, true = (_values(profile, name, field.name) for profile in (known, hidden))
             differs = ~np.isclose(before, true, rtol=SAME, atol=0.0)
             for value in np.unique(true[differs]):
@@ -119,8 +126,12 @@ def _why_not(folder: CycleFolder, name: str) -> str:
 
 def _values(profile: Profile, name: str, parameter: str) -> Floats:
     """A parameter at the 12 joints; of what is no effect of joints, 12 times the same."""
-    effect: Effect[Any] = profile.effects.get(name) or EFFECTS[name]()
-    return np.broadcast_to(np.asarray(getattr(effect, parameter), dtype=np.float64), len(JOINTS))
+    return np.broadcast_to(np.asarray(getattr(_effect(profile, name), parameter), dtype=np.float64), len(JOINTS))
+
+
+def _effect(profile: Profile, name: str) -> Effect[Any]:
+    """Of the profile, or the one that changes nothing."""
+    return profile.effects.get(name) or EFFECTS[name]()
 
 
 def _places(effect: FoundEffect) -> Any:

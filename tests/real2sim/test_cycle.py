@@ -20,6 +20,7 @@ from saltus.policy.training import train as policy_training
 from saltus.real2sim.cycle import finding, measuring, training
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.cycle.truth import rows_of
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.patch import Applicability, Patch
@@ -174,3 +175,16 @@ def test_without_a_gpu_the_policy_stays_and_this_is_said(
     monkeypatch.setattr(training, "has_gpu", policy_training.has_gpu)
     (run / "trained.json").unlink()
     assert "no GPU" in results(run, capsys)["models"]["policy"]
+
+
+def test_a_curve_is_told_only_where_it_was_hidden(tmp_path: Path) -> None:
+    """The shipped profile has one, which is no number at each joint."""
+    folder, shipped = measuring.CycleFolder(tmp_path), load_profile("shipped", load_robot("go1"))
+    stronger = replace(shipped, actuator=tuple(e for e in shipped.actuator if e.name != "torque_saturation"))
+    folder.found.mkdir()
+    (folder.found / "patch.toml").write_text(Patch(effects=(), evidence=(), range=Applicability()).to_toml())
+    (folder.found / "verdict.json").write_text('{"verdict": "no_gap", "untestable": [], "misfits": [], "sets": []}')
+    folder.known.write_text(profile_to_toml(shipped))
+    for hidden, told in ((shipped, []), (stronger, ["torque_saturation curve"])):
+        folder.hidden.write_text(profile_to_toml(hidden))
+        assert [row.name for row in rows_of(folder)] == told
