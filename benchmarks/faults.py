@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
-from saltus.runtime.faults import PRODUCT, FaultResult, judge, kill_during_run
-from saltus.wire.messages import ControllerMode
+from saltus.runtime.faults import PRODUCT, judge, kill_during_run
 
+COURSE_S = 20.0  # the time limit of a trial
 COURSES = {
     "flat": TerrainConfig(terrain="flat"),
     "stairs": TerrainConfig(terrain="stairs", rise_m=0.2),
@@ -66,8 +66,8 @@ class Benchmark(Command):
         terrain = replace(COURSES[self.terrain], layout_seed=seed)
         config = RunConfig(terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed)
         with tempfile.TemporaryDirectory() as directory:
-            result: FaultResult = judge(kill_during_run(config, Path(directory), process, after_s), process, after_s)
-        return {**asdict(result), "mode": ControllerMode(result.mode).name}
+            recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S)
+            return asdict(judge(recording, process, after_s))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -76,6 +76,6 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "trials": len(rows),
         "told_ms_max": max(row["told_ms"] for row in rows),
         "back_s_max": max(row["back_s"] for row in rows),
-        "modes": dict(Counter(row["mode"] for row in rows)),
-        "upright": sum(row["upright"] for row in rows),
+        "silence_ms_max": max(row["silence_ms"] for row in rows),
+        "ends": dict(Counter(row["end"] for row in rows)),
     }

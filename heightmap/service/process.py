@@ -27,7 +27,7 @@ class HeightmapProcess:
     def __init__(self, contexts: Sequence[ProcessContext]) -> None:
         first = contexts[0]
         network = HeightmapNetwork(first.robot, model_path("heightmap", first.config.heightmap_model))
-        self._bell = first.bus.bell
+        self._bus = first.bus
         depth = first.profile.depth_topic
         self._links = {context.bus.prefix: RobotLink(context, depth) for context in contexts}
         self._fleet = FleetService(network, self._links, depth)
@@ -41,11 +41,11 @@ class HeightmapProcess:
         while not (stopped() or any(link.context.stopped for link in self._links.values())):
             for link in self._links.values():
                 link.context.beat(ticks=link.ticks)
-            if not self._lockstep:
+            if not self._lockstep and not self._bus.muted:
                 self._look_for_model()
-            heard = self._bell.rings
+            heard = self._bus.bell.rings
             if not self._answer():
-                self._bell.wait(heard, WAIT_S)
+                self._bus.bell.wait(heard, WAIT_S)
         self._inbox.close()
 
     def _answer(self) -> bool:

@@ -6,7 +6,9 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -33,16 +35,21 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 RUN_TIMEOUT_S = 20.0
 BACK_S, LANDED_S = 2.0, 2.0
-"""Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or never will."""
+"""Waited for after the kill, at most: the process is ready again; the robot has landed (1.1 s), or goes on."""
 STANDING_S = 1.0  # watched after both: a process that is back tells a robot to go within a few steps
 SILENT_S = 1.0  # a controller that is not heard for so long has gone
 STANDING_HEIGHT_M = 0.18
 """A base above this is on its feet: two thirds of the standing height."""
 UPRIGHT_COSINE = 0.87  # 30 degrees
+LANDED = (ControllerMode.STOPPED, ControllerMode.DAMP)
 PRODUCT = {"render": "camera/depth", "heightmap": "heightmap/heightmap", "policy": "policy/plan"}
 """What stops coming when a process dies."""
 BLIND = (HeightmapStatus.INVALID, HeightmapStatus.WARMING)
 """What the service says without a camera, and to one that has just begun."""
+
+
+End = Literal["crossed", "goes on", "stands", "fell"]
+"""What became of a robot: it has arrived, is on its way, or has landed; or none of these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,21 +60,31 @@ class FaultResult:
     running_s: float
     """How long the robot had been running when the process was killed."""
     told_ms: float
-    """From the last arrival of the dead process's product to the first message of its consumer that says so;
-    infinite where none does."""
-    mode: ControllerMode
-    """Of the controller at the end."""
-    upright: bool
-    """At the end the robot stands on its feet at rest."""
+    """From the last arrival of the dead process's product to the first message of its consumer or of the supervisor
+    that says so; infinite where none does."""
+    silence_ms: float
+    """The longest time without that product, from this arrival on; to the end where it does not come again."""
+    end: End
+    """How the robot is at the end of the recording."""
     back_s: float
     """From the death noticed to the process being ready again; infinite where it did not come back."""
 
 
-def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: float) -> Recording:
+def kill_during_run(
+    config: RunConfig, directory: Path, process: str, after_s: float, *, times: int = 1, watch_s: float = LANDED_S
+) -> Recording:
     """Starts a real-time run and kills a process `after_s` after the robot has begun to run.
 
-    It goes on watching until the process is back, the robot has landed, and a second has gone by. All times are in the
-    clock of the run.
+    It goes on watching until the process is back, and the robot has landed and stood for a second, has arrived, or was
+    watched for `watch_s`. All times are in the clock of the run.
+
+    Args:
+        config: Of the run.
+        directory: Its folder.
+        process: Which one.
+        after_s: When.
+        times: How often, each time as soon as it is back: the first ones are replaced by a standby, where it has one.
+        watch_s: At most, after the last kill.
 
     Raises:
         StackError: the robot did not begin to run, or the run could not go on.
@@ -77,30 +94,39 @@ def kill_during_run(config: RunConfig, directory: Path, process: str, after_s: f
         if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
             raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
         stack.wait(after_s)
-        os.kill(stack.pid(process), signal.SIGKILL)
-        _until(stack, BACK_S, lambda: _is_back(events, process))
-        _until(stack, LANDED_S, lambda: _mode(states) == ControllerMode.STOPPED)
-        stack.wait(STANDING_S)
+        for _ in range(times):
+            os.kill(stack.pid(process), signal.SIGKILL)
+            _until(stack, BACK_S, lambda: _is_back(events, process))
+        if _until(stack, watch_s, lambda: _mode(states) in LANDED):
+            stack.wait(STANDING_S)
     return read_recording(directory / "recording.mcap")
 
 
 def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
-    """Reads from a recording of `kill_during_run` what happened."""
+    """Reads from a recording of `kill_during_run` what happened after the last kill."""
     died_ns, ready_ns = _death_and_return(recording, process)
-    last_ns = max(
-        (arrival for arrival, _, _ in recording.messages(PRODUCT[process]) if arrival <= died_ns),
-        default=0,
-    )
-    told = next((arrival for arrival in _complaints(recording, process) if arrival > last_ns), None)
-    states = recording.of(RobotState)
+    product = [arrival for arrival, _, _ in recording.messages(PRODUCT[process])]
+    last_ns = max((arrival for arrival in product if arrival <= died_ns), default=0)
+    later = [*(arrival for arrival in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
+    told = min((arrival for arrival in (*_complaints(recording, process), died_ns) if arrival > last_ns), default=None)
     return FaultResult(
         process=process,
         running_s=after_s,
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
-        mode=states[-1].mode,
-        upright=is_upright(recording),
+        silence_ms=1e-6 * max(b - a for a, b in pairwise(later)),
+        end=_end(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),
     )
+
+
+def _end(recording: Recording) -> End:
+    """The controller judges a trial, and ends the run where the robot has fallen."""
+    codes = {event.code for event in recording.of(Event)}
+    if "finished" in codes:
+        return "crossed"
+    if recording.of(RobotState)[-1].mode in LANDED:
+        return "stands" if is_upright(recording) else "fell"
+    return "fell" if "fell" in codes else "goes on"
 
 
 def witness(
@@ -175,15 +201,16 @@ def _says(event: Message, code: str, process: str) -> bool:
 
 
 def _death_and_return(recording: Recording, process: str) -> tuple[int, int | None]:
-    died_ns: int | None = None
+    """Of the last death."""
+    died_ns = ready_ns = None
     for arrival, _, event in recording.messages("event/supervisor"):
         if _says(event, "process_died", process):
-            died_ns = arrival
-        elif _says(event, "process_ready", process) and died_ns is not None:
-            return died_ns, arrival
+            died_ns, ready_ns = arrival, None
+        elif _says(event, "process_ready", process) and ready_ns is None:
+            ready_ns = arrival
     if died_ns is None:
         raise StackError(f"the recording does not show that {process} died")
-    return died_ns, None
+    return died_ns, ready_ns
 
 
 def _complaints(recording: Recording, process: str) -> Iterable[int]:

@@ -3,7 +3,7 @@
 A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
 `saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`, as only now the run
 begins; then a loop until `context.stopped` that calls `context.beat(...)` at least every 0.5 s and `run_process` around
-all of it.
+all of it. `context.ready(hot=True)` is for those that could take over at once: policy and heightmap.
 
 A loop of fixed rate uses `Ticker(rate_hz, clock=context.clock)`. A wait that belongs to the run lasts
 `context.clock.machine_s(seconds)`. The process ends by returning from the body (exit code 0), by SIGTERM or SIGINT
@@ -90,22 +90,42 @@ class ProcessContext:
         """Hardware of the run, without what its trial draws; the errors of `load_profile`."""
         return self.camera.delivered(load_profile(self.config.profile, self.robot))
 
-    def ready(self) -> None:
-        """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin."""
-        if self._cued and not cue.await_cue(lambda: self.stopped):
+    def ready(self, *, hot: bool = False) -> None:
+        """Says that everything is loaded and subscribed; nothing is reported before. Returns when it shall begin.
+
+        In real time it returns at once where the process is a `hot` standby: it works along and nobody hears it, until
+        `beat` is told that it shall begin. Its state follows from what it hears, so that it takes over without a gap.
+        """
+        if self._cued and hot and self.config.pace == "realtime":
+            cue.say_loaded()
+            self.bus.muted = True
+        elif self._cued and not cue.await_cue(lambda: self.stopped):
             self.stopped = True
-            return
+        else:
+            self._begin()
+
+    def _begin(self) -> None:
+        self.bus.muted = False
         if self._cued and self.config.pace == "realtime":
             prefer_loop(self.name)
         self._ready = True
         self._next_status_s = -math.inf
         self.beat(ticks=0)
 
+    def _look_for_cue(self) -> None:
+        begin = cue.told()
+        if begin:
+            self._begin()
+        elif begin is not None:
+            self.stopped = True
+
     def beat(self, *, ticks: int, overruns: int = 0) -> None:
         """Proof of life, to be called in every round of the loop, at least every 0.5 s; sends a status when due.
 
         `ticks` are rounds that did work, `overruns` rounds that were left out for lack of time, both so far.
         """
+        if self.bus.muted:
+            self._look_for_cue()
         now_s = self.clock.elapsed_s()
         if not self._ready or now_s < self._next_status_s:
             return

@@ -40,8 +40,9 @@ from saltus.wire.zenoh_bus import ZenohBus
 PROGRAMS = (
     # Open3D alone takes half a second of a free processor, and several on a busy machine
     Program(name="render", module="saltus.render", restart=True, spare=True),
-    Program(name="heightmap", module="saltus.heightmap", restart=True),
-    Program(name="policy", module="saltus.policy", restart=True),
+    # These work along beside the one that is heard: a robot among stepping stones can go on, and cannot land well
+    Program(name="heightmap", module="saltus.heightmap", restart=True, spare=True),
+    Program(name="policy", module="saltus.policy", restart=True, spare=True),
     # Holds the robot: the run begins when it begins, so it is started last, and ends when it ends
     Program(name="controller", module="saltus.controller", restart=False),
 )

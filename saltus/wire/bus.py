@@ -225,6 +225,8 @@ class Bus(ABC):
         self.prefix = prefix
         self.bell = bell
         self.boot_id = secrets.token_bytes(16)
+        self.muted = False
+        """Whether what is put is dropped: of a process that works along beside the one that is heard."""
         self.rejected: Counter[str] = Counter()
         """Messages refused so far by "topic/reason"."""
         self.latests: list[Latest] = []

@@ -44,7 +44,7 @@ class MemoryBus(Bus):
 
     def publisher(self, topic: str, suffix: str = "") -> "MemoryPublisher":
         """See `Bus.publisher`."""
-        return MemoryPublisher(self.hub, self._key(topic, suffix), self.boot_id)
+        return MemoryPublisher(self, self._key(topic, suffix))
 
     def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
@@ -69,15 +69,16 @@ class MemoryBus(Bus):
 class MemoryPublisher:
     """Encodes and delivers the messages of one key."""
 
-    def __init__(self, hub: MemoryHub, key: str, boot_id: bytes) -> None:
-        self._hub = hub
+    def __init__(self, bus: MemoryBus, key: str) -> None:
+        self._bus = bus
         self._key = key
-        self._boot_id = boot_id
         self._sequence = 0
 
     def put(self, message: Message) -> None:
-        """Encodes and delivers; raises as `saltus.wire.codec.encode` does."""
+        """Encodes and delivers, unless its bus is muted; raises as `saltus.wire.codec.encode` does."""
+        if self._bus.muted:
+            return
         payload = codec.encode(message)
         self._sequence += 1
-        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
-        self._hub.inject(self._key, payload, envelope.to_bytes())
+        envelope = Envelope(self._sequence, message.time_ns, self._bus.boot_id)
+        self._bus.hub.inject(self._key, payload, envelope.to_bytes())

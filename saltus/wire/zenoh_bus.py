@@ -48,7 +48,7 @@ class ZenohBus(Bus):
             priority=zenoh.Priority.REAL_TIME,
             express=True,
         )
-        return ZenohPublisher(raw, self.boot_id)
+        return ZenohPublisher(raw, self)
 
     def latest(self, topic: str, suffix: str = "") -> Latest:
         """See `Bus.latest`."""
@@ -90,20 +90,22 @@ class ZenohBus(Bus):
 class ZenohPublisher:
     """Counts and sends the messages of one key."""
 
-    def __init__(self, publisher: Any, boot_id: bytes) -> None:
+    def __init__(self, publisher: Any, bus: ZenohBus) -> None:
         self._publisher = publisher
-        self._boot_id = boot_id
+        self._bus = bus
         self._sequence = 0
 
     def put(self, message: Message) -> None:
-        """Encodes and sends; never waits.
+        """Encodes and sends, unless its bus is muted; never waits.
 
         Raises:
             MessageError: the message does not have the shape that travels.
         """
+        if self._bus.muted:
+            return
         payload = codec.encode(message)
         self._sequence += 1
-        envelope = Envelope(self._sequence, message.time_ns, self._boot_id)
+        envelope = Envelope(self._sequence, message.time_ns, self._bus.boot_id)
         self._publisher.put(payload, attachment=envelope.to_bytes())
 
 

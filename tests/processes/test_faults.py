@@ -1,4 +1,4 @@
-"""A process is killed in the middle of a run: the others say so, the robot lands and stands, the process comes back."""
+"""A process is killed in the middle of a run: a standby takes over, or the robot lands and stands; both are told."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,23 +6,33 @@ from pathlib import Path
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
+from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
 from saltus.recordings.recording import read_recording
-from saltus.runtime.faults import PRODUCT, judge, kill_during_run
-from saltus.wire.messages import ControllerMode
+from saltus.runtime.faults import judge, kill_during_run
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
 
 
-@pytest.mark.parametrize("process", PRODUCT)
-def test_a_killed_process_is_noticed_and_the_robot_stands(process: str, speed: float, tmp_path: Path) -> None:
-    after_s = {"render": 0.7, "heightmap": 0.9, "policy": 1.1}[process]
-    recording = kill_during_run(replace(CONFIG, speed=speed), tmp_path, process, after_s)
-    result = judge(recording, process, after_s)
+def test_a_killed_camera_is_noticed_and_the_robot_stands(speed: float, tmp_path: Path) -> None:
+    result = judge(kill_during_run(replace(CONFIG, speed=speed), tmp_path, "render", 0.7), "render", 0.7)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
-    assert result.mode == ControllerMode.STOPPED
-    assert result.upright
+    assert result.end == "stands"
+
+
+@pytest.mark.parametrize("process", ["heightmap", "policy"])
+def test_a_standby_takes_over_and_without_one_the_robot_stands(process: str, speed: float, tmp_path: Path) -> None:
+    after_s = {"heightmap": 0.9, "policy": 1.1}[process]
+    config = replace(CONFIG, speed=speed)
+    first, both = tmp_path / "first", tmp_path / "both"
+    result = judge(kill_during_run(config, first, process, after_s, watch_s=0.5), process, after_s)
+    assert result.end == "goes on"
+    assert result.silence_ms <= 1e3 * WatchdogConfig().lost_age_s
+    result = judge(kill_during_run(config, both, process, after_s, times=2), process, after_s)
+    assert result.told_ms <= 110.0
+    assert result.back_s <= 2.0
+    assert result.end == "stands"
 
 
 def test_a_killed_controller_ends_the_run_and_leaves_a_recording(speed: float, tmp_path: Path) -> None:
