@@ -1,8 +1,10 @@
-"""What it costs a run to be watched: ages of its messages with and without a page that somebody looks at.
+"""What it costs a run to be watched: ages of its messages with and without a page that somebody looks at, or Foxglove.
 
 saltus bench watch -- --runs 3 --speed 0.5
+saltus bench watch -- --runs 3 --speed 0.5 --foxglove
 """
 
+import json
 import multiprocessing
 import os
 import re
@@ -24,6 +26,7 @@ from websockets.typing import Subprotocol
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
+from saltus.flags import Flag
 from saltus.recordings.recording import rates_and_ages, read_recording
 from saltus.runtime.stack import Stack
 
@@ -43,6 +46,8 @@ class Benchmark(Command):
     """Of real time."""
     terrain: str = "flat"
     """What the robot crosses."""
+    foxglove: Flag = False
+    """With all channels of Foxglove's connection in place of a page."""
 
     def measure(self) -> dict[str, Any]:
         ages: dict[str, dict[str, list[Any]]] = {"alone": {}, "watched": {}}
@@ -77,7 +82,8 @@ class Benchmark(Command):
         config = RunConfig(
             terrain=TerrainConfig(terrain=self.terrain), pace="realtime", speed=self.speed, camera="d435i"
         )
-        with Page(run_dir) if watched else nullcontext() as page, Stack(config, run_dir) as stack:
+        page_of_run = Page(run_dir, foxglove=self.foxglove) if watched else nullcontext()
+        with page_of_run as page, Stack(config, run_dir) as stack:
             if page is not None:
                 page.begin()
             stack.wait()
@@ -87,20 +93,23 @@ class Benchmark(Command):
 class Page:
     """`saltus watch` and a reader that draws nothing, each in a process of its own."""
 
-    def __init__(self, run_dir: Path) -> None:
+    def __init__(self, run_dir: Path, *, foxglove: bool) -> None:
         command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir), "--port", "0"]
-        self._server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self._server = subprocess.Popen(
+            [*command, *(["--foxglove"] if foxglove else [])], stdout=subprocess.PIPE, text=True
+        )
         assert self._server.stdout is not None
-        found = re.search(r"http://\S+", self._server.stdout.readline())
+        found = re.search(r"(http|ws)://\S+", self._server.stdout.readline())
         assert found is not None
         spawn = multiprocessing.get_context("spawn")
         self._count = spawn.Value("q", 0)
-        self._reader = spawn.Process(target=read, args=(found[0], self._count), daemon=True)
+        self._waits_for_messages = not foxglove  # which has none before the run begins
+        self._reader = spawn.Process(target=read_all if foxglove else read, args=(found[0], self._count), daemon=True)
         self._reader.start()
         self._begun = (0.0, 0, 0.0)
 
     def __enter__(self) -> "Page":
-        while self._count.value == 0:
+        while self._waits_for_messages and self._count.value == 0:
             time.sleep(0.05)
         return self
 
@@ -136,5 +145,21 @@ def read(address: str, count: Any) -> None:
             while True:
                 link.recv()
                 count.value += 1
+        except ConnectionClosed:
+            return
+
+
+def read_all(address: str, count: Any) -> None:
+    """Subscribes to every channel of Foxglove's connection and counts the messages."""
+    with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as link:
+        try:
+            while True:
+                frame = link.recv()
+                if isinstance(frame, bytes):
+                    count.value += 1
+                elif json.loads(frame)["op"] == "advertise":
+                    channels = json.loads(frame)["channels"]
+                    wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
+                    link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
         except ConnectionClosed:
             return

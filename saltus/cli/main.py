@@ -25,6 +25,7 @@ COMMANDS = {
     "router": "Router",
     "keys": "Keys",
     "doctor": "Doctor",
+    "ros2": "Ros2",
     "record": "Record",
     "replay": "Replay",
     "camera": "Camera",

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from saltus.errors import MessageError
+from saltus.rotations import rotation_matrix
 from saltus.wire import codec
 from saltus.wire.codec import header
-from saltus.wire.messages import Floats, Heightmap, HeightmapStatus
+from saltus.wire.messages import Floats, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.schemas import TYPE_NAME
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -39,14 +41,16 @@ QUATERNION: Any = STORE.types["geometry_msgs/msg/Quaternion"]
 _TRANSFORM: Any = STORE.types["geometry_msgs/msg/Transform"]
 _STAMPED: Any = STORE.types["geometry_msgs/msg/TransformStamped"]
 
-BASE, BASE_YAW, WORLD, CAMERA = "base", "base_yaw", "world", "camera"
-"""Frames: of the trunk, the same turned by the yaw alone, of the course, and of the depth image (z along its axis)."""
+BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "odom"
+"""Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z along its axis), and of
+the start as the robot itself has added up its way."""
 ELEVATION, VARIANCE = "elevation", "variance"
 """Layers of a GridMap; viewers and planners look for the first by this name."""
 SIGMAS_OF_HALF_WIDTH_90 = 1.645
 """Half of the 90 % interval of a normal distribution, in standard deviations."""
 COLUMNS = 2
 """Of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces between cells."""
+CDR_HEADER = 4  # bytes
 FLOAT32 = 7  # sensor_msgs/msg/PointField
 CUBE, SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST = 1, 2, 3, 5, 7  # visualization_msgs/msg/Marker
 ADD, DELETE = 0, 2
@@ -64,6 +68,26 @@ def definition_of(type_name: str) -> str:
 def payload_of(message: Any) -> bytes:
     """A message as CDR."""
     return bytes(STORE.serialize_cdr(message, message.__msgtype__))
+
+
+def hash_of(type_name: str) -> str:
+    """The hash of a type and of all that it contains: RIHS01_ and 64 hexadecimal digits (REP 2016)."""
+    return str(STORE.hash_rihs01(type_name))
+
+
+def decode(type_name: str, payload: bytes) -> Any:
+    """Reads a message of `STORE` from a stranger's bytes; `MessageError` where they are none."""
+    if not CDR_HEADER <= len(payload) <= codec.PAYLOAD_MAX:
+        raise MessageError("size", f"{len(payload)} bytes")
+    try:
+        return STORE.deserialize_cdr(payload, type_name)
+    except Exception as error:  # the parser's errors on hostile bytes are of many types
+        raise MessageError("malformed", f"{type_name}: {error}") from error
+
+
+def time_of(stamp: Any) -> int:
+    """Nanoseconds of a `builtin_interfaces/msg/Time`."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def make(type_name: str, **fields: Any) -> Any:
@@ -104,6 +128,40 @@ def optical(pitch: float) -> tuple[float, float, float, float]:
     c, s = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     a, b = 0.5 * (c - s), 0.5 * (c + s)  # of level optical axes (0.5, -0.5, 0.5, -0.5), turned about y
     return (a, -b, b, -a)
+
+
+def conjugate(wxyz: Floats) -> Floats:
+    """The quaternion that turns back."""
+    return wxyz * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def product(one: Floats, other: Floats) -> Floats:
+    """The quaternion (w, x, y, z) that turns by `other` first, shape (4,)."""
+    w, v, u = one[0], one[1:], other[1:]
+    return np.array([w * other[0] - v @ u, *(w * u + other[0] * v + np.cross(v, u))])
+
+
+def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:
+    """A `sensor_msgs/msg/JointState`."""
+    values = (np.array(v, np.float64) for v in (state.joint_position, state.joint_velocity, state.joint_torque))
+    position, velocity, effort = values
+    return make(
+        "sensor_msgs/msg/JointState", header=header(time_ns, ""), name=list(names), position=position,
+        velocity=velocity, effort=effort,
+    )  # fmt: skip
+
+
+def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Any:
+    """A `nav_msgs/msg/Odometry` of a frame in `odom`; velocities are in the frame of the base, covariances unknown."""
+    turned = np.asarray(state.quaternion_base_in_world, dtype=np.float64)
+    linear = np.asarray(state.velocity_base_in_world, dtype=np.float64) @ rotation_matrix(turned)
+    pose = make("geometry_msgs/msg/Pose", position=point(position), orientation=quaternion(turned))
+    twist = make("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(state.angular_velocity_base))
+    return make(
+        "nav_msgs/msg/Odometry", header=header(time_ns, ODOM), child_frame_id=base,
+        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+    )  # fmt: skip
 
 
 def usable_heights(heightmap: Heightmap) -> Floats:

@@ -193,9 +193,10 @@ class Viewer:
 
     def _robot_markers(self) -> Iterator[Any]:
         for number, part in enumerate(self._looks.primitives):
+            frame = BASE if part.body == TRUNK else part.body
             yield ros.marker(
-                0, frame_of(part.body), "robot", number, KINDS[part.kind], rgba=part.rgba, scale=part.size,
-                position=part.position, wxyz=part.quaternion, locked=True,
+                0, frame, "robot", number, KINDS[part.kind], rgba=part.rgba, scale=part.size, position=part.position,
+                wxyz=part.quaternion, locked=True,
             )  # fmt: skip
 
     def _terrain_markers(self) -> Iterator[Any]:
@@ -261,18 +262,14 @@ class Viewer:
         )
 
 
-def frame_of(body: str) -> str:
-    """The frame of a body: that of the trunk is the base."""
-    return BASE if body == TRUNK else body
-
-
 class Frames:
-    """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`."""
+    """Where the frames of a robot are, as `geometry_msgs/msg/TransformStamped`; that of its trunk is named `base`."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, base: str = BASE) -> None:
         looks = looks_of(robot)
+        self._base = base
         self._links = [
-            (frame_of(parent), body, ros.vector(offset), body.endswith(f"_{LINKS[0]}"))
+            (base if parent == TRUNK else parent, body, ros.vector(offset), body.endswith(f"_{LINKS[0]}"))
             for (body, parent), offset in zip(looks.parents.items(), looks.offsets, strict=True)
             if body != TRUNK
         ]
@@ -280,7 +277,7 @@ class Frames:
 
     def camera(self, time_ns: int) -> Any:
         """The camera, z along its optical axis, on the base."""
-        return ros.place(header(time_ns, BASE), CAMERA, *self._camera)
+        return ros.place(header(time_ns, self._base), CAMERA, *self._camera)
 
     def links(self, time_ns: int, joint_position: ArrayLike) -> list[Any]:
         """The links of the legs, each in the frame of the one before it; joint positions [rad], shape (12,)."""

@@ -150,6 +150,10 @@ BAD = {
     "controller serve --endpoint x --run-dir missing": "missing/run.toml",
     "policy serve --endpoint x --run-dir junk": "junk/run.toml",
     "render serve --endpoint x --run-dir mistyped": "did you mean 'seed'?",
+    "ros2 --run-dir missing": "missing/run.toml",
+    "ros2 --run-dir run": "run/client.json5",
+    "ros2 --run-dir run --domain 300": "domain = 300: it must be from 0 to 232",
+    "ros2 --run-dir run --take --joint-names a b": "2 names of joints",
     # recordings
     "watch missing.mcap": "missing.mcap",
     "watch folder.mcap": "folder.mcap",

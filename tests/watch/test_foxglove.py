@@ -2,39 +2,25 @@
 
 import json
 import re
-import threading
-import time
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
 from foxglove.websocket import PlaybackCommand, PlaybackStatus
 from plain_reader import messages_of
-from recorded import MS, STEPS, raw, run_messages, run_samples, write
-from samples import put_run
+from recorded import MS, STEPS, raw, run_samples, write
+from speaker import EVENT, speaking
 from studio import StudioClient, studio
 
-from saltus.clock import RunClock
-from saltus.config import RunConfig, to_toml
 from saltus.recordings import viewer
 from saltus.recordings.ros_messages import STORE
-from saltus.runtime.run_folder import CLIENT_FILE, RUN_FILE
 from saltus.watch.foxglove import BACK_NS, LAYOUT, Playback
 from saltus.watch.recorded import RecordedRun
-from saltus.wire.joining import write_client
-from saltus.wire.messages import Event
-from saltus.wire.router import open_router
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
-from saltus.wire.zenoh_bus import ZenohBus
 
-EVENT = Event(time_ns=5 * MS, process="heightmap", code="depth_lost")
 RAW = {f"/{name}" for name, row in TOPICS.items() if row.recorded and row.publisher != "*"}
 EVERYTHING = {*viewer.TOPICS, *RAW, "/event/heightmap", "/status/controller"}
-PERIOD_S = 0.01
 
 
 def check_types(client: StudioClient) -> None:
@@ -47,36 +33,9 @@ def check_types(client: StudioClient) -> None:
     }
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Iterator[tuple[Path, threading.Event]]:
-    """The folder of a run whose robot says something every 10 ms until it is to end."""
-    config = RunConfig(pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
-    (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
-    endpoint, router = open_router()
-    write_client(tmp_path / CLIENT_FILE, endpoint)
-    ended, clock = threading.Event(), RunClock.of(config)
-
-    def say() -> None:
-        with ZenohBus(endpoint, config.prefix) as bus:
-            said = [*run_messages(0), ("event/heightmap", EVENT)]
-            split = {key: key.split("/") if key.startswith(("status", "event")) else (key,) for key, _ in said}
-            publishers = {key: bus.publisher(*split[key]) for key, _ in said}
-            while not ended.wait(PERIOD_S):
-                now_ns = clock.now_ns()
-                for key, message in said:
-                    publishers[key].put(replace(message, time_ns=now_ns))
-        router.close()
-
-    speaker = threading.Thread(target=say)
-    speaker.start()
-    yield tmp_path, ended
-    ended.set()
-    speaker.join()
-
-
-def test_a_run_that_goes_on_is_decoded_channel_by_channel(run: tuple[Path, threading.Event]) -> None:
-    folder, ended = run
-    with studio(str(folder), folder=folder) as (client, process):
+def test_a_run_that_goes_on_is_decoded_channel_by_channel(tmp_path: Path) -> None:
+    folder = tmp_path
+    with speaking(folder) as ended, studio(str(folder), folder=folder) as (client, process):
         client.until(lambda c: set(c.received) >= EVERYTHING, "not everything has come")
         check_types(client)
         assert client.info["capabilities"] == ["time"]  # nobody can ask anything of a run by it

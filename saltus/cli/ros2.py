@@ -1,0 +1,93 @@
+"""`saltus ros2`: heights, depth and state of a run for ROS 2, and heights for robots that speak ROS 2."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from saltus.errors import SaltusError
+from saltus.flags import Flag, shown
+
+DOMAIN_MAX = 232  # of DDS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ros2:
+    """Joins a ROS 2 graph over rmw_zenoh: sends heights, depth, joints, odometry and frames of a run, until Ctrl-C.
+
+    With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and odometry go to the
+    heightmap service. Plans are never taken. The ROS side has no secret: see docs/ros2.md.
+
+    For example:
+      saltus ros2 --run-dir runs/one
+      saltus ros2 --run-dir runs/mine --take --depth /camera/depth/image_rect_raw
+    """
+
+    run_dir: Path
+    """Folder of the run: of `saltus up`, or of `saltus router`."""
+    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
+    """The run's Zenoh router."""
+    ros_router: str = "tcp/127.0.0.1:7447"
+    """The router of the ROS graph, which rmw_zenohd is."""
+    domain: int = 0
+    """ROS_DOMAIN_ID."""
+    namespace: str = "saltus"
+    """Of the topics that are sent."""
+    base_frame: str = "base"
+    """The frame of the trunk, in which those of heights and camera hang."""
+    take: Flag = False
+    """Take in a robot's depth images, joints, IMU and odometry."""
+    depth: str = "/camera/depth/image_rect_raw"
+    """Taken with --take: sensor_msgs/Image, 16UC1 in millimetres or 32FC1 in metres."""
+    camera_info: str = "/camera/depth/camera_info"
+    """Taken with --take: sensor_msgs/CameraInfo of these images."""
+    joints: str = "/joint_states"
+    """Taken with --take: sensor_msgs/JointState."""
+    imu: str = "/imu/data"
+    """Taken with --take: sensor_msgs/Imu in the frame of the trunk."""
+    odometry: str = "/odom"
+    """Taken with --take: nav_msgs/Odometry, whose velocity is in the frame of the trunk."""
+    joint_names: Annotated[tuple[str, ...], shown("NAME", "FR_hip FR_thigh FR_calf FL_hip ... RL_calf")] = ()
+    """Their names of the twelve joints, in the order FR, FL, RR, RL; "_joint" at the end may be left out."""
+    arrival_times: Flag = False
+    """Take messages to be true when they arrive, for robots whose stamps are not this computer's time."""
+
+    def run(self) -> int:
+        """Runs until a router is gone or Ctrl-C."""
+        from saltus.clock import RunClock
+        from saltus.ros2.bridge import Receiver, Sender, run
+        from saltus.ros2.incoming import Intake
+        from saltus.ros2.outgoing import Exporter
+        from saltus.ros2.wall_clock import WallClock
+        from saltus.runtime.run_folder import endpoint_of, read_run
+        from saltus.wire.ros2_node import Ros2Node
+        from saltus.wire.zenoh_bus import ZenohBus
+
+        if not 0 <= self.domain <= DOMAIN_MAX:
+            raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")
+        found = read_run(self.run_dir)
+        config, robot = found.config, found.robot
+        if self.take and config.epoch_ns:
+            raise SaltusError(f"{self.run_dir} has a robot of its own: --take needs a folder of saltus router")
+        wall = WallClock(config)
+        intake = Intake(robot, wall, self.joint_names, arrival=self.arrival_times)
+        exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
+        with (
+            ZenohBus(self.endpoint or endpoint_of(self.run_dir), config.prefix) as bus,
+            Ros2Node(self.ros_router, "saltus", self.domain) as node,
+        ):
+            sender, receiver = Sender(bus, node, exporter, self.namespace), None
+            can = "reads what is sent here, and can feed the heights" if self.take else "reads what is sent here"
+            print(f"the ROS side is open: who reaches the router at {self.ros_router} {can}", flush=True)
+            if self.take:
+                topics = {
+                    "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints, "imu": self.imu,
+                    "odometry": self.odometry,
+                }  # fmt: skip
+                receiver = Receiver(bus, node, intake, topics, RunClock.of(config), _tell)
+            run(bus, node, sender, receiver)
+            print("the run has ended" if node.connected() else f"the router at {self.ros_router} is gone")
+            return 0 if node.connected() else 1
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,111 @@
+"""Between the bus of a run and a ROS 2 graph: what is sent, what is taken, and what is missing for it."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+
+from saltus.clock import RunClock
+from saltus.constants import POLICY_DT
+from saltus.recordings import ros_messages as ros
+from saltus.ros2.incoming import TYPES, Intake
+from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
+from saltus.wire.bus import Bus, Slot
+from saltus.wire.messages import DepthFrame, Heightmap, RobotState
+from saltus.wire.ros2_node import Ros2Node, Ros2Publisher
+
+WAIT_S = 0.1  # how often it looks whether both routers answer
+
+
+class Sender:
+    """Sends what comes on the bus to ROS."""
+
+    def __init__(self, bus: Bus, node: Ros2Node, exporter: Exporter, namespace: str) -> None:
+        self._exporter = exporter
+        self._latests = [bus.latest(name) for name in ("controller/state", "camera/depth", "heightmap/heightmap")]
+        names = {TRANSFORMS: "tf2_msgs/msg/TFMessage"} | exporter.topics
+        self._publishers: dict[str, Ros2Publisher] = {
+            name: node.publisher(full_name(namespace, name), kind, ros.hash_of(kind)) for name, kind in names.items()
+        }
+
+    def step(self) -> None:
+        """Sends the newest of each topic, if it has not been sent."""
+        for latest in self._latests:
+            sample = latest.take()
+            if sample is not None:
+                for out in self._made_of(sample.message):
+                    self._publishers[out.topic].put(ros.payload_of(out.message), time.time_ns())
+
+    def _made_of(self, message: object) -> Iterable[Outgoing]:
+        if isinstance(message, RobotState):
+            return self._exporter.of_state(message)
+        if isinstance(message, DepthFrame):
+            return self._exporter.of_frame(message)
+        return self._exporter.of_heightmap(message) if isinstance(message, Heightmap) else ()
+
+
+class Receiver:
+    """Puts what comes from ROS on the bus: images as they come, states at the rate of the service.
+
+    Args:
+        bus: Of the run, to which nobody else tells of a robot.
+        node: In the ROS graph.
+        intake: Makes our messages of theirs.
+        topics: Name in ROS of each kind of `TYPES`.
+        clock: Of the run.
+        tell: Is told in one line what is missing, whenever that changes.
+    """
+
+    def __init__(
+        self, bus: Bus, node: Ros2Node, intake: Intake, topics: Mapping[str, str], clock: RunClock,
+        tell: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self._intake = intake
+        self._topics = topics
+        self._clock = clock
+        self._tell = tell
+        self._told: list[str] | None = None
+        self._next_s = time.monotonic()
+        self._slots = {kind: Slot(bus.bell) for kind in TYPES}
+        for kind, slot in self._slots.items():
+            node.subscribe(topics[kind], TYPES[kind], ros.hash_of(TYPES[kind]), slot)
+        self._states, self._frames = bus.publisher("controller/state"), bus.publisher("camera/depth")
+
+    def step(self) -> float:
+        """Takes what has come, and sends a state if one is due; returns the time until the next is [s]."""
+        for kind, slot in self._slots.items():
+            while (raw := slot.pop()) is not None:
+                frame = self._intake.take(kind, raw.payload, self._clock.now_ns())
+                if frame is not None:
+                    self._frames.put(frame)
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self._next_s = max(self._next_s + POLICY_DT, now_s)
+            now_ns = self._clock.now_ns()
+            state = self._intake.state(now_ns)
+            if state is not None:
+                self._states.put(state)
+            self._say(self._intake.missing(now_ns))
+        return self._next_s - time.monotonic()
+
+    def _say(self, missing: list[str]) -> None:
+        if missing != self._told:
+            self._told = missing
+            names = ", ".join(f"{kind} ({self._topics[kind]})" for kind in missing)
+            refused = ", ".join(f"{count} {name}" for name, count in self._intake.rejected.items())
+            waits = f"waiting for {names}" if missing else "the robot's state is complete"
+            self._tell(f"{waits}; refused so far: {refused}" if refused else waits)
+
+
+def run(bus: Bus, node: Ros2Node, sender: Sender, receiver: Receiver | None) -> None:
+    """Sends and takes until the router of the run or that of ROS is gone."""
+    while bus.connected() and node.connected():
+        looked_s = time.monotonic()
+        while time.monotonic() - looked_s < WAIT_S:
+            heard = bus.bell.rings
+            sender.step()
+            wait_s = WAIT_S if receiver is None else max(0.0, receiver.step())
+            bus.bell.wait(heard, min(wait_s, WAIT_S))
+
+
+def full_name(namespace: str, name: str) -> str:
+    """A topic below the namespace; what begins with a slash is not below it."""
+    return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
