@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import ndtri
 
 from saltus.arrays import namespace
 from saltus.effects.effect import PerRobot, like, parameter
@@ -36,6 +35,8 @@ class EdgeHoles(RandomStereoEffect):
 
     def drawn(self, signal: StereoImage, keys: Any) -> StereoImage:
         """Loses pixels at edges."""
+        from scipy.special import ndtri  # here, so that a router, which reads cameras and draws none, needs no SciPy
+
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
         rows, columns = math.ceil(self.reach / optics.pitch_y), math.ceil(self.reach / optics.pitch_x)

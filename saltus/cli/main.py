@@ -3,14 +3,14 @@
 import ast
 import errno
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Protocol, cast
+from typing import Annotated, Any, Protocol, cast
 
 from tyro.conf import subcommand
 
@@ -71,11 +71,23 @@ def _run(arguments: Sequence[str]) -> int:
 
             print(f"saltus {package_version('saltus')} ({commit()})")
             return 0
+        if arguments[:1] == ["--completion"]:
+            from saltus.cli.completion import completion_script
+
+            print(completion_script(_union(_imported), " ".join(arguments[1:])))
+            return 0
         return command_of(arguments).run()
     except Ended:
         raise
     except SaltusError as error:
         print(f"saltus: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        package = (error.name or "").split(".")[0]
+        if package in ("", "saltus"):
+            raise  # a fault of ours, not of the installation
+        hint = "pip install saltus (saltus doctor says what else is missing)"
+        print(f"saltus: this needs the package '{package}', which is not installed: {hint}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -105,9 +117,13 @@ def command_of(arguments: Sequence[str]) -> Command:
             return cast(Command, kind(name=words[0], arguments=tuple(words[1:])))
         with suppress(SaltusError):  # which is told below, with what the other commands take
             return cast(Command, parse(kind, words, prog=f"saltus {name}", description=None))
-    kinds = _described if name in ("-h", "--help") else _imported
-    union = reduce(or_, [Annotated[kinds(name), subcommand(name)] for name in COMMANDS])
+    union = _union(_described if name in ("-h", "--help") else _imported)
     return cast(Command, parse(union, arguments, prog="saltus", description="A legged robot that sees where it steps."))
+
+
+def _union(kinds: Callable[[str], type]) -> Any:
+    """All commands, each by the class that `kinds` makes of its name."""
+    return reduce(or_, [Annotated[kinds(name), subcommand(name)] for name in COMMANDS])
 
 
 def _imported(name: str) -> type:

@@ -84,12 +84,13 @@ def _one_line(box: str) -> str:
 def _unknown(word: str, text: str) -> str:
     """What cannot be understood, and what is like it among what tyro lists."""
     if commands := re.search(r"Available subcommands: (.*?) (?:Perhaps|For full)", text):
-        return f"there is no command '{word}': {nearest_hint(word, [*commands[1].split(', '), '--help', '--version'])}"
+        known = [*commands[1].split(", "), "--help", "--version", "--completion"]
+        return f"there is no command '{word}': {nearest_hint(word, known)}"
     entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]
     commands_of = {entry.split()[0]: re.findall(r"in (saltus .*?) --help", entry) for entry in reversed(entries)}
     asked = re.search(r"\(applied to (.*?)\)", text)
     own = {flag for flag, commands in commands_of.items() if asked and asked[1] in commands}
     if word in commands_of and not own:
         return f"{word} is a flag of {', '.join(commands_of[word])}"
-    known = own or set(commands_of)
-    return f"'{word}' is not understood{f': {nearest_hint(word, known)}' if known else ''} (see --help)"
+    flags = own or set(commands_of)
+    return f"'{word}' is not understood{f': {nearest_hint(word, flags)}' if flags else ''} (see --help)"

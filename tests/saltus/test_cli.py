@@ -70,3 +70,28 @@ def test_the_list_of_commands_says_what_each_says_itself_and_imports_none(
     ).stdout.split()
     assert "saltus.cli.main" in loaded
     assert {"numpy", *(f"saltus.cli.{name}" for name in COMMANDS)} & set(loaded) == set()
+
+
+COMPLETIONS = {
+    "saltus heigh": ["heightmap"],
+    "saltus heightmap s": ["serve"],
+    "saltus demo --terr": ["--terrain"],  # its description has several lines
+    "saltus demo --pace ": ["lockstep", "realtime"],
+}
+
+
+def test_bash_completes_commands_flags_and_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", "bash"]) == 0
+    script = tmp_path / "saltus"
+    script.write_text(capsys.readouterr().out)
+    for line, expected in COMPLETIONS.items():
+        words = [shlex.quote(word) for word in line.split(" ")]
+        typed = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}"
+        program = f'source {script}; {typed}; _tyro_saltus; printf "%s\\n" "${{COMPREPLY[@]}}"'
+        done = subprocess.run(["/bin/bash", "-c", program], capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines() == expected
+
+
+def test_a_shell_that_is_not_known_is_told_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", "fish"]) == 2
+    assert "bash" in capsys.readouterr().err
