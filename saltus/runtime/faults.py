@@ -18,9 +18,10 @@ from saltus.errors import StackError
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
-from saltus.runtime.stack import SUPERVISOR, Stack
+from saltus.runtime.stack import Stack
 from saltus.wire.bus import Latest
 from saltus.wire.messages import (
+    SUPERVISOR,
     ControllerMode,
     Event,
     GroundTruth,

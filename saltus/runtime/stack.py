@@ -32,7 +32,7 @@ from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, topic_of, unpack
 from saltus.wire.joining import write_client
-from saltus.wire.messages import OPERATOR, Event, ProcessStatus
+from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
 from saltus.wire.router import Network, open_router
 from saltus.wire.topics import TOPICS
 from saltus.wire.zenoh_bus import ZenohBus
@@ -59,7 +59,6 @@ LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its record
 POLL_S = 0.01
 RECORDED_AT_A_TIME = 20
 """Samples, of some 600 a second: on a busy computer the processes are looked after although the recording is behind."""
-SUPERVISOR = "supervisor"
 
 
 class Stack:

@@ -29,6 +29,8 @@ from saltus.watch.recorded import RecordedRun
 from saltus.watch.source import Source
 from saltus.wire import codec
 from saltus.wire.bus import topic_of
+from saltus.wire.messages import OPERATOR, SUPERVISOR
+from saltus.wire.roles import PROCESSES
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
 
@@ -37,6 +39,9 @@ LOOPBACK = "127.0.0.1"
 SENT_HZ = 30.0  # enough for the eye: what has come in since is sent at once
 LOOK_S = 0.5  # how often it looks whether the run has begun or ended
 UNWATCHED_S = 0.2  # how often it looks whether somebody watches
+SENDERS = (*PROCESSES, SUPERVISOR, OPERATOR)
+"""Of topics of which each process has its own. A client that subscribes as soon as it is told of a channel may be too
+quick for the SDK, which knows no such channel yet: those of others are there when they speak, and may be missed."""
 BACK_NS = 250_000_000  # before a moment that somebody jumps to: enough for one message of every derived topic
 
 
@@ -84,9 +89,10 @@ class Studio:
         self._channels: dict[str, foxglove.Channel] = {}
         for topic, (type_name, _) in viewer.TOPICS.items():
             self._channel(topic, type_name)
-        for row in TOPICS.values():  # others, of which each process has its own, when they come
-            if row.recorded and row.publisher != "*":
-                self._channel(f"/{row.name}", TYPE_NAME[row.message])
+        for row in TOPICS.values():
+            for sender in SENDERS if row.publisher == "*" else ("",):
+                if row.recorded:
+                    self._channel(f"/{row.name}/{sender}".rstrip("/"), TYPE_NAME[row.message])
 
     @property
     def address(self) -> str:

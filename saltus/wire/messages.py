@@ -17,6 +17,8 @@ Floats = NDArray[np.floating]
 
 OPERATOR = "operator"
 """Whose events, under `event/operator`, ask something of a run."""
+SUPERVISOR = "supervisor"
+"""Who starts and watches the processes of a run; its events are under `event/supervisor`."""
 
 
 class HeightmapStatus(IntEnum):
