@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installs the Debian libraries that Open3D (Embree) and OSMesa need, when it may; else prints the line to type. With
-# the word tests also the browser in which the page of saltus watch is tested.
+# the word tests also the browser in which the page of saltus watch is tested, and Cyclone DDS 0.10 for a peer in C.
 set -eu
 packages="libosmesa6 libgl1 libegl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
 browser="chromium-headless-shell"
@@ -9,8 +9,11 @@ for pair in libOSMesa.so:libosmesa6 libGL.so.1:libgl1 libEGL.so.1:libegl1 libgom
     libidn2.so.0:libidn2-0 libudev.so.1:libudev1 libusb-1.0.so.0:libusb-1.0-0 libX11.so.6:libx11-6; do
     /sbin/ldconfig -p | grep -q "${pair%%:*}" || missing="$missing ${pair##*:}"
 done
-if [ "${1:-}" = tests ] && ! command -v "$browser" >/dev/null; then
-    missing="$missing $browser"
+if [ "${1:-}" = tests ]; then
+    command -v "$browser" >/dev/null || missing="$missing $browser"
+    command -v idlc >/dev/null || missing="$missing cyclonedds-tools"
+    [ -e /usr/include/dds/dds.h ] || missing="$missing cyclonedds-dev"
+    command -v gcc >/dev/null || missing="$missing gcc"
 fi
 [ -n "$missing" ] || exit 0
 line="apt-get install -y --no-install-recommends$missing"

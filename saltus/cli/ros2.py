@@ -1,18 +1,24 @@
 """`saltus ros2`: heights, depth and state of a run for ROS 2, and heights for robots that speak ROS 2."""
 
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from saltus.errors import SaltusError
 from saltus.flags import Flag, shown
 
+if TYPE_CHECKING:
+    from saltus.ros2.dds import DdsNode
+    from saltus.wire.ros2_node import Ros2Node
+
+DDS = "pip install 'saltus[dds]'"
 DOMAIN_MAX = 232  # of DDS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ros2:
-    """Joins a ROS 2 graph over rmw_zenoh: sends heights, depth, joints, odometry and frames of a run, until Ctrl-C.
+    """Joins a ROS 2 graph over rmw_zenoh or DDS: sends heights, depth, joints, odometry, frames of a run, until Ctrl-C.
 
     With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and odometry go to the
     heightmap service. Plans are never taken. The ROS side has no secret: see docs/ros2.md.
@@ -20,6 +26,7 @@ class Ros2:
     For example:
       saltus ros2 --run-dir runs/one
       saltus ros2 --run-dir runs/mine --take --depth /camera/depth/image_rect_raw
+      saltus ros2 --run-dir runs/one --dds
     """
 
     run_dir: Path
@@ -28,6 +35,8 @@ class Ros2:
     """The run's Zenoh router."""
     ros_router: str = "tcp/127.0.0.1:7447"
     """The router of the ROS graph, which rmw_zenohd is."""
+    dds: Flag = False
+    """Over plain DDS in place of Zenoh, for Cyclone DDS and Fast DDS; CYCLONEDDS_URI says how it uses the network."""
     domain: int = 0
     """ROS_DOMAIN_ID."""
     namespace: str = "saltus"
@@ -59,7 +68,6 @@ class Ros2:
         from saltus.ros2.outgoing import Exporter
         from saltus.ros2.wall_clock import WallClock
         from saltus.runtime.run_folder import endpoint_of, read_run
-        from saltus.wire.ros2_node import Ros2Node
         from saltus.wire.zenoh_bus import ZenohBus
 
         if not 0 <= self.domain <= DOMAIN_MAX:
@@ -73,11 +81,12 @@ class Ros2:
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
             ZenohBus(self.endpoint or endpoint_of(self.run_dir), config.prefix) as bus,
-            Ros2Node(self.ros_router, "saltus", self.domain) as node,
+            self._node() as node,
         ):
             sender, receiver = Sender(bus, node, exporter, self.namespace), None
             can = "reads what is sent here, and can feed the heights" if self.take else "reads what is sent here"
-            print(f"the ROS side is open: who reaches the router at {self.ros_router} {can}", flush=True)
+            place = f"domain {self.domain} of DDS" if self.dds else f"the router at {self.ros_router}"
+            print(f"the ROS side is open: who reaches {place} {can}", flush=True)
             if self.take:
                 topics = {
                     "depth": self.depth, "camera_info": self.camera_info, "joints": self.joints, "imu": self.imu,
@@ -87,6 +96,17 @@ class Ros2:
             run(bus, node, sender, receiver)
             print("the run has ended" if node.connected() else f"the router at {self.ros_router} is gone")
             return 0 if node.connected() else 1
+
+    def _node(self) -> "Ros2Node | DdsNode":
+        if self.dds:
+            if importlib.util.find_spec("cyclonedds") is None:
+                raise SaltusError("--dds needs the package 'cyclonedds', which is not installed: " + DDS)
+            from saltus.ros2.dds import DdsNode
+
+            return DdsNode(self.domain)
+        from saltus.wire.ros2_node import Ros2Node
+
+        return Ros2Node(self.ros_router, "saltus", self.domain)
 
 
 def _tell(line: str) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from saltus.errors import MessageError
@@ -73,6 +74,20 @@ def payload_of(message: Any) -> bytes:
 def hash_of(type_name: str) -> str:
     """The hash of a type and of all that it contains: RIHS01_ and 64 hexadecimal digits (REP 2016)."""
     return str(STORE.hash_rihs01(type_name))
+
+
+def fields_of(type_name: str) -> list[tuple[str, tuple[str, Any]]]:
+    """Name and kind of each field: ("base", name), ("type", name), ("array", (kind, n)) or ("sequence", (kind, n))."""
+    return [(name, _kind(description)) for name, description in STORE.fielddefs[type_name][1]]
+
+
+def _kind(description: Any) -> tuple[str, Any]:
+    node, what = description
+    if node == Nodetype.BASE:
+        return "base", what[0]
+    if node == Nodetype.NAME:
+        return "type", what
+    return ("array" if node == Nodetype.ARRAY else "sequence"), (_kind(what[0]), what[1])
 
 
 def decode(type_name: str, payload: bytes) -> Any:

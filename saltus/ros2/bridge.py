@@ -10,7 +10,7 @@ from saltus.ros2.incoming import TYPES, Intake
 from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
 from saltus.wire.bus import Bus, Slot
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
-from saltus.wire.ros2_node import Ros2Node, Ros2Publisher
+from saltus.wire.ros2_node import RosNode, RosPublisher
 
 WAIT_S = 0.1  # how often it looks whether both routers answer
 
@@ -18,11 +18,11 @@ WAIT_S = 0.1  # how often it looks whether both routers answer
 class Sender:
     """Sends what comes on the bus to ROS."""
 
-    def __init__(self, bus: Bus, node: Ros2Node, exporter: Exporter, namespace: str) -> None:
+    def __init__(self, bus: Bus, node: RosNode, exporter: Exporter, namespace: str) -> None:
         self._exporter = exporter
         self._latests = [bus.latest(name) for name in ("controller/state", "camera/depth", "heightmap/heightmap")]
         names = {TRANSFORMS: "tf2_msgs/msg/TFMessage"} | exporter.topics
-        self._publishers: dict[str, Ros2Publisher] = {
+        self._publishers: dict[str, RosPublisher] = {
             name: node.publisher(full_name(namespace, name), kind, ros.hash_of(kind)) for name, kind in names.items()
         }
 
@@ -55,7 +55,7 @@ class Receiver:
     """
 
     def __init__(
-        self, bus: Bus, node: Ros2Node, intake: Intake, topics: Mapping[str, str], clock: RunClock,
+        self, bus: Bus, node: RosNode, intake: Intake, topics: Mapping[str, str], clock: RunClock,
         tell: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._intake = intake
@@ -95,7 +95,7 @@ class Receiver:
             self._tell(f"{waits}; refused so far: {refused}" if refused else waits)
 
 
-def run(bus: Bus, node: Ros2Node, sender: Sender, receiver: Receiver | None) -> None:
+def run(bus: Bus, node: RosNode, sender: Sender, receiver: Receiver | None) -> None:
     """Sends and takes until the router of the run or that of ROS is gone."""
     while bus.connected() and node.connected():
         looked_s = time.monotonic()

@@ -6,7 +6,7 @@ here knows a secret: whoever reaches the router of that graph reads and writes a
 
 import secrets
 import time
-from typing import Any
+from typing import Any, Protocol
 
 import zenoh
 
@@ -49,8 +49,28 @@ def endpoint_token(
     return f"{place}/%{topic.strip('/').replace('/', '%')}/{dds_name(type_name)}/{type_hash}/{quality}"
 
 
+class RosPublisher(Protocol):
+    """One topic of a node."""
+
+    def put(self, payload: bytes, wall_ns: int) -> None:
+        """Sends CDR with its header of four bytes, as of a time since 1970 [ns]; never waits for a reader."""
+
+
+class RosNode(Protocol):
+    """A node of a ROS 2 graph, whatever carries it."""
+
+    def connected(self) -> bool:
+        """Whether others can be reached."""
+
+    def publisher(self, topic: str, type_name: str, type_hash: str) -> RosPublisher:
+        """Announces a publisher; `type_hash` is RIHS01_ and 64 hexadecimal digits."""
+
+    def subscribe(self, topic: str, type_name: str, type_hash: str, slot: Slot) -> None:
+        """Announces a subscription and puts what comes into a slot."""
+
+
 class Ros2Node:
-    """A node, as a context manager. It is a client: a ROS router passes nothing on between peers.
+    """A node over Zenoh, as a context manager. It is a client: a ROS router passes nothing on between peers.
 
     Raises:
         StackError: no router answers at the endpoint.

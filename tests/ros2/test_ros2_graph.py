@@ -8,10 +8,11 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
+import ros_idl
 import ros_peer
 import zenoh
 from recorded import run_messages
@@ -34,6 +35,12 @@ from saltus.wire.zenoh_bus import ZenohBus
 
 PATIENCE_S = 60.0
 PEER = Path(ros_peer.__file__)
+DOMAIN = 91  # of DDS; nobody's default
+LOOPBACK = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>"
+)
 SENT = {f"/saltus/{name}": kind for name, (kind, _) in (HEIGHTS | OF_ROBOT).items()} | {"/tf": "tf2_msgs/msg/TFMessage"}
 
 
@@ -66,9 +73,9 @@ def saltus_ros2(folder: Path, port: int, *more: str) -> Any:
     return program(*command, "--ros-router", f"tcp/127.0.0.1:{port}", *more)
 
 
-def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
+def lines_of(process: "subprocess.Popen[str]") -> IO[str]:
     assert process.stdout is not None
-    yield from process.stdout
+    return process.stdout
 
 
 def read_all(process: "subprocess.Popen[str]", topics: set[str]) -> dict[str, Any]:
@@ -132,6 +139,22 @@ def test_another_program_reads_heights_depth_and_state_of_a_run(tmp_path: Path, 
     assert set(frames) == {"base", "base_yaw", "camera", *JOINTS}
 
 
+def check_taken(body: Any, image: Any) -> None:
+    """They are the robot of `ros_peer`, in our frames and order."""
+    position = [ros_peer.POSITION[name.split("_")[1]] for name in JOINTS]
+    np.testing.assert_allclose(body.joint_position, position)
+    turned = [np.cos(0.5 * ros_peer.PITCH), 0.0, np.sin(0.5 * ros_peer.PITCH), 0.0]
+    np.testing.assert_allclose(body.quaternion_base_in_world, turned)
+    ahead = [np.cos(ros_peer.PITCH), 0.0, -np.sin(ros_peer.PITCH)]
+    np.testing.assert_allclose(body.velocity_base_in_world, ros_peer.VELOCITY * np.array(ahead))
+    np.testing.assert_allclose(body.angular_velocity_base, [0.0, 0.0, 0.2])
+    feet = KINEMATICS.position(np.array(position)) @ rotation_matrix(np.array(turned)).T
+    assert body.base_height == pytest.approx(ROBOT.foot_radius - feet[:, 2].min())
+    assert image.depth.shape == (ros_peer.HEIGHT, ros_peer.WIDTH)
+    assert (image.depth == ros_peer.DEPTH_MM).all()
+    assert (image.fx, image.cx, image.cy) == (ros_peer.FOCAL, 0.5 * ros_peer.WIDTH, 0.5 * ros_peer.HEIGHT)
+
+
 def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int) -> None:
     """What it says comes to the service in our frames and order; what the service answers comes to it."""
     config = RunConfig(pace="realtime")
@@ -165,19 +188,7 @@ def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int)
             answers.put(heightmap)
             time.sleep(0.01)
         read = read_all(reader, {topic, "/tf"})
-    body, image = state.message, frame.message
-    position = [ros_peer.POSITION[name.split("_")[1]] for name in JOINTS]
-    np.testing.assert_allclose(body.joint_position, position)
-    turned = [np.cos(0.5 * ros_peer.PITCH), 0.0, np.sin(0.5 * ros_peer.PITCH), 0.0]
-    np.testing.assert_allclose(body.quaternion_base_in_world, turned)
-    ahead = [np.cos(ros_peer.PITCH), 0.0, -np.sin(ros_peer.PITCH)]
-    np.testing.assert_allclose(body.velocity_base_in_world, ros_peer.VELOCITY * np.array(ahead))
-    np.testing.assert_allclose(body.angular_velocity_base, [0.0, 0.0, 0.2])
-    feet = KINEMATICS.position(np.array(position)) @ rotation_matrix(np.array(turned)).T
-    assert body.base_height == pytest.approx(ROBOT.foot_radius - feet[:, 2].min())
-    assert image.depth.shape == (ros_peer.HEIGHT, ros_peer.WIDTH)
-    assert (image.depth == ros_peer.DEPTH_MM).all()
-    assert (image.fx, image.cx, image.cy) == (ros_peer.FOCAL, 0.5 * ros_peer.WIDTH, 0.5 * ros_peer.HEIGHT)
+    check_taken(state.message, frame.message)
     np.testing.assert_allclose(read[topic]["data"][0]["data"][:30], heightmap.height[::-1], rtol=1e-6)
     frames_read = {each["child_frame_id"]: each["header"]["frame_id"] for each in read["/tf"]["transforms"]}
     assert frames_read == {"base_yaw": "base_link", "camera": "base_link"}
@@ -214,3 +225,72 @@ def test_others_see_the_node_its_topics_and_types(tmp_path: Path, ros_port: int)
         assert key == topic_keyexpr(7, topic, ros2_node.dds_name(kind), ros_peer.hash_of(kind))
     assert tokens == expected
     assert set(TYPES.values()) <= set(TEXTS)
+
+
+def compiled(folder: Path) -> Path:
+    """A peer in C with types that Debian's idlc 0.10.2 makes of the packages' texts."""
+    (folder / "ros.idl").write_text(ros_idl.idl())
+    subprocess.run(["/usr/bin/idlc", "ros.idl"], cwd=folder, check=True)
+    order = [name.split("_")[1] for name in ros_peer.NAMES]
+    values = {
+        "NAMES": ",".join(f'"{name}"' for name in ros_peer.NAMES),
+        "POSITIONS": ",".join(str(ros_peer.POSITION[link]) for link in order),
+        "WIDTH": ros_peer.WIDTH, "HEIGHT": ros_peer.HEIGHT, "FOCAL": ros_peer.FOCAL, "VELOCITY": ros_peer.VELOCITY,
+        "DEPTH_M": 1e-3 * ros_peer.DEPTH_MM,
+        "TURN_Y": np.sin(0.5 * ros_peer.PITCH), "TURN_W": np.cos(0.5 * ros_peer.PITCH),
+    }  # fmt: skip
+    defined = [f"-D{name}={value}" for name, value in values.items()]
+    source = str(Path(__file__).with_name("dds_peer.c"))
+    subprocess.run(["/usr/bin/gcc", "-I.", *defined, "-o", "peer", source, "ros.c", "-lddsc"], cwd=folder, check=True)
+    return folder / "peer"
+
+
+def test_a_robot_on_cyclone_0_10_is_given_heights_and_survives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A type of Cyclone 11's own would end it with a segmentation fault."""
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    config = RunConfig(pace="realtime")
+    (put_run(tmp_path, config) / RUN_FILE).write_text(to_toml(config))
+    endpoint, router = open_router()
+    write_client(tmp_path / CLIENT_FILE, endpoint)
+    heightmap: Any = dict(run_messages(0))["heightmap/heightmap"]
+    peer = [str(compiled(tmp_path)), str(DOMAIN), "20"]
+    with (
+        contextlib.closing(router),
+        ZenohBus(endpoint, config.prefix) as bus,
+        saltus_ros2(tmp_path, 1, "--take", "--dds", "--domain", str(DOMAIN)) as bridge,
+        subprocess.Popen(peer, stdout=subprocess.PIPE, text=True) as other,
+    ):
+        states, frames = bus.latest("controller/state"), bus.latest("camera/depth")
+        answers = bus.publisher("heightmap/heightmap")
+        assert f"domain {DOMAIN} of DDS reads what is sent here, and can feed" in next(lines_of(bridge))
+        state, frame = states.wait(PATIENCE_S), frames.wait(PATIENCE_S)
+        until_s = time.monotonic() + PATIENCE_S
+        while other.poll() is None and time.monotonic() < until_s:
+            answers.put(heightmap)
+            time.sleep(0.01)
+        assert other.returncode == 0
+        assert other.stdout is not None
+        told = [line.split() for line in other.stdout]
+    assert state is not None
+    assert frame is not None
+    check_taken(state.message, frame.message)
+    variance = (heightmap.half_width_90[::-1] / 1.645) ** 2
+    assert len(told) == 20
+    for words in told:
+        assert words[:3] == ["base_yaw", "elevation", "variance"]
+        values = np.array(words[3:], dtype=np.float64).reshape(2, 2, 30)
+        for column in range(2):
+            np.testing.assert_allclose(values[0, column], heightmap.height[::-1], rtol=1e-6)
+            np.testing.assert_allclose(values[1, column], variance, rtol=1e-5)
+
+
+def test_types_that_dds_is_told_are_those_of_the_packages(tmp_path: Path) -> None:
+    """Names and order of fields as in the texts; every uint8 an octet, which Cyclone 0.10 knows."""
+    from saltus.ros2 import dds
+
+    for name, text in TEXTS.items():
+        kind = dds.type_of(name)
+        fields = [line.split()[1] for line in text.splitlines() if "=" not in line]
+        assert list(kind.__annotations__) == fields
+        assert kind.__idl_typename__.replace(".", "::") == ros2_node.dds_name(name)
+    assert dds.BASE["uint8"] is dds.types.byte
