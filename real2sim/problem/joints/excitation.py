@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import zoom_fft
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import Reach
@@ -117,16 +118,21 @@ def _step(angles: Floats) -> float | None:
     counts = np.bincount(bins)
     # multiples are counted from 0: far from it, lines must lie close for the phase to be right between them
     size = LINES * max(len(counts), int(np.abs(angles).max() / BIN))
-    spectrum = np.fft.rfft(counts, n=size) / len(angles)
-    frequency = np.fft.rfftfreq(size, BIN)
+    # that angle is a multiple of the step, and a line of this spectrum then lies at one over the step
+    first, last = (int(size * BIN / step) + 1 for step in (COARSEST_STEP, FINEST_STEP))
+    frequency = np.arange(first, last) / (size * BIN)
+    if len(frequency) < 2:  # whatever its velocities say, the joint has not moved by a step
+        return None
+    # these lines alone: that of all takes long where a large prime number divides their number
+    spectrum = zoom_fft(counts, np.array([first, last]) / size, m=last - first, fs=1.0) / len(angles)
     # angles that are multiples of a step are in phase at one over it
     score = np.real(spectrum * np.exp(-2j * np.pi * frequency * (angles.min() + 0.5 * BIN)))
-    tried = (frequency > 1.0 / COARSEST_STEP) & (frequency < 1.0 / FINEST_STEP)
-    spread = float(np.median(np.abs(score[tried]))) / 0.6745
-    best = int(np.argmax(np.where(tried, score, -np.inf)))
+    spread = float(np.median(np.abs(score))) / 0.6745
+    best = int(np.argmax(score))
     if score[best] < max(LEAST_SPREADS * spread, LEAST_SCORE):
         return None
     # the spectrum's lines are wide; near the best one, from the angles themselves
-    near = np.linspace(frequency[max(best - 1, 0)], frequency[best + 1], REFINED)
+    line = frequency[1] - frequency[0]
+    near = np.linspace(frequency[best] - line, frequency[best] + line, REFINED)
     some = angles[:: max(1, len(angles) // LEAST_ROWS)]
     return float(1.0 / near[np.argmax(np.cos(2.0 * np.pi * near[:, None] * some).sum(axis=1))])
