@@ -45,11 +45,12 @@ class BatchedSolver:
         pull = (model @ (qp.target * self._root_weight.like(one))[..., None])[..., 0]
         inverse = self._inverse(model)
 
-        force = self._project((inverse @ pull[..., None])[..., 0], standing)
+        free = (inverse @ pull[..., None])[..., 0]
+        force = self._project(free, standing)
         excess = xp.zeros_like(force)
+        start, held = RELAXATION * free, (RELAXATION * self._spring) * inverse
         for _ in range(self._steps):
-            free = (inverse @ (pull + self._spring * (force - excess))[..., None])[..., 0]
-            relaxed = RELAXATION * free + (1.0 - RELAXATION) * force + excess
+            relaxed = start + (held @ (force - excess)[..., None])[..., 0] + (1.0 - RELAXATION) * force + excess
             force = self._project(relaxed, standing)
             excess = relaxed - force
         return force
@@ -66,15 +67,16 @@ class BatchedSolver:
         xp = namespace(force)
         mu = self._friction
         feet = force.reshape((*force.shape[:-1], 4, 3))
-        x, y, z = feet[..., 0], feet[..., 1], feet[..., 2]
-        larger, smaller = xp.maximum(xp.abs(x), xp.abs(y)), xp.minimum(xp.abs(x), xp.abs(y))
-        # fz minimises a convex function of one variable: no side of the pyramid is active, or one, or two
-        one_side = (z + mu * larger) * (1.0 / (1.0 + mu * mu))
-        two_sides = (z + mu * (larger + smaller)) * (1.0 / (1.0 + 2.0 * mu * mu))
-        z = xp.where(mu * z >= larger, z, xp.where(mu * one_side >= smaller, one_side, two_sides))
-        z = xp.clip(z, self._low, self._high)
+        sides, z = feet[..., :2], feet[..., 2]
+        size = xp.abs(sides)
+        x, y = size[..., 0], size[..., 1]
+        # fz minimises a convex function of one variable, whose slope is the least of those with no side of the pyramid
+        # active, one, or both: the zero of the least of rising lines is the largest of their zeros
+        one_side = (z + mu * xp.maximum(x, y)) * (1.0 / (1.0 + mu * mu))
+        two_sides = (z + mu * (x + y)) * (1.0 / (1.0 + 2.0 * mu * mu))
+        z = xp.clip(xp.maximum(xp.maximum(z, one_side), two_sides), self._low, self._high)[..., None]
         bound = mu * z
-        allowed = xp.stack([xp.minimum(xp.maximum(x, -bound), bound), xp.minimum(xp.maximum(y, -bound), bound), z], -1)
+        allowed = xp.concat([xp.clip(sides, -bound, bound), z], axis=-1)
         return allowed.reshape(force.shape) * standing
 
 
@@ -87,12 +89,11 @@ def invert(matrix: Array) -> Array:
     xp = namespace(matrix)
     size = matrix.shape[-1]
     rows = [matrix[..., i, :] for i in range(size)]
-    unit = Constant([[float(i == j) for j in range(size)] for i in range(size)]).like(matrix)
+    units = Constant([[float(i == j) for j in range(size)] for i in range(size)]).like(matrix)
     for k in range(size):
+        unit, rest = units[k], 1.0 - units[k]
         pivot = 1.0 / rows[k][..., k : k + 1]
         # The column that becomes a unit vector is stored as the column of the inverse that it makes room for.
-        scaled = (rows[k] * (1.0 - unit[k]) + unit[k]) * pivot
-        rows = [
-            scaled if i == k else row * (1.0 - unit[k]) - row[..., k : k + 1] * scaled for i, row in enumerate(rows)
-        ]
+        scaled = (rows[k] * rest + unit) * pivot
+        rows = [scaled if i == k else row * rest - row[..., k : k + 1] * scaled for i, row in enumerate(rows)]
     return xp.stack(rows, -2)

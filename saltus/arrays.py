@@ -49,14 +49,14 @@ class Constant:
 
     def __init__(self, value: ArrayLike) -> None:
         self._value: NDArray[np.float64] = np.array(value, dtype=np.float64)  # torch wants arrays that can be written
-        self._converted: dict[tuple[type, Any, str], Array] = {}
+        self._converted: dict[tuple[type, Any, Any], Array] = {}
 
     def like(self, reference: Array) -> Array:
         """The constant as an array of the same kind as `reference`."""
         if type(reference) is np.ndarray and reference.dtype == self._value.dtype:
             return self._value
-        device = array_api_compat.device(reference)
-        key = (type(reference), reference.dtype, str(device))
+        device = reference.device
+        key = (type(reference), reference.dtype, device)
         found = self._converted.get(key)
         if found is None:
             xp = namespace(reference)

@@ -30,10 +30,12 @@ def rotation_of_one(quaternion: Sequence[Array]) -> tuple[tuple[Array, Array, Ar
     """`rotation_matrix` row by row, from the four components as floats or arrays."""
     w, x, y, z = quaternion
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    xy, xz, yz = 2.0 * (x * y), 2.0 * (x * z), 2.0 * (y * z)
+    wx, wy, wz = 2.0 * (w * x), 2.0 * (w * y), 2.0 * (w * z)
     return (
-        (ww + xx - yy - zz, 2.0 * (x * y) - 2.0 * (w * z), 2.0 * (x * z) + 2.0 * (w * y)),
-        (2.0 * (x * y) + 2.0 * (w * z), ww - xx + yy - zz, 2.0 * (y * z) - 2.0 * (w * x)),
-        (2.0 * (x * z) - 2.0 * (w * y), 2.0 * (y * z) + 2.0 * (w * x), ww - xx - yy + zz),
+        (ww + xx - yy - zz, xy - wz, xz + wy),
+        (xy + wz, ww - xx + yy - zz, yz - wx),
+        (xz - wy, yz + wx, ww - xx - yy + zz),
     )
 
 
