@@ -1,11 +1,14 @@
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 import torch
-from heightmap_inputs import WARMUP
+from heightmap_inputs import SHORT_STAND_STEPS, WARMUP
 from synthetic_motion import gliding_episodes
 
 from saltus.depth_camera import SHIPPED
+from saltus.heightmap.data import closed_loop
 from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
@@ -35,6 +38,14 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data")
     write_shard(path, gliding_episodes(20, seed=0), seed=0, config={"source": "synthetic"})
     return path
+
+
+@pytest.fixture(scope="module")
+def short_stand() -> Iterator[None]:
+    """Robots of closed loops set out after half a second, not after one: what comes then is looked at."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(closed_loop, "Rollout", partial(closed_loop.Rollout, stand_steps=SHORT_STAND_STEPS))
+        yield
 
 
 @pytest.fixture(scope="module")

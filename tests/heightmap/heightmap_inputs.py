@@ -14,6 +14,8 @@ from saltus.wire.messages import DepthFrame, RobotState
 MS = 1_000_000
 WARMUP = 4
 """Images that the model of the tests needs."""
+SHORT_STAND_STEPS = 50
+"""Of robots in closed loops: a shorter run than this and some steps is no episode."""
 
 
 def frame(frame_id: int, time_ms: float, depth: np.ndarray | None = None) -> DepthFrame:

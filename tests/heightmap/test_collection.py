@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from heightmap_inputs import SHORT_STAND_STEPS
 from samples import EVERYTHING, PROFILE, ROBOT
 
 from saltus.cli.main import main
@@ -20,13 +21,14 @@ from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
-from saltus.policy.evaluation.rollout import STAND_STEPS, Rollout
+from saltus.policy.evaluation.rollout import Rollout
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.policy.training.checkpoint import read_checkpoint
 from saltus.terrain import flat
 from saltus.trial import Trial
 
-ROBOTS, TICKS = 2, STAND_STEPS + 8
+pytestmark = pytest.mark.usefixtures("short_stand")
+ROBOTS, TICKS = 2, SHORT_STAND_STEPS + 10
 POLICY = Path(__file__).resolve().parents[2] / "models" / "checkpoints" / "policy.pt"
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from heightmap_inputs import SHORT_STAND_STEPS
 from samples import KINEMATICS, ROBOT
 
 from saltus.cli.main import main
@@ -21,14 +22,14 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
 from saltus.heightmap.training.dagger import Observer, dagger
 from saltus.heightmap.training.train import Progress
-from saltus.policy.evaluation.rollout import STAND_STEPS
 from saltus.policy.observation import observe
 from saltus.policy.planner import make_planner
 from saltus.states import standing_state
 from saltus.workers import in_order
 
-pytestmark = pytest.mark.usefixtures("short_calibration")
-LOOP = ClosedLoop(robots=6, courses=2, ticks=STAND_STEPS + 12, hardest=0.3)  # just beyond the stand: beliefs matter
+pytestmark = pytest.mark.usefixtures("short_calibration", "short_stand")
+TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
+LOOP = ClosedLoop(robots=6, courses=2, ticks=TICKS, hardest=0.3)
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 
 
@@ -58,7 +59,7 @@ def contents(run: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(short_stand: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run without interruption."""
     run = tmp_path_factory.mktemp("whole")
     dagger(run, CONFIG, SILENT, processes=1)
@@ -88,7 +89,9 @@ def test_a_run_that_was_killed_again_and_again_gives_the_same_data(whole: Path, 
 
 def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_data(whole: Path, tmp_path: Path) -> None:
     code = (
-        "if __name__ == '__main__':\n"  # the workers import this file, and need none of it
+        "from functools import partial; from saltus.heightmap.data import closed_loop\n"
+        f"closed_loop.Rollout = partial(closed_loop.Rollout, stand_steps={SHORT_STAND_STEPS})\n"
+        "if __name__ == '__main__':\n"  # the workers import this file, and need none of the rest
         "    import sys; from pathlib import Path; from saltus.heightmap.training.dagger import *\n"
         "    from saltus.heightmap.settings import *\n"
         f"    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), trained=lambda i, p: None)\n"

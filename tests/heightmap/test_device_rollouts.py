@@ -204,7 +204,7 @@ def test_a_missing_gpu_is_said_in_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("interrupted_at", [30, TICKS + 30])
+@pytest.mark.parametrize("interrupted_at", [3, TICKS + 3])
 def test_a_seed_repeats_the_data_and_batches_that_were_whole_when_it_was_interrupted_are_kept(
     datasets: dict[str, Path],
     tmp_path: Path,
