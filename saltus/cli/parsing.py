@@ -83,7 +83,7 @@ def _one_line(box: str) -> str:
 
 def _unknown(word: str, text: str) -> str:
     """What cannot be understood, and what is like it among what tyro lists."""
-    if commands := re.search(r"Available subcommands: (.*?) (?:Perhaps|For full)", text):
+    if commands := re.search(r"Available subcommands: (.*?) (?:Perhaps|Arguments similar|For full)", text):
         known = [*commands[1].split(", "), "--help", "--version", "--completion"]
         return f"there is no command '{word}': {nearest_hint(word, known)}"
     entries = re.split(r" (?=--[a-z][\w.-]* [A-Z{\[])", text.split(" For full")[0])[1:]

@@ -1,4 +1,4 @@
-"""`saltus render`: see the camera, fit its noise to a real one, run the camera process."""
+"""`saltus render`: see the camera, fit its noise and its place to a real one, run the camera process."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -74,6 +74,40 @@ class Fit:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Calibrate:
+    """Finds where a camera really sits: its pitch, roll and height, from a robot that stands on level, free ground.
+
+    For example:
+      saltus record run --run-dir runs/mine --out runs/standing
+      saltus render calibrate runs/standing/recording.mcap
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """A recorded run (.mcap) in which the robot stands for a second."""
+    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-calibrate")] = None
+    """Folder for camera.toml, which --camera takes, and for calibration.html, the ground as claimed and as found."""
+    json: Flag = False
+    """Print what was claimed and found as one JSON object on the last line."""
+
+    def run(self) -> int:
+        """Writes both files and prints what was found."""
+        from saltus.render.calibrate import calibrate
+        from saltus.render.calibrate_plot import rows_of, write_calibration_plot
+
+        found = calibrate(self.recording)
+        folder = run_directory("render-calibrate", self.out)
+        (folder / "camera.toml").write_text(found.camera.to_toml())
+        write_calibration_plot(found, folder / "calibration.html")
+        for row in rows_of(found):
+            print(f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed {row.claimed:.3f}")
+        print(f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the ground")
+        print(f"{folder}: camera.toml, calibration.html")
+        if self.json:
+            print_json({row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground})
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Serve(ServeProcess):
     """Runs the camera process against a running stack.
 
@@ -85,6 +119,6 @@ class Serve(ServeProcess):
 
 @dataclass(frozen=True, kw_only=True)
 class Render(Group):
-    """The depth camera: preview, fit, serve."""
+    """The depth camera: preview, fit, calibrate, serve."""
 
-    command: Subcommands[Preview | Fit | Serve]
+    command: Subcommands[Preview | Fit | Calibrate | Serve]
