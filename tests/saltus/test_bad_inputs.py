@@ -42,6 +42,7 @@ BAD = {
     "policy train --minuts 3": "did you mean '--minutes'?",
     "heightmap": "collect",
     "heightmap evl": "did you mean 'eval'?",
+    "render calibrat x --out y --json": "there is no command 'calibrat': did you mean 'calibrate'?",
     "heightmap collect": "gpu",
     "heightmap collect gpuu": "did you mean 'gpu'?",
     "heightmap dataset": "merge",
