@@ -258,6 +258,10 @@ def _write(texts: Mapping[str, str | None], out: Path) -> None:
     try:
         for name, text in texts.items():
             parts[name].write_text(text or "")
+        if texts.get("report.html"):
+            from saltus.recordings.page import bring_plotly
+
+            bring_plotly(out, texts["report.html"] or "")
         for name, text in texts.items():
             parts[name].replace(out / name)
             if text is None:

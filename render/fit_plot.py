@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from saltus.recordings.report import figure_html, page, table
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.render.fit import FitResult
 from saltus.render.stereo.estimate import Estimate
 from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
@@ -30,7 +30,7 @@ TITLES = (
 
 
 def write_fit_plot(result: FitResult, path: Path) -> Path:
-    """Writes one HTML file with all plots inside; what is untestable says so."""
+    """Writes one page with all plots; what is untestable says so."""
     figure = make_subplots(rows=3, cols=2, subplot_titles=TITLES, vertical_spacing=0.11, horizontal_spacing=0.1)
     _noise(figure, result)
     _widths(figure, result)
@@ -38,7 +38,7 @@ def write_fit_plot(result: FitResult, path: Path) -> Path:
     _edges(figure, result)
     figure.update_layout(height=1080, width=1100, showlegend=False, margin={"l": 60, "r": 20, "t": 100, "b": 50})
     figure.update_layout(title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)")
-    path.write_text(page("Stereo camera fit", figure_html(figure, first=True) + _table(result)))
+    write_page(path, page("Stereo camera fit", figure_html(figure) + _table(result)))
     return path
 
 

@@ -1,6 +1,5 @@
 """One HTML file, and the same as numbers, about the errors of predicted heights in recorded runs."""
 
-import contextlib
 import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -14,8 +13,8 @@ from saltus.heightmap.evaluation import report_figures as figures
 from saltus.heightmap.evaluation.comparison import Comparison, Run, compare, read_run
 from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.recordings.recording import Recording
-from saltus.recordings.report import figure_html, page, table
 from saltus.recordings.summary import rounded
 
 WORST = 10
@@ -157,7 +156,7 @@ def write_report(report: ErrorReport, path: Path) -> None:
         _summary_table(report),
         "<h2>By distance ahead</h2>",
         '<p class="note">Ground nearer than the camera sees is remembered.</p>',
-        figure_html(figures.distance_figure(errors), first=True),
+        figure_html(figures.distance_figure(errors)),
     ]
     for _, title, rows_of, axis in _SECTIONS:
         parts += [f"<h2>{title}</h2>", figure_html(figures.group_figure(errors, rows_of, axis))]
@@ -174,13 +173,9 @@ def write_report(report: ErrorReport, path: Path) -> None:
         f"{APART_S:g} s apart.{'' if report.worst() else ' There are none.'}</p>",
         *_moments(report),
     ]
-    partial = path.with_name(f".{path.name}.partial")
     try:
-        partial.write_text(page("Saltus heightmap errors", "\n".join(parts), _TABLE_STYLE))
-        partial.replace(path)
+        write_page(path, page("Saltus heightmap errors", "\n".join(parts), _TABLE_STYLE))
     except OSError as error:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
         raise RecordingError(f"cannot write the report '{path}' ({error.strerror}): name another folder") from error
 
 

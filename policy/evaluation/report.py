@@ -12,6 +12,7 @@ from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.recordings.report import (
     BLUE,
     GREEN,
@@ -19,9 +20,6 @@ from saltus.recordings.report import (
     add_ground,
     contact_figure,
     course_title,
-    figure_html,
-    page,
-    table,
 )
 from saltus.recordings.summary import shown
 from saltus.robots.loading import load_robot
@@ -43,7 +41,7 @@ def write_evaluation_report(
         f"<h1>{result.successes} of {len(result.trials)} trials succeeded: {course}</h1>",
         _numbers(table),
         f"<h2>Where feet landed, and the way of the trunk, {alike}</h2>",
-        figure_html(_placement(shown, terrains), first=True),
+        figure_html(_placement(shown, terrains)),
         f"<h2>Seed {result.seeds[0]}, from the first jump to the end</h2>",
         picture_strip(load_robot(evaluation.robot), terrains[0], shown[0].trace),
         f"<h2>Height and pitch of the trunk along the course, {alike}</h2>",
@@ -57,7 +55,7 @@ def write_evaluation_report(
         "<h2>Provenance</h2>",
         f"<pre>{html.escape(_provenance(evaluation, table))}</pre>",
     ]
-    path.write_text(page("Saltus evaluation", "\n".join(parts)))
+    write_page(path, page("Saltus evaluation", "\n".join(parts)))
 
 
 def _provenance(evaluation: Evaluation, table: dict[str, Any]) -> str:

@@ -8,8 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from plotly.offline import get_plotlyjs
-
 from saltus.config import DEFAULT_ROBOT
 from saltus.heightmap.data.shards import read_records
 from saltus.models import ModelKind
@@ -24,7 +22,7 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.truth import Row, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.report import MORE_STYLE
-from saltus.recordings.report import figure_html, page, table
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.robots.loading import load_robot
 
 Courses = dict[str, dict[When, Measured]]
@@ -75,7 +73,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         "<h2>Provenance</h2>",
         f"<pre>commit = {commit()}\n\n{html.escape(folder.settings.read_text())}</pre>",
     ]
-    folder.report.write_text(page("The cycle", "\n".join(parts), MORE_STYLE, f"<script>{get_plotlyjs()}</script>"))
+    write_page(folder.report, page("The cycle", "\n".join(parts), MORE_STYLE))
 
 
 def _courses(folder: CycleFolder) -> Courses:

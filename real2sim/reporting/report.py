@@ -5,7 +5,6 @@ otherwise.
 """
 
 import numpy as np
-from plotly.offline import get_plotlyjs
 
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.problem.problem import Problem
@@ -14,7 +13,7 @@ from saltus.real2sim.reporting.localise import Channel, localise
 from saltus.real2sim.reporting.regimes import channels_of
 from saltus.real2sim.results import Comparison, Examination, Judgement
 from saltus.real2sim.search.findings import Findings, Residuals
-from saltus.recordings.report import figure_html, page
+from saltus.recordings.page import figure_html, page
 from saltus.recordings.run_log import RunLog
 
 MORE_STYLE = """
@@ -38,7 +37,7 @@ def report_page(judgement: Judgement, *, seed: int = 0) -> str:
     parts += ["<h2>What these data cannot show</h2>", text.untestable_table(verdict)]
     parts += ["<h2>Smallest effects that would have been seen</h2>", text.detectable_table(verdict)] if findings else []
     parts += ["<h2>Provenance</h2>", text.provenance(judgement, judgement.profile, seed)]
-    return page("What the simulator lacks", "".join(parts), MORE_STYLE, f"<script>{get_plotlyjs()}</script>")
+    return page("What the simulator lacks", "".join(parts), MORE_STYLE)
 
 
 def _examination(examination: Examination, *, is_alone: bool) -> str:

@@ -14,7 +14,7 @@ from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.results import Examination, Judgement
 from saltus.real2sim.search.findings import FoundEffect, RankedModel
 from saltus.real2sim.verdict import Gap, Verdict
-from saltus.recordings.report import table
+from saltus.recordings.page import table
 
 MEANING = {
     "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",

@@ -1,7 +1,7 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
 from saltus.provenance import commit
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import RunSummary, shown
 from saltus.robots.robot import LEGS
@@ -31,15 +32,7 @@ from saltus.wire.messages import (
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555"
 Mask = NDArray[np.bool_]
 PROFILE_EVERY = 10  # steps between the profiles that are drawn: more would hide each other
-STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin: 2em 0 0.3em; } p.note { color: #555; margin: 0.2em 0; }
-table { border-collapse: collapse; margin: 0.5em 0; } td, th { padding: 0.25em 0.9em; text-align: right; }
-th { border-bottom: 2px solid #888; } td:first-child, th:first-child { text-align: left; }
-tr:nth-child(even) { background: #f4f4f4; } table.text td, table.text th { text-align: left; white-space: nowrap; }
-table.text td:last-child { white-space: normal; } pre { background: #f4f4f4; padding: 1em; overflow-x: auto; }
-.good { color: #00664a; } .bad { color: #b03a00; }
-"""
+MOST_POINTS = 2000  # of a curve; a page is 1100 pixels wide
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +83,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         _numbers(summary),
         "<h2>Terrain, path of the base, and what the robot thought was ahead</h2>",
         '<p class="note">Dots: predicted heights, one profile in ten; zoom in to see single profiles.</p>',
-        figure_html(_path_figure(data, terrain), first=True),
+        figure_html(_path_figure(data, terrain)),
         "<h2>Height, pitch and speed of the base</h2>",
         figure_html(_body_figure(data)),
         "<h2>Contact schedule and measured contact</h2>",
@@ -107,30 +100,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
         f"<pre>{html.escape(_provenance(summary, config))}</pre>",
     ]
     lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
-    path.write_text(page("Saltus run", lost + "\n".join(parts)))
-
-
-def page(title: str, body: str, more_style: str = "", head: str = "") -> str:
-    """A whole page in the style of all reports; title and parts are HTML."""
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{STYLE}{more_style}</style>{head}</head><body>{body}</body></html>"
-    )
-
-
-def figure_html(figure: go.Figure, *, first: bool = False) -> str:
-    """A figure as part of a page; the first brings plotly with it."""
-    figure.update_layout(template="simple_white", hovermode="closest", legend_itemsizing="constant")
-    if figure.layout.margin.l is None:
-        figure.update_layout(margin={"l": 60, "r": 20, "t": 20, "b": 50})
-    fragment: str = figure.to_html(full_html=False, include_plotlyjs=first)
-    return fragment
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[object]], kind: str = "") -> str:
-    """A table of a page; cells are text. `kind` is "text" where they are words, not numbers."""
-    cells = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<table class="{kind}"><tr>{"".join(f"<th>{html.escape(name)}</th>" for name in head)}</tr>{cells}</table>'
+    write_page(path, page("Saltus run", lost + "\n".join(parts)))
 
 
 def _provenance(summary: RunSummary, config: RunConfig) -> str:
@@ -187,7 +157,8 @@ def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
             figure.add_scattergl(
                 x=x, y=z, mode="markers", name=name, marker={"color": colour, "size": 3, "opacity": 0.5}
             )
-    figure.add_scatter(x=data.position[:, 0], y=data.position[:, 2], name="base", line={"color": BLUE, "width": 2})
+    way = data.position[:: _stride(len(data.position))]
+    figure.add_scatter(x=way[:, 0], y=way[:, 2], name="base", line={"color": BLUE, "width": 2})
     figure.update_xaxes(title="x [m]")
     figure.update_yaxes(title="z [m]", scaleanchor="x", scaleratio=1)
     figure.update_layout(height=430, legend={"orientation": "h", "y": 1.12})
@@ -197,7 +168,7 @@ def _path_figure(data: RunData, terrain: Terrain) -> go.Figure:
 def _predicted_points(data: RunData, status: HeightmapStatus) -> tuple[Floats, Floats]:
     """World x and z of the predicted points of every tenth step."""
     xs, zs = [], []
-    for truth in data.truths[::PROFILE_EVERY]:
+    for truth in data.truths[:: PROFILE_EVERY * _stride(len(data.truths))]:
         heightmap = data.heightmaps.get(truth.step)
         if heightmap is None or heightmap.status != status:
             continue
@@ -206,6 +177,11 @@ def _predicted_points(data: RunData, status: HeightmapStatus) -> tuple[Floats, F
         zs.append(truth.position_base_in_world[2] + np.asarray(heightmap.height))
     empty = np.zeros(0)
     return (np.concatenate(xs), np.concatenate(zs)) if xs else (empty, empty)
+
+
+def _stride(count: int) -> int:
+    """Which of so many points of a curve are drawn: all, or every second one, and so on."""
+    return max(1, -(-count // MOST_POINTS))
 
 
 def _yaw(quaternion: Floats) -> float:
@@ -219,13 +195,15 @@ def _body_figure(data: RunData) -> go.Figure:
     speed = np.array([truth.velocity_base_in_world[0] for truth in data.truths])
     estimate = np.array([state.velocity_base_in_world[0] for state in data.states])
     figure = go.Figure()
+    some = slice(None, None, _stride(len(data.time_s)))
     rows = (("height z [m]", data.position[:, 2], BLUE, "y"), ("pitch [deg], nose down positive", pitch, ORANGE, "y2"))
     for name, values, colour, axis in rows:
-        figure.add_scatter(x=data.time_s, y=values, name=name, yaxis=axis, line={"color": colour})
-    figure.add_scatter(x=data.time_s, y=speed, name="forward speed [m/s]", yaxis="y3", line={"color": GREEN})
-    figure.add_scatter(
-        x=data.time_s, y=estimate, name="its estimate [m/s]", yaxis="y3", line={"color": GREEN, "dash": "dot"}
-    )
+        figure.add_scatter(x=data.time_s[some], y=values[some], name=name, yaxis=axis, line={"color": colour})
+    for name, values, line in (
+        ("forward speed [m/s]", speed, {"color": GREEN}),
+        ("its estimate [m/s]", estimate, {"color": GREEN, "dash": "dot"}),
+    ):
+        figure.add_scatter(x=data.time_s[some], y=values[some], name=name, yaxis="y3", line=line)
     figure.update_layout(
         height=520, legend={"orientation": "h", "y": 1.08}, xaxis={"title": "time [s]", "anchor": "y3"},
         yaxis={"domain": [0.70, 1.0], "title": "z [m]"}, yaxis2={"domain": [0.36, 0.64], "title": "pitch [deg]"},
@@ -240,9 +218,10 @@ def contact_figure(time_s: Floats, legs: Sequence[str], scheduled: Mask, loaded:
     for index, leg in enumerate(legs):
         level = float(len(legs) - index)
         for mask, colour, shift, name in ((scheduled, BLUE, 0.12, "scheduled"), (loaded, ORANGE, -0.12, "measured")):
-            line = np.where(mask[:, index], level + shift, np.nan)
+            kept = _around_changes(mask[:, index])
+            line = np.where(mask[kept, index], level + shift, np.nan)
             figure.add_scatter(
-                x=time_s, y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
+                x=time_s[kept], y=line, mode="lines", name=name, showlegend=index == 0, connectgaps=False,
                 line={"color": colour, "width": 7}, hoverinfo="skip", text=leg,
             )  # fmt: skip
     levels = list(range(len(legs), 0, -1))
@@ -250,6 +229,12 @@ def contact_figure(time_s: Floats, legs: Sequence[str], scheduled: Mask, loaded:
     figure.update_xaxes(title="time [s]")
     figure.update_layout(height=100 + 40 * len(legs), legend={"orientation": "h", "y": 1.2})
     return figure
+
+
+def _around_changes(mask: Mask) -> NDArray[np.intp]:
+    """The samples that a line needs which is drawn where a mask, shape (n,), holds: first, last, and at each change."""
+    changes = np.flatnonzero(mask[1:] != mask[:-1])
+    return np.unique(np.concatenate([[0], changes, changes + 1, [len(mask) - 1]])) if len(mask) else changes
 
 
 def add_ground(figure: go.Figure, terrain: Terrain, start_x: float, end_x: float) -> None:

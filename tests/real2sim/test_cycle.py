@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from report_pages import opens_without_a_network
 
 from saltus.cli.main import command_of, main
 from saltus.effects.offsets_and_factors import CoulombFriction
@@ -96,6 +97,7 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
     before, after = (said["courses"][GAP][when] for when in ("before", "after"))
     assert before["trials"] == after["trials"] == 1
     assert all(before["models"][kind] != after["models"][kind] for kind in ("heightmap", "policy"))
+    opens_without_a_network(run / "report.html")
     report = (run / "report.html").read_text()
     assert report.count("data:image/jpeg") == 12
     assert all(word in report for word in ("coulomb_friction", GAP, "1 of 1 hidden parameters found"))
