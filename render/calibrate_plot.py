@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus.recordings.report import figure_html, page, table
+from saltus.recordings.page import figure_html, page, table, write_page
 from saltus.render.calibrate import Calibration
 
 SHOWN = 4000  # points: more would hide each other
@@ -62,6 +62,6 @@ def write_calibration_plot(found: Calibration, path: Path) -> Path:
         for row in rows_of(found)
     )
     shares = f"{100 * found.on_ground:.0f} % of the points of {found.frames} images lie on the ground."
-    body = f"<h1>Where the camera sits</h1><p>{shares} {NOTE}</p>{figure_html(figure, first=True)}{table(head, cells)}"
-    path.write_text(page("Where the camera sits", body))
+    body = f"<h1>Where the camera sits</h1><p>{shares} {NOTE}</p>{figure_html(figure)}{table(head, cells)}"
+    write_page(path, page("Where the camera sits", body))
     return path
