@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from report_pages import opens_without_a_network
 
 from saltus.api import robot_states
 from saltus.cli.main import main
@@ -120,6 +121,7 @@ def test_a_recording_gives_a_camera_that_commands_take(tmp_path: Path, capsys: p
     assert camera.camera_pitch == pytest.approx(ROBOT.camera_pitch, abs=np.deg2rad(0.3))
     assert camera.camera_position == pytest.approx(tuple(ROBOT.camera_position), abs=0.005)
     assert "as claimed" in (out / "calibration.html").read_text()
+    opens_without_a_network(out / "calibration.html")
 
 
 def test_a_recording_without_a_standing_robot_is_refused_in_one_line(
