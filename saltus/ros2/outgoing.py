@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.recordings import ros_messages as ros
 from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
@@ -67,7 +68,9 @@ class Exporter:
     def of_frame(self, frame: DepthFrame) -> Iterator[Outgoing]:
         """A depth image with its intrinsics."""
         if self._whole:
-            wire = depth_on_the_wire(replace(frame, time_ns=self._clock.wall_ns(frame.time_ns)))
+            depth = millimetres(frame)
+            time_ns = self._clock.wall_ns(frame.time_ns)
+            wire = depth_on_the_wire(replace(frame, time_ns=time_ns, depth=depth, depth_unit_m=1e-3))
             yield Outgoing("depth/image_rect_raw", wire.image)
             yield Outgoing("depth/camera_info", wire.camera_info)
 
@@ -87,6 +90,13 @@ class Exporter:
             yield Outgoing("joint_states", ros.joint_state(time_ns, list(JOINTS), state))
             yield Outgoing("odom", ros.odometry(time_ns, self._base, position, state))
         yield Outgoing(TRANSFORMS, ros.make("tf2_msgs/msg/TFMessage", transforms=transforms))
+
+
+def millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
+    """A depth image as ROS has it (REP 118): in millimetres, 0 where there is none, also for nothing within range."""
+    depth = np.where(frame.depth == np.iinfo(np.uint16).max, 0, frame.depth)
+    scaled = np.rint(depth * (frame.depth_unit_m / 1e-3))
+    return np.where(scaled > np.iinfo(np.uint16).max, 0, scaled).astype(np.uint16)
 
 
 class Way:

@@ -161,6 +161,17 @@ def test_depth_images_of_both_kinds_are_the_same_millimetres(kind: Any, encoding
     assert (taken.depth_unit_m, taken.frame_id) == (0.001, 0)
 
 
+@pytest.mark.parametrize("unit_m", [1e-4, 1e-3, 2.5e-3])
+def test_depth_for_ros_is_in_millimetres_and_0_where_there_is_none(unit_m: float) -> None:
+    frame: Any = replace(dict(run_messages(2))["camera/depth"], depth_unit_m=unit_m)  # type: ignore[arg-type]
+    (image, _) = (out.message for out in Exporter(ROBOT, LOCKSTEP).of_frame(frame))
+    pixels = image.data.view(np.uint16).reshape(frame.depth.shape).astype(float)
+    nothing = (frame.depth == 0) | (frame.depth == 65535)
+    assert nothing.any()
+    assert (pixels[nothing] == 0).all()
+    np.testing.assert_allclose(pixels[~nothing], 1e3 * unit_m * frame.depth[~nothing], atol=0.5)
+
+
 def test_what_strangers_send_is_counted_and_never_raises() -> None:
     """Bytes that are cut, flipped, of another type, or say what cannot be."""
     rng, intake = np.random.default_rng(8), Intake(ROBOT, LOCKSTEP)
