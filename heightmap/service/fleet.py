@@ -46,7 +46,7 @@ class _Robot:
         return [self.service] if self.coming is None else [self.service, self.coming]
 
     def accept(self, arrival: Arrival) -> None:
-        """Empties hidden states where robot or camera were restarted."""
+        """Empties hidden states where the robot was restarted; images of a camera that was are counted anew."""
         if arrival.robot_boot != self._robot_boot:
             self._robot_boot = arrival.robot_boot
             for service in self.services:
@@ -81,8 +81,8 @@ class _Robot:
 class FleetService:
     """Answers the states of several robots, by name, and waits for none of them.
 
-    Each robot has a hidden state of its own, which is emptied when that robot or its camera is restarted, and never
-    because of another robot. `depth` says how old images may be.
+    Each robot has a hidden state of its own, which is emptied when that robot is restarted, and never because of
+    another robot. `depth` says how old images may be.
     """
 
     def __init__(self, network: HeightmapNetwork, robots: Iterable[str], depth: Topic = DEPTH) -> None:

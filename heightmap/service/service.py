@@ -18,6 +18,7 @@ from saltus.wire.topics import TOPICS, Topic
 
 MAX_HEIGHT_M = 2.0  # ditches that a robot jumps over are up to 1 m deep, its base up to 0.6 m above their rims
 MAX_HIDDEN = 1.0 + 1e-5  # each entry of a GRU's state is a weighted mean of values in (-1, 1)
+NO_FRAME = -1
 BAD_OUTPUTS_TO_INVALID = 3  # at 100 Hz: one bad output is bridged, three are a fault
 DEGRADED_INVALID_PIXELS = 0.3
 INVALID_INVALID_PIXELS = 0.8
@@ -96,9 +97,12 @@ class HeightmapService:
         self._forget()
 
     def new_camera(self) -> None:
-        """Forgets what was seen: for a camera that has started anew, and counts its images anew."""
-        self._view = self._newest = None
-        self._forget()
+        """Counts images anew, of a camera that has started anew. What was seen holds on: pauses are judged as ever."""
+        if self._newest is not None:
+            renumbered = replace(self._newest, frame_id=NO_FRAME)
+            self._view = renumbered if self._view is self._newest else self._view
+            self._newest = renumbered
+        self._loss = FrameLoss()
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
         """Advances by one tick; returns the heightmap at the time of `state`, an old answer for a state that has one.
@@ -223,7 +227,7 @@ class HeightmapService:
             half_width_90=unknown + UNKNOWN_HALF_WIDTH_M if tick is None else tick.half_width_90,
             status=status,
             depth_age_s=math.inf if view is None else (state.time_ns - view.time_ns) * 1e-9,
-            frame_id=-1 if view is None else view.frame_id,
+            frame_id=NO_FRAME if view is None else view.frame_id,
             model_id=self._network.model_id,
         )
 

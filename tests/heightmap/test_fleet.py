@@ -12,7 +12,7 @@ from test_service import Faulty, bad_tick
 
 from saltus.heightmap.service.fleet import TAKEOVER_NS, Arrival, FleetService
 from saltus.heightmap.service.network import HeightmapNetwork, Tick
-from saltus.heightmap.service.service import HeightmapService
+from saltus.heightmap.service.service import LONGEST_GAP_S, HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 STEPS = 80
@@ -98,25 +98,42 @@ def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetw
         assert_same(found[robot], alone(network, robot, asked[robot]))
 
 
-@pytest.mark.parametrize("who", ["robot", "camera"])
-def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(network: HeightmapNetwork, who: str) -> None:
+def test_a_new_boot_empties_the_hidden_state_of_that_robot_and_of_no_other(network: HeightmapNetwork) -> None:
     fleet = FleetService(network, names(2))
     found: list[list[Heightmap]] = [[], []]
     again = 40
     for step in range(STEPS):
-        boot = {f"{who}_boot": b"new"} if step >= again else {}
-        answers = fleet.step({"robot/0": arrival(0, step, **boot), "robot/1": arrival(1, step)})  # type: ignore[arg-type]
+        boot = {"robot_boot": b"new"} if step >= again else {}
+        answers = fleet.step({"robot/0": arrival(0, step, **boot), "robot/1": arrival(1, step)})
         for robot in range(2):
             found[robot].append(answers[f"robot/{robot}"])
     assert_same(found[1], alone(network, 1, range(STEPS)))
     assert_same(found[0][:again], alone(network, 0, range(again)))
+    assert_same(found[0][again:], alone(network, 0, range(again, STEPS)))
     first_new = again + 1  # frames come with odd steps
-    if who == "robot":
-        assert_same(found[0][again:], alone(network, 0, range(again, STEPS)))
-    else:
-        assert found[0][again].status == HeightmapStatus.OK  # no frame of the new camera yet
     assert {h.status for h in found[0][first_new : first_new + 2 * (WARMUP - 1)]} == {HeightmapStatus.WARMING}
     assert {h.status for h in found[0][first_new + 2 * (WARMUP - 1) :]} == {HeightmapStatus.OK}
+
+
+def test_a_camera_that_takes_over_in_time_is_no_break(network: HeightmapNetwork) -> None:
+    """As long as no image is missing, heights are those of one camera, to the bit."""
+    fleet = FleetService(network, names(1))
+    found = [
+        fleet.step({"robot/0": arrival(0, step, camera_boot=CAMERA if step < 40 else b"new")})["robot/0"]
+        for step in range(STEPS)
+    ]
+    assert_same(found, alone(network, 0, range(STEPS)))
+
+
+def test_a_camera_that_comes_after_a_long_pause_empties_the_hidden_state(network: HeightmapNetwork) -> None:
+    fleet, back = FleetService(network, names(1)), 40 + round(100 * LONGEST_GAP_S) + 2
+    found = []
+    for step in range(back + 2 * WARMUP + 2):
+        asked = arrival(0, step, camera_boot=CAMERA if step < 40 else b"new")
+        found.append(fleet.step({"robot/0": replace(asked, frame=None) if 40 <= step < back else asked})["robot/0"])
+    assert {h.status for h in found[back - 5 : back]} == {HeightmapStatus.INVALID}
+    assert {h.status for h in found[back + 2 : back + 2 * (WARMUP - 1)]} == {HeightmapStatus.WARMING}
+    assert found[-1].status == HeightmapStatus.OK
 
 
 def test_a_camera_that_counts_anew_is_believed(network: HeightmapNetwork) -> None:

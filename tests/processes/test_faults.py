@@ -6,16 +6,23 @@ from pathlib import Path
 import pytest
 
 from saltus.config import RunConfig, TerrainConfig
+from saltus.constants import POLICY_DT
 from saltus.controller.watchdog import WatchdogConfig
 from saltus.errors import StackError
+from saltus.heightmap.service.service import LOSS_MARGIN_S
 from saltus.recordings.recording import read_recording
 from saltus.runtime.faults import judge, kill_during_run
+from saltus.wire.topics import MAX_EXTRA_AGE_S
 
 CONFIG = RunConfig(terrain=TerrainConfig(terrain="flat"), pace="realtime", planner="scripted")
 
 
-def test_a_killed_camera_is_noticed_and_the_robot_stands(speed: float, tmp_path: Path) -> None:
-    result = judge(kill_during_run(replace(CONFIG, speed=speed), tmp_path, "render", 0.7), "render", 0.7)
+def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: Path) -> None:
+    """Its first image is 50 ms old when it comes: whether that is in time depends on the computer."""
+    first, both, config = tmp_path / "first", tmp_path / "both", replace(CONFIG, speed=speed)
+    result = judge(kill_during_run(config, first, "render", 0.7, watch_s=0.5), "render", 0.7)
+    assert result.end == "goes on" or result.silence_ms > 1e3 * (MAX_EXTRA_AGE_S - LOSS_MARGIN_S - POLICY_DT)
+    result = judge(kill_during_run(config, both, "render", 0.7, times=2), "render", 0.7)
     assert result.told_ms <= 110.0
     assert result.back_s <= 2.0
     assert result.end == "stands"
