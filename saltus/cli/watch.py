@@ -78,8 +78,9 @@ class Watch:
         from saltus.watch.foxglove import LAYOUT, Studio
         from saltus.watch.source import Source
 
+        source = Source(self.runs[0], *self.robots)
         os.nice(NICENESS)
-        studio = Studio(Source(self.runs[0], *self.robots), FOXGLOVE_PORT if self.port is None else self.port)
+        studio = Studio(source, FOXGLOVE_PORT if self.port is None else self.port)
         print(f"open the connection {studio.address} in Foxglove, and import the layout {LAYOUT}")
         print("every program and web page on this machine can read it; Ctrl-C ends it", flush=True)
         try:
