@@ -51,7 +51,7 @@ def _small(short_calibration: None) -> Any:
 
     sines = replace(
         EXPERIMENTS["single_sine"],
-        sections=lambda robot: motions.repeated("sine", 3, motions.sine(robot, 2.0, 1.0, 0.3)),
+        sections=lambda robot: motions.repeated("sine", 2, motions.sine(robot, 2.0, 1.0, 0.3)),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
