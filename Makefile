@@ -22,9 +22,8 @@ types: $(VENV)/.development
 imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
-# Two workers for two cores, in the order of folders: the quick files of tests/saltus come last, so that neither waits
-# long for the other's last one. Tests start processes by the dozen: the project is compiled once, whatever the
-# environment says.
+# Two workers for two cores, each a file at a time in the order of tests/conftest.py. Tests start processes by the
+# dozen: the project is compiled once, whatever the environment says.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime'
