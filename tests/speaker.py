@@ -24,8 +24,8 @@ SAID: list[tuple[str, Message]] = [*run_messages(0), ("event/heightmap", EVENT)]
 
 
 @contextmanager
-def speaking(folder: Path) -> Iterator[threading.Event]:
-    """Makes a folder that of such a run, with its router; setting the event ends it."""
+def speaking(folder: Path, prefix: str = RunConfig().prefix) -> Iterator[threading.Event]:
+    """Makes a folder that of such a run, with its router; its keys have a prefix. Setting the event ends it."""
     config = RunConfig(pace="realtime", epoch_ns=time.monotonic_ns() - 10**9)
     (put_run(folder, config) / RUN_FILE).write_text(to_toml(config))
     endpoint, router = open_router()
@@ -33,7 +33,7 @@ def speaking(folder: Path) -> Iterator[threading.Event]:
     ended, clock = threading.Event(), RunClock.of(config)
 
     def say() -> None:
-        with ZenohBus(endpoint, config.prefix) as bus:
+        with ZenohBus(endpoint, prefix) as bus:
             split = {key: key.split("/") if key.startswith(("status", "event")) else (key,) for key, _ in SAID}
             publishers = {key: bus.publisher(*split[key]) for key, _ in SAID}
             while not ended.wait(PERIOD_S):

@@ -1,6 +1,7 @@
 """`saltus ros2`: heights, depth and state of a run for ROS 2, and heights for robots that speak ROS 2."""
 
 import importlib.util
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from saltus.wire.ros2_node import Ros2Node
 
 DDS = "pip install 'saltus[dds]'"
+NAMESPACE = r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*"
 DOMAIN_MAX = 232  # of DDS
 
 
@@ -40,7 +42,9 @@ class Ros2:
     domain: int = 0
     """ROS_DOMAIN_ID."""
     namespace: str = "saltus"
-    """Of the topics that are sent."""
+    """Of the topics that are sent; also the name of the node."""
+    prefix: Annotated[str | None, shown("STR", "the one of run.toml")] = None
+    """Of the robot's keys, where several share the router of the folder."""
     base_frame: str = "base"
     """The frame of the trunk, in which those of heights and camera hang."""
     take: Flag = False
@@ -70,6 +74,10 @@ class Ros2:
         from saltus.runtime.run_folder import endpoint_of, read_run
         from saltus.wire.zenoh_bus import ZenohBus
 
+        if not re.fullmatch(NAMESPACE, self.namespace):
+            raise SaltusError(
+                f"namespace = {self.namespace}: names of ROS begin with a letter, and hold a-z, 0-9, _ and /"
+            )
         if not 0 <= self.domain <= DOMAIN_MAX:
             raise SaltusError(f"domain = {self.domain}: it must be from 0 to {DOMAIN_MAX}")
         found = read_run(self.run_dir)
@@ -80,7 +88,7 @@ class Ros2:
         intake = Intake(robot, wall, self.joint_names, arrival=self.arrival_times)
         exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
-            ZenohBus(self.endpoint or endpoint_of(self.run_dir), config.prefix) as bus,
+            ZenohBus(self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix) as bus,
             self._node() as node,
         ):
             sender, receiver = Sender(bus, node, exporter, self.namespace), None
@@ -106,7 +114,7 @@ class Ros2:
             return DdsNode(self.domain)
         from saltus.wire.ros2_node import Ros2Node
 
-        return Ros2Node(self.ros_router, "saltus", self.domain)
+        return Ros2Node(self.ros_router, self.namespace.strip("/").replace("/", "_"), self.domain)
 
 
 def _tell(line: str) -> None:

@@ -95,12 +95,13 @@ def xyz(vector: Any) -> list[float]:
     return [vector["x"], vector["y"], vector["z"]]
 
 
-def test_another_program_reads_heights_depth_and_state_of_a_run(tmp_path: Path, ros_port: int) -> None:
+@pytest.mark.parametrize("prefix", ["robot/0", "fleet/7"])
+def test_another_program_reads_heights_depth_and_state_of_a_run(prefix: str, tmp_path: Path, ros_port: int) -> None:
     said: Any = dict(SAID)
     asked = [part for topic, kind in SENT.items() for part in (topic, kind)]
     with (
-        speaking(tmp_path),
-        saltus_ros2(tmp_path, ros_port) as exporter,
+        speaking(tmp_path, prefix),
+        saltus_ros2(tmp_path, ros_port, *(["--prefix", prefix] if prefix == "fleet/7" else [])) as exporter,
         program(str(PEER), str(ros_port), "read", *asked) as peer,
     ):
         assert next(lines_of(exporter)).startswith("the ROS side is open")

@@ -153,6 +153,7 @@ BAD = {
     "render serve --endpoint x --run-dir mistyped": "did you mean 'seed'?",
     "ros2 --run-dir missing": "missing/run.toml",
     "ros2 --run-dir run": "run/client.json5",
+    "ros2 --run-dir run --namespace 7up": "namespace = 7up: names of ROS begin with a letter",
     "ros2 --run-dir run --domain 300": "domain = 300: it must be from 0 to 232",
     "ros2 --run-dir run --take --joint-names a b": "2 names of joints",
     # recordings
