@@ -322,10 +322,11 @@ def dataset_hash(records: Iterable[ShardRecord]) -> str:
 def read_dataset(directory: Path) -> list[Episode]:
     """All episodes of a dataset, as written; `DatasetError` where a shard is not what the manifest names."""
     records = read_records(directory)
-    return [episode for record in records for episode in _read_shard(directory, record)]
+    return [episode for record in records for episode in read_shard(directory, record)]
 
 
-def _read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
+def read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
+    """All episodes of one shard, as written; `DatasetError` where it is not what the manifest names."""
     path = directory / record.file
     if not path.exists():
         raise DatasetError(f"{path} is missing: the manifest names it")

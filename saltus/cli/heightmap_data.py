@@ -326,7 +326,33 @@ class Merge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset(Group):
-    """Datasets on disk: info, validate, merge."""
+class Export:
+    """Writes a dataset in a form that others read: a LeRobot dataset (v3.0) of plain Parquet, described in Croissant.
 
-    command: Subcommands[Info | Validate | Merge]
+    Example: saltus heightmap dataset export runs/dataset --out runs/exported
+    """
+
+    data: tyro.conf.Positional[Path]
+    """Folder of the dataset."""
+    out: Path
+    """Folder to make: data/ (Parquet), meta/ (LeRobot) and croissant.json."""
+
+    def run(self) -> int:
+        """Writes all of it."""
+        from tqdm import tqdm
+
+        from saltus.heightmap.data.export import export
+        from saltus.heightmap.data.shards import read_records
+
+        total = sum(record.ticks for record in read_records(self.data))
+        with tqdm(total=total, unit="tick", desc="export", delay=QUIET_S) as bar:
+            found = export(self.data, self.out, bar.update)
+        print(f"{self.out}: {found.episodes} episodes, {found.ticks} ticks on {', '.join(found.terrains)}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dataset(Group):
+    """Datasets on disk: info, validate, merge, export."""
+
+    command: Subcommands[Info | Validate | Merge | Export]
