@@ -178,7 +178,12 @@ def _write_meta(
     (made / EPISODES_FILE).parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows), made / EPISODES_FILE)
     tasks = pa.table({"task_index": list(terrains.values()), "__index_level_0__": list(terrains)})
-    index = {"index_columns": ["__index_level_0__"], "column_indexes": [], "columns": []}  # pandas: the names are rows'
+    columns = [("task_index", "task_index", "int64", "int64"), (None, "__index_level_0__", "unicode", "object")]
+    keys = ("name", "field_name", "pandas_type", "numpy_type")
+    index = {  # pandas: the names are those of the rows
+        "index_columns": ["__index_level_0__"], "column_indexes": [],
+        "columns": [dict(zip(keys, column, strict=True)) | {"metadata": None} for column in columns],
+    }  # fmt: skip
     pq.write_table(tasks.replace_schema_metadata({"pandas": json.dumps(index)}), made / TASKS_FILE)
     features = {
         column.name: {"dtype": column.dtype, "shape": column.shape, "names": column.names} for column in COLUMNS
