@@ -36,7 +36,7 @@ def bound(env):
 @pytest.fixture(scope="module")
 def driven():
     env = make_env()
-    return env, [env.step(bound(env)) for _ in range(60)]
+    return env, [env.step(bound(env)) for _ in range(30)]
 
 
 def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
