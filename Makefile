@@ -22,11 +22,11 @@ types: $(VENV)/.development
 imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
-# Two workers for two cores, each a file at a time in the order of tests/conftest.py. Tests start processes by the
+# Three workers for two cores, as some wait, each a file at a time in the order of tests/conftest.py. Tests start processes by the
 # dozen: the project is compiled once, whatever the environment says.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime'
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime'
 
 # Tests with limits in real time come alone; others need no such peace. They mostly wait: what they leave of the
 # processors goes to mypy, which yields to them.

@@ -40,14 +40,21 @@ def page(title: str, body: str, more_style: str = "") -> str:
 
 def write_page(path: Path, text: str) -> None:
     """Writes what `page` made, whole or not at all, and beside it what draws its figures; `OSError` where it cannot."""
-    bring_plotly(path.parent, text)
-    _write_whole(path, text)
+    brought = bring_plotly(path.parent, text)
+    try:
+        _write_whole(path, text)
+    except OSError:
+        if brought:
+            (path.parent / PLOTLY).unlink(missing_ok=True)
+        raise
 
 
-def bring_plotly(folder: Path, text: str) -> None:
-    """Puts what draws figures into the folder of a page, if it has any and there is none yet."""
-    if _FIGURE in text and not (folder / PLOTLY).exists():
-        _write_whole(folder / PLOTLY, get_plotlyjs())
+def bring_plotly(folder: Path, text: str) -> bool:
+    """Puts what draws figures beside a page that has any, where it is not there yet; returns whether it did."""
+    if _FIGURE not in text or (folder / PLOTLY).exists():
+        return False
+    _write_whole(folder / PLOTLY, get_plotlyjs())
+    return True
 
 
 def _write_whole(path: Path, text: str) -> None:

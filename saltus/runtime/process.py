@@ -42,6 +42,8 @@ ROUTER_LOST_S = 2.0
 LINKED_S = 1.0
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
 0.3 s one of 21 had none."""
+LINKED_LATEST_S = 3.0
+"""A peer without any link waits so long for its first, on a computer that is busier."""
 EXIT_ERROR = 2
 PEER_FLAG = "--peer"
 
@@ -188,6 +190,9 @@ def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -
         body(context)
     except SaltusError as error:
         time.sleep(context.clock.machine_s(max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())))
+        latest_s = time.monotonic() + LINKED_LATEST_S
+        while not context.bus.linked() and time.monotonic() < latest_s:
+            time.sleep(0.01)
         context.event("error", str(error))
         return _failed(context.name, error)
     return 0

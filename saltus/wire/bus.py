@@ -249,6 +249,10 @@ class Bus(ABC):
         """Whether messages can travel now."""
 
     @abstractmethod
+    def linked(self) -> bool:
+        """Whether what is put reaches anybody."""
+
+    @abstractmethod
     def close(self) -> None:
         """Leaves the bus; may be called twice."""
 

@@ -62,6 +62,10 @@ class MemoryBus(Bus):
         """Always."""
         return True
 
+    def linked(self) -> bool:
+        """Always."""
+        return True
+
     def close(self) -> None:
         """Nothing to leave."""
 

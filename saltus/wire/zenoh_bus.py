@@ -35,6 +35,7 @@ class ZenohBus(Bus):
 
     def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
         super().__init__(prefix, bell or Bell())
+        self._peer = peer
         self._session = open_session("peer" if peer else "client", endpoint)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
@@ -80,6 +81,10 @@ class ZenohBus(Bus):
     def connected(self) -> bool:
         """Whether the router answers."""
         return bool(self._session.info.routers_zid())
+
+    def linked(self) -> bool:
+        """Whether a peer has a link to another one, a client to its router."""
+        return bool(self._session.info.peers_zid()) if self._peer else self.connected()
 
     def close(self) -> None:
         """Closes the session."""
