@@ -18,6 +18,7 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
 from saltus.runtime.faults import PRODUCT, judge, kill_during_run
+from saltus.runtime.stack import PROGRAMS, WITH_STANDBYS
 
 COURSE_S = 20.0  # the time limit of a trial
 COURSES = {
@@ -39,13 +40,15 @@ class Benchmark(Command):
     """Of the first trial, and of the moments of the kills."""
     speed: float = 1.0
     """Of the clock of the runs."""
+    standbys: bool = False
+    """Whether service and planner have standbys that work along."""
     out: Path | None = None
     """File of results so far, to go on from; by default none is kept."""
 
     def measure(self) -> dict[str, Any]:
         """The worst case of each process."""
         kept = [] if self.out is None or not self.out.is_file() else self.out.read_text().splitlines()
-        key = [self.terrain, self.planner]
+        key = [self.terrain, self.planner, self.standbys]
         done = {(row["process"], row["seed"]): row for row in map(json.loads, kept) if row["course"] == key}
         table = {}
         for process in PRODUCT:
@@ -66,7 +69,8 @@ class Benchmark(Command):
         terrain = replace(COURSES[self.terrain], layout_seed=seed)
         config = RunConfig(terrain=terrain, pace="realtime", planner=self.planner, seed=seed, speed=self.speed)
         with tempfile.TemporaryDirectory() as directory:
-            recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S)
+            programs = WITH_STANDBYS if self.standbys else PROGRAMS
+            recording = kill_during_run(config, Path(directory), process, after_s, watch_s=COURSE_S, programs=programs)
             return asdict(judge(recording, process, after_s))
 
 

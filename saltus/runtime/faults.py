@@ -17,8 +17,9 @@ from saltus.config import RunConfig
 from saltus.errors import StackError
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
+from saltus.runtime.child import Program
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
-from saltus.runtime.stack import Stack
+from saltus.runtime.stack import PROGRAMS, Stack
 from saltus.wire.bus import Latest
 from saltus.wire.messages import (
     SUPERVISOR,
@@ -72,7 +73,14 @@ class FaultResult:
 
 
 def kill_during_run(
-    config: RunConfig, directory: Path, process: str, after_s: float, *, times: int = 1, watch_s: float = LANDED_S
+    config: RunConfig,
+    directory: Path,
+    process: str,
+    after_s: float,
+    *,
+    times: int = 1,
+    watch_s: float = LANDED_S,
+    programs: tuple[Program, ...] = PROGRAMS,
 ) -> Recording:
     """Starts a real-time run and kills a process `after_s` after the robot has begun to run.
 
@@ -86,11 +94,12 @@ def kill_during_run(
         after_s: When.
         times: How often, each time as soon as it is back: the first ones are replaced by a standby, where it has one.
         watch_s: At most, after the last kill.
+        programs: That make up the stack.
 
     Raises:
         StackError: the robot did not begin to run, or the run could not go on.
     """
-    with Stack(config, directory) as stack:
+    with Stack(config, directory, programs) as stack:
         states, events = stack.latest("controller/state"), stack.latest("event", SUPERVISOR)
         if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
             raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
