@@ -78,7 +78,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Of the kills of one process."""
     return {
         "trials": len(rows),
-        "told_ms_max": max(row["told_ms"] for row in rows),
+        "told_ms_max": max((row["told_ms"] for row in rows if row["told_ms"] < float("inf")), default=None),
+        "reported_ms_max": max(row["reported_ms"] for row in rows),
         "back_s_max": max(row["back_s"] for row in rows),
         "silence_ms_max": max(row["silence_ms"] for row in rows),
         "ends": dict(Counter(row["end"] for row in rows)),

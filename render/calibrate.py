@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from saltus.config import Value
 from saltus.depth import BASELINE_M, NOTHING, Intrinsics
@@ -18,6 +19,7 @@ from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
 from saltus.recordings.recording import read_recording
 from saltus.render.camera import Mount, ray_directions
+from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
@@ -29,8 +31,8 @@ LEAST_SLOPE = 0.02  # of a ray, by which it comes down: flatter ones meet the gr
 EVERY_PIXEL = 4  # along rows and columns: neighbours share their noise, which is correlated over 9 pixels
 RANGE_M = (0.25, 3.0)
 """Nearer are the robot's feet, farther the noise of stereo matching is 7 cm."""
-SIGMA_PX, FLOOR_M = 0.08, 0.002
-"""Noise of a D435i's disparity (docs/camera.md); of ground that is swept and level, and of how well legs tell it."""
+SIGMA_PX, FLOOR_M = float(StereoConfig().disparity_noise.sigma), 0.002
+"""Noise of a D435i's disparity; of ground that is swept and level, and of how well legs tell it."""
 PITCHES, HEIGHTS_M = np.deg2rad(np.arange(-12.0, 12.1, 0.5)), np.arange(-0.08, 0.081, 0.01)
 """Off the claimed place, to begin with."""
 GATES_M = (0.05, 0.04, 0.03, 0.03, 0.03, 0.03)
@@ -40,7 +42,6 @@ LEAST_ON_GROUND = 0.6
 """Share of the points that must lie on the ground: of level ground 0.9, as flying pixels and feet do not."""
 BLOCKS = 8
 """Parts of the recording that are fitted by themselves; their spread gives the intervals."""
-STUDENT_95 = (0.0, 6.31, 2.92, 2.35, 2.13, 2.02, 1.94, 1.89)  # by degrees of freedom, two-sided 90 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +131,7 @@ def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, came
     return Calibration(
         claimed=claimed,
         found=found,
-        half_width_90=_place(STUDENT_95[len(parts) - 1] * spread),
+        half_width_90=_place(float(stdtrit(len(parts) - 1, 0.95)) * spread),
         on_ground=on_ground,
         frames=len(views),
         camera=replace(camera, name="calibrated", camera_position=position, camera_pitch=found.pitch),

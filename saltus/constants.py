@@ -1,4 +1,4 @@
-"""What holds for every robot: the rates at which time goes on, and gravity."""
+"""What holds for every robot: the rates at which time goes on, gravity, and a number of statistics."""
 
 PHYSICS_DT = 0.002
 """Period of physics and leg controller [s]: 500 Hz."""
@@ -12,3 +12,5 @@ GRAVITY = 9.81
 """[m/s^2]; the engine's default, and the original's."""
 LOADED_N = 5.0
 """Force from which a foot bears load: above the noise of one that grazes the ground."""
+NORMAL_90 = 1.645
+"""Half of the 90 % interval of a normal law, in standard deviations."""

@@ -72,6 +72,28 @@ def quaternion_from_roll_pitch_yaw(roll: Array, pitch: Array, yaw: Array) -> Arr
     )
 
 
+def quaternion_product(one: Array, other: Array) -> Array:
+    """Hamilton product of quaternions (w, x, y, z): first `other`, then `one`. Shapes (..., 4)."""
+    xp = namespace(one)
+    aw, ax, ay, az = (one[..., i] for i in range(4))
+    bw, bx, by, bz = (other[..., i] for i in range(4))
+    return xp.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        -1,
+    )
+
+
+def quaternion_inverse(quaternion: Array) -> Array:
+    """The inverse rotation of a unit quaternion (w, x, y, z). Shape (..., 4)."""
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return namespace(quaternion).stack([w, -x, -y, -z], -1)
+
+
 def yaw_rotation(yaw: Array) -> Array:
     """Rotation from the yaw frame to the world. Shape (...) -> (..., 3, 3)."""
     xp = namespace(yaw)

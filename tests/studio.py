@@ -1,16 +1,15 @@
 """A client of Foxglove's WebSocket protocol (foxglove.sdk.v1): subscribes to every channel that it is told of."""
 
 import json
-import re
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from page import page_of
 from plain_reader import PlainReader
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
@@ -69,14 +68,9 @@ class StudioClient:
 @contextmanager
 def studio(*arguments: str, folder: Path) -> Iterator[tuple[StudioClient, "subprocess.Popen[str]"]]:
     """`saltus watch --foxglove` with these arguments, as a user starts it, and a client of it."""
-    command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", "--foxglove", "--port", "0", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            address = re.search(r"ws://\S+", line)
-            assert address, f"no address in '{line}'"
-            with connect(address[0], subprotocols=[SUBPROTOCOL], max_size=None) as link:
-                yield StudioClient(link), process
-        finally:
-            process.terminate()
+    command = ("watch", "--foxglove", "--port", "0", *arguments)
+    with (
+        page_of(*command, folder=folder, scheme="ws") as (address, process),
+        connect(address, subprotocols=[SUBPROTOCOL], max_size=None) as link,
+    ):
+        yield StudioClient(link), process

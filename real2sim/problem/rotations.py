@@ -5,26 +5,6 @@ import numpy as np
 from saltus.arrays import Floats
 
 
-def product(a: Floats, b: Floats) -> Floats:
-    """Hamilton product: first `b`, then `a`."""
-    aw, ax, ay, az = (a[..., i] for i in range(4))
-    bw, bx, by, bz = (b[..., i] for i in range(4))
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
-
-
-def inverse(quaternion: Floats) -> Floats:
-    """The inverse rotation."""
-    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
-
-
 def unit(quaternion: Floats) -> Floats:
     """Scaled to length 1."""
     return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
 from saltus.rotations import rotation_matrix
 from saltus.wire import codec
@@ -47,8 +48,6 @@ BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "od
 the start as the robot itself has added up its way."""
 ELEVATION, VARIANCE = "elevation", "variance"
 """Layers of a GridMap; viewers and planners look for the first by this name."""
-SIGMAS_OF_HALF_WIDTH_90 = 1.645
-"""Half of the 90 % interval of a normal distribution, in standard deviations."""
 COLUMNS = 2
 """Of a GridMap: a profile of one line, as wide as two cells, because viewers draw surfaces between cells."""
 CDR_HEADER = 4  # bytes
@@ -145,17 +144,6 @@ def optical(pitch: float) -> tuple[float, float, float, float]:
     return (a, -b, b, -a)
 
 
-def conjugate(wxyz: Floats) -> Floats:
-    """The quaternion that turns back."""
-    return wxyz * np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def product(one: Floats, other: Floats) -> Floats:
-    """The quaternion (w, x, y, z) that turns by `other` first, shape (4,)."""
-    w, v, u = one[0], one[1:], other[1:]
-    return np.array([w * other[0] - v @ u, *(w * u + other[0] * v + np.cross(v, u))])
-
-
 def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Any:
     """A `sensor_msgs/msg/JointState`."""
     values = (np.array(v, np.float64) for v in (state.joint_position, state.joint_velocity, state.joint_torque))
@@ -215,7 +203,7 @@ def grid_map(heightmap: Heightmap) -> Any:
     """
     x = np.linspace(heightmap.x[-1], heightmap.x[0], len(heightmap.x))
     resolution = float(x[0] - x[-1]) / (len(x) - 1)
-    sigma = np.asarray(heightmap.half_width_90) / SIGMAS_OF_HALF_WIDTH_90
+    sigma = np.asarray(heightmap.half_width_90) / NORMAL_90
     layers = {ELEVATION: usable_heights(heightmap), VARIANCE: sigma * sigma}
     centre = make(
         "geometry_msgs/msg/Pose", position=point([0.5 * (x[0] + x[-1]), 0.0, 0.0]), orientation=quaternion([1, 0, 0, 0])

@@ -12,6 +12,7 @@ from saltus.recordings.ros_messages import BASE, BASE_YAW, ODOM
 from saltus.recordings.viewer import Frames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
+from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.wire.codec import depth_on_the_wire, header
 from saltus.wire.messages import DepthFrame, Floats, Heightmap, RobotState
 
@@ -78,7 +79,7 @@ class Exporter:
         """Joints, odometry and frames; of a robot that ROS brings only the frames of camera and heights."""
         time_ns = self._clock.wall_ns(state.time_ns)
         turned = np.asarray(state.quaternion_base_in_world, dtype=np.float64)
-        yaw = ros.product(ros.conjugate(turned), np.asarray(ros.yaw_of(turned)))
+        yaw = quaternion_product(quaternion_inverse(turned), np.asarray(ros.yaw_of(turned)))
         transforms = [
             ros.place(header(time_ns, self._base), BASE_YAW, ros.vector(np.zeros(3)), ros.quaternion(yaw)),
             self._frames.camera(time_ns),

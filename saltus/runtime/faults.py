@@ -62,8 +62,10 @@ class FaultResult:
     running_s: float
     """How long the robot had been running when the process was killed."""
     told_ms: float
-    """From the last arrival of the dead process's product to the first message of its consumer or of the supervisor
-    that says so; infinite where none does."""
+    """From the last arrival of the dead process's product to the first message of its consumer that says so; infinite
+    where none does, as where another process goes on in time."""
+    reported_ms: float
+    """The same to the supervisor's event that the process died."""
     silence_ms: float
     """The longest time without that product, from this arrival on; to the end where it does not come again."""
     end: End
@@ -118,11 +120,12 @@ def judge(recording: Recording, process: str, after_s: float) -> FaultResult:
     product = [arrival for arrival, _, _ in recording.messages(PRODUCT[process])]
     last_ns = max((arrival for arrival in product if arrival <= died_ns), default=0)
     later = [*(arrival for arrival in product if arrival >= last_ns), recording.of(RobotState)[-1].time_ns]
-    told = min((arrival for arrival in (*_complaints(recording, process), died_ns) if arrival > last_ns), default=None)
+    told = next((arrival for arrival in _complaints(recording, process) if arrival > last_ns), None)
     return FaultResult(
         process=process,
         running_s=after_s,
         told_ms=1e-6 * (told - last_ns) if told is not None else float("inf"),
+        reported_ms=1e-6 * (died_ns - last_ns),
         silence_ms=1e-6 * max(b - a for a, b in pairwise(later)),
         end=_end(recording),
         back_s=1e-9 * (ready_ns - died_ns) if ready_ns is not None else float("inf"),

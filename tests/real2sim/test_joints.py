@@ -192,7 +192,7 @@ def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     truth = {case.effect.name: case.unknowns}
     claimed, right = problem.residuals(np.stack([unknowns(problem, {}), unknowns(problem, truth)]))
     # repeats differ where the battery empties or coarse angles are fed back: noise is then taken for more than it is
-    least = 0.5 if case.effect.name in ("battery_sag", "encoder_quantisation") else 0.88
+    least = {"battery_sag": 0.62, "encoder_quantisation": 0.8}.get(case.effect.name, 0.88)
     assert least < np.mean(right**2) < 1.12
     assert np.mean(claimed**2) > 1.2
 

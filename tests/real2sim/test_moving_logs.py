@@ -18,13 +18,12 @@ from saltus.real2sim.experiments.motions import Section, rest
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.experiments.safety import Limits
 from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.problem import rotations
 from saltus.real2sim.problem.camera.pose import BaseMotion
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.search import search
 from saltus.recordings.run_log import RunLog, write_run_log
-from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 
 PATHS: dict[str, dict[str, float]] = {"walk": {"speed_m_s": 0.4}, "turn": {"turn_rad_s": 0.8}}
 FAMILIES = ("held", "stand", "walk", "turn", "jump")
@@ -197,7 +196,7 @@ def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(logs:
     rng, values = np.random.default_rng(402), log.base.values.copy()
     values[:, :3] += 5e-4 * rng.standard_normal((len(values), 3))
     turned = quaternion_from_roll_pitch_yaw(*(5e-4 * rng.standard_normal((3, len(values)))))
-    values[:, 3:7] = rotations.product(values[:, 3:7], turned)
+    values[:, 3:7] = quaternion_product(values[:, 3:7], turned)
     log = replace(log, base=replace(log.base, values=values))
     problem = CameraProblem(log)
     residuals = problem.residuals(problem.absent[None, None])[0, 0]

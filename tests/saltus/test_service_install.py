@@ -85,10 +85,11 @@ def test_a_router_and_the_service_run_on_it(environment: Path, tmp_path: Path) -
                 assert sample.message.ready
 
 
-def test_a_command_that_needs_more_says_so_in_one_line(environment: Path) -> None:
+def test_a_command_that_needs_more_says_so_in_one_line(environment: Path, tmp_path: Path) -> None:
     done = subprocess.run(
-        [*SALTUS, "demo"], env=with_only(environment), capture_output=True, text=True, check=False, timeout=PATIENCE_S
-    )
+        [*SALTUS, "demo"], env=with_only(environment), cwd=tmp_path, capture_output=True, text=True, check=False,
+        timeout=PATIENCE_S,
+    )  # fmt: skip
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("saltus: this needs the package '")

@@ -13,7 +13,7 @@ from saltus.real2sim.problem.imu.windows import BLOCK_STEPS, BLOCKS, LONGEST_DEL
 from saltus.real2sim.problem.log import sampled, segments_of
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem, Unknown, candidate
 from saltus.recordings.run_log import RunLog
-from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_inverse, quaternion_product
 
 SIGNALS = ("tilt_roll", "tilt_pitch", "turn_roll", "turn_pitch", "turn_yaw")
 START_RAD = 0.1
@@ -83,7 +83,7 @@ class ImuProblem(Problem):
     def _tilt_error(self, base: Floats, mount: Floats) -> Floats:
         """Reported minus expected tilt: the rotation vector without its part about the vertical, (n, w, BLOCKS, 2)."""
         reported = rotations.up_in_body(self._windows.orientation)
-        expected = rotations.up_in_body(rotations.product(base, mount[:, None, None]))
+        expected = rotations.up_in_body(quaternion_product(base, mount[:, None, None]))
         error = np.cross(np.broadcast_to(reported, expected.shape), expected)[..., :2]
         return _means(error)
 
@@ -96,8 +96,8 @@ class ImuProblem(Problem):
         path = np.empty(base.shape)
         path[..., 0, :] = base[..., 0, :]
         for step in range(WINDOW_STEPS - 1):
-            path[..., step + 1, :] = rotations.product(path[..., step, :], moves[..., step, :])
-        return _means(rotations.to_vector(rotations.product(rotations.inverse(base), path)))
+            path[..., step + 1, :] = quaternion_product(path[..., step, :], moves[..., step, :])
+        return _means(rotations.to_vector(quaternion_product(quaternion_inverse(base), path)))
 
     def _roots(self) -> tuple[Floats, Floats]:
         """What makes windows white: tilt and turn about roll and pitch, and turn about yaw alone.

@@ -13,6 +13,7 @@ from saltus.real2sim.problem.log import sampled
 from saltus.real2sim.problem.problem import Segment
 from saltus.real2sim.problem.stream_noise import StreamNoise, quiet_sigma, read_noise, rotation_columns
 from saltus.recordings.run_log import RunLog
+from saltus.rotations import quaternion_inverse, quaternion_product
 
 STEP_S = PHYSICS_DT
 BLOCK_STEPS = 10
@@ -114,7 +115,7 @@ def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tupl
     does not say when.
     """
     turned = rotations.unit(sampled(time_s, *base))
-    moves = rotations.to_vector(rotations.product(rotations.inverse(turned[:-1]), turned[1:]))
+    moves = rotations.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
     rate = 0.5 * (gyro[1:] + gyro[:-1]) - moves / np.maximum(np.diff(time_s), SHORTEST_S)[:, None]
     usual = np.median(rate, axis=0)
     missed = np.where(np.abs(rate - usual) > JUMP * quiet_sigma(rate - usual), rate - usual, 0.0)
