@@ -29,6 +29,8 @@ class Topic:
     max_extra_age_s: float = MAX_EXTRA_AGE_S
     """Beyond nominal + this a message must not be used. Half of it is the limit of "degraded"."""
     recorded: bool = True
+    urgent: bool = False
+    """It overtakes the others, and does not get lost with them where a link is full."""
 
     @property
     def degraded_age_s(self) -> float:
@@ -56,7 +58,7 @@ _ROWS = (
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
     Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
     Topic("done", messages.Done, "*", ("controller",), max_extra_age_s=1.0, recorded=False),
-    Topic("event", messages.Event, "*", ("render", "controller"), 0.0, max_extra_age_s=1.0),
+    Topic("event", messages.Event, "*", ("render", "controller"), 0.0, max_extra_age_s=1.0, urgent=True),
     Topic("status", messages.ProcessStatus, "*", (), 2.0, max_extra_age_s=1.0),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}

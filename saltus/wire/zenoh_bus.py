@@ -40,13 +40,13 @@ class ZenohBus(Bus):
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""
-        kind = TOPICS[topic].message if topic in TOPICS else None
+        row = TOPICS.get(topic)
         raw = self._session.declare_publisher(
             self._key(topic, suffix),
-            encoding=codec.encoding_of(kind) if kind is not None else None,
+            encoding=codec.encoding_of(row.message) if row else None,
             # Blocking would stall a control loop for 5 s on one slow subscriber
             congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.REAL_TIME,
+            priority=zenoh.Priority.REAL_TIME if row and row.urgent else zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
         )
         return ZenohPublisher(raw, self)

@@ -22,12 +22,17 @@ def wait_for(tab: Tab, *said: str) -> None:
     tab.until(lambda: all(each in tab.text() for each in said), " and ".join(said))
 
 
-def test_a_run_is_started_disturbed_and_stopped_on_the_page(tmp_path: Path) -> None:
+def watched(speed: float) -> str:
+    """The speed of a run on a page: a browser without a GPU takes more than the run itself."""
+    return "0.25" if speed == 0.5 else "0.1"
+
+
+def test_a_run_is_started_disturbed_and_stopped_on_the_page(speed: float, tmp_path: Path) -> None:
     """Four faults of a robot that runs, and what is said of each; then the recording shows that it stands."""
     with page_of("watch", "--port", "0", folder=tmp_path) as (address, _), browser(WIDTH, HEIGHT) as tab:
         tab.open(address)
         wait_for(tab, "no run: start one")
-        tab.choose("0.5", "0.25")  # a browser without a GPU is slow
+        tab.choose("0.5", watched(speed))
         tab.choose("stairs", "flat")  # where a blinded robot lands on its feet, however late the click comes
         tab.click("Start")
         wait_for(tab, "live", "mode_run")
@@ -51,10 +56,11 @@ def test_a_run_is_started_disturbed_and_stopped_on_the_page(tmp_path: Path) -> N
     assert asked[1:] == [("kill", "render"), ("kill", "heightmap"), ("kill", "policy"), ("stop", "")]
 
 
-def test_a_demo_is_watched_and_pushed_and_then_its_recording_is_shown(tmp_path: Path) -> None:
+def test_a_demo_is_watched_and_pushed_and_then_its_recording_is_shown(speed: float, tmp_path: Path) -> None:
     """Whether the robot withstands the push is a question for benchmarks."""
-    demo = ("demo", "--watch", "--terrain", "flat", "--time-limit-s", "3", "--no-video", "--out", "run")
-    with page_of(*demo, folder=tmp_path) as (address, process), browser(WIDTH, HEIGHT) as tab:
+    demo = ("demo", "--watch", "--terrain", "flat", "--time-limit-s", "2.5", "--no-video", "--out", "run")
+    paced = ("--pace", "realtime", "--speed", watched(speed))
+    with page_of(*demo, *paced, folder=tmp_path) as (address, process), browser(WIDTH, HEIGHT) as tab:
         tab.open(address)
         wait_for(tab, "flat, seed 0", "plant/truth", "mode_run")
         tab.click("Push it to the left, 15 Ns")

@@ -1,6 +1,9 @@
 """What the bus promises, in memory and over Zenoh alike."""
 
 import contextlib
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +23,7 @@ from saltus.wire.bus import RING, Bell, Bus, Latest, Sample
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import LOCAL
 from saltus.wire.memory_bus import MemoryBus, MemoryHub
-from saltus.wire.messages import DepthFrame, Done
+from saltus.wire.messages import DepthFrame, Done, Event
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
@@ -280,6 +283,40 @@ def test_a_slow_consumer_gets_the_newest_not_a_backlog() -> None:
         wire.send(step, Envelope(step, 0, OLD))
     assert wire.steps() == [10 * RING - 1]
     assert wire.steps() == []
+
+
+COUNT = """import sys
+from saltus.wire.zenoh_bus import ZenohBus
+with ZenohBus(sys.argv[1], sys.argv[2]) as bus:
+    stream = bus.stream()
+    print("heard", flush=True)
+    sys.stdin.readline()
+    print(sum(sample.key.startswith("event/") for sample in stream.drain()))
+"""
+
+
+def test_events_reach_who_stood_still_while_images_were_lost(endpoint: str) -> None:
+    """A page of low priority on a busy computer; and what an operator asks is an event."""
+    image = replace(message_of(DepthFrame), depth=np.zeros((240, 80), np.uint16))
+    event = message_of(Event)
+    with (
+        subprocess.Popen(
+            [sys.executable, "-c", COUNT, endpoint, "flood"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as counting,
+        ZenohBus(endpoint, "flood") as bus,
+    ):
+        assert counting.stdout is not None
+        assert counting.stdout.readline() == "heard\n"
+        images, events = bus.publisher("camera/depth"), bus.publisher("event", "render")
+        counting.send_signal(signal.SIGSTOP)
+        for number in range(100):  # 0.2 s: a link is given up after 0.5 s
+            images.put(image)
+            if number % 10 == 9:
+                events.put(event)
+            time.sleep(0.002)
+        counting.send_signal(signal.SIGCONT)
+        time.sleep(0.5)  # to read what has piled up
+        assert counting.communicate("\n", timeout=TIMEOUT_S)[0] == "10\n"
 
 
 @pytest.mark.parametrize("name", ["router", "peer", "client"])
