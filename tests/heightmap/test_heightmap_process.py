@@ -10,6 +10,7 @@ import pytest
 from heightmap_inputs import on_time, states
 from samples import ROBOT, put_run
 
+from saltus.clock import RunClock
 from saltus.config import Pace, RunConfig
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.process import HeightmapProcess
@@ -20,6 +21,7 @@ from saltus.wire.memory_bus import MemoryBus, MemoryHub
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 
 PATIENCE_S = 5.0
+SPEED = 0.1  # of tests in real time: a busy computer stalls for less than the 0.5 s in which a state is answered
 
 
 class House:
@@ -27,10 +29,15 @@ class House:
 
     def __init__(self, model_path: Path, run_dir: Path, pace: Pace) -> None:
         self.hub = MemoryHub()
-        config = RunConfig(pace=pace, heightmap_model=str(model_path), epoch_ns=time.monotonic_ns() - 1_000_000_000)
+        config = RunConfig(
+            pace=pace,
+            speed=SPEED if pace == "realtime" else 1.0,
+            heightmap_model=str(model_path),
+            epoch_ns=time.monotonic_ns() - 10_000_000_000,
+        )
         self.context = ProcessContext("heightmap", config, put_run(run_dir, config), MemoryBus(config.prefix, self.hub))
         self.process = HeightmapProcess([self.context])
-        self.epoch_ns = config.epoch_ns
+        self.clock = RunClock.of(config)
         self.bus = MemoryBus(config.prefix, self.hub)
         self.states: Publisher = self.bus.publisher("controller/state")
         self.frames: Publisher = self.bus.publisher("camera/depth")
@@ -111,22 +118,20 @@ def test_a_robot_that_starts_anew_gets_an_empty_hidden_state(house: House, model
 
 @pytest.mark.parametrize("house", ["realtime"], indirect=True)
 def test_in_real_time_old_states_are_not_answered(house: House) -> None:
-    now_ns = time.monotonic_ns() - house.epoch_ns
-    house.states.put(replace(states(1)[0], time_ns=now_ns - 500_000_000, step=1))
-    assert house.heightmaps.wait(0.05) is None
-    now_ns = time.monotonic_ns() - house.epoch_ns
-    assert house.ask(replace(states(1)[0], time_ns=now_ns, step=2)).step == 2
+    house.states.put(replace(states(1)[0], time_ns=house.clock.now_ns() - 500_000_000, step=1))
+    assert house.heightmaps.wait(0.2) is None
+    assert house.ask(replace(states(1)[0], time_ns=house.clock.now_ns(), step=2)).step == 2
 
 
 @pytest.mark.parametrize("house", ["realtime"], indirect=True)
 def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: House, model_path: Path) -> None:
     """States at the rate of the robot, then a pause in which nothing more may come."""
     heard = house.bus.stream()
-    alone, count = HeightmapService(HeightmapNetwork(ROBOT, model_path)), 40
-    first_ns = time.monotonic_ns() - house.epoch_ns
+    alone, count = HeightmapService(HeightmapNetwork(ROBOT, model_path)), 20
+    first_ns = house.clock.now_ns()
     for state in states(count):
         time_ns = first_ns + 10_000_000 * state.step
-        time.sleep(max(0.0, 1e-9 * (time_ns + house.epoch_ns - time.monotonic_ns())))
+        time.sleep(max(0.0, house.clock.machine_s(1e-9 * (time_ns - house.clock.now_ns()))))
         frame, now = on_time(state.step), replace(state, time_ns=time_ns)
         if frame is not None:
             frame = replace(frame, time_ns=time_ns - 50_000_000)
@@ -135,7 +140,7 @@ def test_in_real_time_each_state_gets_the_answer_of_the_service_once(house: Hous
         expected = alone.step(now, frame, time_ns)
         assert (answer.step, answer.frame_id) == (expected.step, expected.frame_id)
         np.testing.assert_allclose(answer.height, expected.height, atol=1e-6)
-    time.sleep(0.05)
+    time.sleep(0.2)
     keys = [sample.key for sample in heard.drain()]
     assert keys.count("heightmap/heightmap") == keys.count("done/heightmap") == count
 
