@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from saltus.depth import Intrinsics as Intrinsics
     from saltus.errors import SaltusError as SaltusError
     from saltus.heightmap.service.service import HeightmapService as HeightmapService
+    from saltus.policy.evaluation.rollout import RolloutStep as RolloutStep
     from saltus.policy.planner import Planner as Planner
     from saltus.policy.planner import make_planner as make_planner
     from saltus.real2sim.results import Judgement as Judgement
@@ -46,6 +47,7 @@ _HOMES = {
     "saltus.depth": ("D435I", "Intrinsics"),
     "saltus.errors": ("SaltusError",),
     "saltus.heightmap.service.service": ("HeightmapService",),
+    "saltus.policy.evaluation.rollout": ("RolloutStep",),
     "saltus.policy.planner": ("Planner", "make_planner"),
     "saltus.real2sim.results": ("Judgement",),
     "saltus.real2sim.verdict": ("Verdict",),

@@ -4,8 +4,7 @@ Each function only puts together what the commands are made of; docs/python.md s
 when a function is called, not before.
 """
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -19,7 +18,7 @@ from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 if TYPE_CHECKING:
     from saltus.depth import Intrinsics
     from saltus.heightmap.service.service import HeightmapService
-    from saltus.policy.evaluation.rollout import HeightsFactory
+    from saltus.policy.evaluation.rollout import HeightsFactory, RolloutStep
     from saltus.policy.planner import Planner
     from saltus.real2sim.progress import Progress
     from saltus.real2sim.results import Judgement
@@ -158,6 +157,7 @@ def roll_out(
     seed: int = 0,
     heights: Heights = "true",
     camera: str = "d435i",
+    on_step: "Callable[[RolloutStep], object] | None" = None,
 ) -> "list[Outcome]":
     """Lets a planner drive robots over a terrain, one trial for each seed, in one process.
 
@@ -171,6 +171,7 @@ def roll_out(
         heights: "true": with the shift of each trial; "true-exact": without; "predicted": what the shipped predictor
             makes of the images of `camera`.
         camera: Name or TOML file.
+        on_step: Called with every step of all robots, 100 times a second of theirs.
 
     Returns:
         How each trial went, in the order of the seeds.
@@ -196,7 +197,9 @@ def roll_out(
     drawn = [Trial.draw(seed + i) for i in range(trials)]
     driver = planner or make_planner("learned", robot)
     rollout = Rollout(robot, [terrain] * trials, drawn, driver, heights=source)
-    deque(rollout.run(), maxlen=0)
+    for step in rollout.run():
+        if on_step is not None:
+            on_step(step)
     return [outcome for outcome in rollout.outcomes if outcome is not None]
 
 

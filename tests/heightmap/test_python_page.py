@@ -108,7 +108,10 @@ def test_a_trial_is_what_the_command_makes_of_its_seed(capsys: pytest.CaptureFix
     words = ["--terrain", "step", "--height-m", "1.0", "--trials", "1", "--seed", "4", "--no-report", "--json"]
     assert main(["policy", "eval", *words, "--processes", "1"]) == 1
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    (outcome,) = saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=1, seed=4)
+    steps: list[saltus.RolloutStep] = []
+    (outcome,) = saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=1, seed=4, on_step=steps.append)
     assert vars(outcome) == told["outcomes"][0]
+    start, *_, last = (step.truth.position_base_in_world[0, 0] for step in steps if step.running[0])
+    assert last - start == pytest.approx(outcome.distance_m, abs=0.05)  # a step further: 0.01 s at less than 5 m/s
     with pytest.raises(saltus.SaltusError, match="trials = 0"):
         saltus.roll_out(ROBOT, saltus.make_terrain(course), trials=0)
