@@ -1,11 +1,15 @@
 """A hook of MkDocs: puts into the site what lies outside of docs/, under the links that work on GitHub too.
 
 Pages keep their relative links. README.md becomes the first page; other Markdown keeps its path; a file of code that a
-page links to becomes a page that shows it. The reference of the Python API is made from its docstrings.
+page links to becomes a page that shows it; a notebook becomes a page of its cells, with the text and the pictures that
+it holds. The reference of the Python API is made from its docstrings.
 """
 
+import base64
+import json
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -21,6 +25,7 @@ ELSEWHERE = (FIRST, "CHANGELOG.md", "CONTRIBUTING.md", "zenoh_cfg/README.md")
 """Pages outside of docs/ that others do not link to, or that links are to be followed from."""
 LINK = re.compile(r"(\]\()([^)\s#:]+)((?:#[^)\s]*)?\))")
 API = "reference/python.md"
+NOTEBOOK = ".ipynb"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,6 +42,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             known.update(found)
             waiting.extend(found)
     files.append(File.generated(config, API, content=_api()))
+    for path in sorted((ROOT / DOCS).rglob(f"*{NOTEBOOK}")):
+        for place, content in _notebook(path.relative_to(ROOT / DOCS)):
+            files.append(File.generated(config, place, content=content))
     return files
 
 
@@ -57,7 +65,8 @@ def _in_site(path: str) -> str:
     if path == FIRST:
         return "index.md"
     if path.startswith(DOCS):
-        return path.removeprefix(DOCS)
+        place = path.removeprefix(DOCS)
+        return f"{place.removesuffix(NOTEBOOK)}.md" if place.endswith(NOTEBOOK) else place
     return path if path.endswith(".md") else f"{path}.md"
 
 
@@ -65,7 +74,10 @@ def _in_repository(place: str) -> str:
     """The opposite, for pages of Markdown."""
     if place == "index.md":
         return FIRST
-    return place if (ROOT / place).is_file() else DOCS + place
+    if (ROOT / place).is_file():
+        return place
+    notebook = f"{DOCS}{place.removesuffix('.md')}{NOTEBOOK}"
+    return notebook if (ROOT / notebook).is_file() else DOCS + place
 
 
 def _target(path: str, link: str) -> str:
@@ -77,6 +89,25 @@ def _text(path: str) -> str:
     """The page of a file: itself, or its code."""
     text = (ROOT / path).read_text()
     return text if path.endswith(".md") else f"# {path}\n\n```{Path(path).suffix[1:]}\n{text}```\n"
+
+
+def _notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
+    """The page of a notebook under docs/ and its pictures, each with its place in the site."""
+    parts: list[str] = []
+    pictures = 0
+    for cell in json.loads((ROOT / DOCS / path).read_text())["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            if "text" in output:
+                parts.append(f"```text\n{''.join(output['text']).rstrip()}\n```")
+            else:
+                pictures += 1
+                picture = f"{path.stem}-{pictures}.png"
+                parts.append(f"![Picture {pictures}]({picture})")
+                yield path.with_name(picture).as_posix(), base64.b64decode(output["data"]["image/png"])
+    parts.insert(1, f'This page is a notebook: <a href="{path.name}" download>{path.name}</a>.')
+    yield path.with_suffix(".md").as_posix(), "\n\n".join(parts) + "\n"
 
 
 def _api() -> str:
