@@ -35,6 +35,7 @@ COMMANDS = {
     "controller": "Controller",
     "real2sim": "Real2sim",
     "robot": "RobotCommand",
+    "paper": "Paper",
     "bench": "Bench",
 }
 """The class of each command, in the module of `saltus.cli` that has its name; only the one that is run is imported."""

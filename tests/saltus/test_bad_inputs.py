@@ -282,6 +282,15 @@ BAD = {
     "heightmap export --out model.onnx": "name a folder",
     "heightmap eval --time-limit-s 0.1": "time_limit_s = 0.1",
     "heightmap eval --baselines geometrik": "did you mean 'geometric'?",
+    # the paper
+    "paper stairs": "there is no row 'stairs'",
+    "paper staircas": "did you mean 'staircase'?",
+    "paper no-sysid": "'no-sysid' is not made yet",
+    "paper walking": "a number that is cited only",
+    "paper staircase --trials 0": "trials = 0: it must be from 1 to",
+    "paper staircase --seed -1": "seed = -1",
+    "paper staircase --processes 0": "from 1 to 4096",
+    "paper staircase --out file": "'file'",
     # run logs and patches
     "real2sim find": "at least one",
     "real2sim find missing": "missing",

@@ -1,0 +1,88 @@
+"""Makes a row: a PNG, and a JSON with its numbers and what they stand on."""
+
+import json
+import math
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from saltus.errors import SaltusError, nearest_hint
+from saltus.folders import ask_for_room
+from saltus.models import model_id, model_path
+from saltus.paper.drawing import check_drawing, save
+from saltus.paper.rows import BY_NAME, Row
+from saltus.paper.runs import CAMERA, Effort
+from saltus.provenance import commit
+
+
+def find_row(name: str) -> Row:
+    """The row of that name; `SaltusError` where there is none."""
+    if name not in BY_NAME:
+        raise SaltusError(f"there is no row '{name}': {nearest_hint(name, BY_NAME)}")
+    return BY_NAME[name]
+
+
+def check_makeable(row: Row, folder: Path) -> None:
+    """Before the work.
+
+    Raises:
+        SaltusError: the row cannot be made now; the message says what is missing. Or the folder cannot be written.
+    """
+    if not row.make:
+        raise SaltusError(f"'{row.name}' is not made yet: {row.differs}")
+    check_drawing()
+    ask_for_room(folder)
+
+
+def make(row: Row, effort: Effort, folder: Path) -> dict[str, Any]:
+    """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds."""
+    module, function = row.make.split(".")
+    made = getattr(import_module(f"saltus.paper.{module}"), function)(effort)
+    result = {
+        "row": row.name,
+        "measured": "simulation",
+        "commit": commit(),
+        "models": {kind: model_id(model_path(kind).read_bytes()) for kind in ("policy", "heightmap")},
+        "camera": CAMERA,
+        "seeds": [effort.seeds[0], effort.seeds[-1]],
+        "configuration": made.configuration,
+        "numbers": _finite(made.numbers),
+    }
+    save(made.figure, folder / f"{row.name}.png")
+    (folder / f"{row.name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
+    """What `make` has written; None where it has not.
+
+    Raises:
+        SaltusError: the file holds something else.
+    """
+    path = folder / f"{row.name}.json"
+    if not path.exists() or not path.with_suffix(".png").exists():
+        return None
+    try:
+        result: dict[str, Any] = json.loads(path.read_text())
+        return result if isinstance(result["numbers"], dict) and result["row"] == row.name else _refuse(path)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SaltusError(f"{path} holds no row of the paper: remove it, or name another folder with --out") from error
+
+
+def number_at(numbers: dict[str, Any], place: str) -> Any:
+    """The number at a place with dots; None where there is none."""
+    part: Any = numbers
+    for name in place.split("."):
+        part = part.get(name) if isinstance(part, dict) else None
+    return part
+
+
+def _refuse(path: Path) -> dict[str, Any]:
+    raise ValueError(path)
+
+
+def _finite(value: Any) -> Any:
+    """Numbers that are not finite become null, which JSON can say."""
+    if isinstance(value, dict):
+        return {name: _finite(part) for name, part in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

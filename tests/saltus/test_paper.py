@@ -1,0 +1,130 @@
+"""`saltus paper`: every row says where its numbers come from, what can be made is made, and jumps are counted right."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saltus.cli.main import main
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.effects.camera_latency import CameraLatency
+from saltus.effects.profile import Profile
+from saltus.paper import motion, sysid
+from saltus.paper.making import check_makeable, made_before, make, number_at
+from saltus.paper.rows import NEEDS, ROWS, SOURCES, Row
+from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
+from saltus.policy.evaluation.trace import Trace
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.robots.loading import load_robot
+from saltus.terrain.curriculum import make_terrain
+
+SEARCHED = ("torque-saturation", "camera-latency")
+"""Searches take half a minute; `tests/real2sim` tests them."""
+MADE = [row for row in ROWS if row.make and row.name not in SEARCHED]
+
+
+def test_each_row_has_a_name_of_its_own_and_says_where_its_numbers_were_measured() -> None:
+    assert len({row.name for row in ROWS}) == len(ROWS)
+    for row in ROWS:
+        assert row.needs in NEEDS
+        assert (row.needs == "nothing") == bool(row.make)
+        assert row.make or row.differs
+        assert all(number.source in SOURCES for number in row.numbers)
+        assert row.trial or not row.numbers or not row.make, "what was simulated says so"
+
+
+@pytest.fixture(scope="module")
+def climbed() -> Ran:
+    terrain = make_terrain(TerrainConfig(terrain="stairs", steps=3, rise_m=0.15, run_m=0.4))
+    ((one,),) = ran([Setting(terrain=terrain)], Effort(trials=1, processes=1))
+    return one
+
+
+def begun(whole: Ran) -> Ran:
+    rows, trace = 130, whole.trace  # a third of a second after it has stood
+    short = {name: getattr(whole, name)[:rows] for name in ("reference", "velocity", "frequency_hz")}
+    outcome = replace(whole.outcome, success=False, cause="ended")
+    cut = Trace(**{name: values[:rows] for name, values in vars(trace).items()})
+    return replace(whole, outcome=outcome, failure="timeout", trace=cut, **short)
+
+
+@pytest.mark.parametrize("good", [True, False])
+@pytest.mark.parametrize("row", MADE, ids=lambda row: row.name)
+def test_a_row_is_made_of_trials_that_succeed_and_that_fail(
+    row: Row, good: bool, climbed: Ran, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = climbed if good else begun(climbed)
+
+    def run_none(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
+        return [[one] * max(effort.trials, len(setting.starts_x)) for setting in settings]
+
+    monkeypatch.setattr(motion, "ran", run_none)
+    check_makeable(row, tmp_path)
+    result = make(row, Effort(trials=2, time_limit_s=1.3), tmp_path)
+    assert made_before(row, tmp_path) == json.loads(json.dumps(result))
+    assert result["seeds"] == [FIRST_SEED, FIRST_SEED + 1]
+    assert (tmp_path / f"{row.name}.png").stat().st_size > 1000
+
+
+def test_jumps_are_landings_on_the_course(climbed: Ran) -> None:
+    assert climbed.outcome.success
+    assert climbed.edges_passed == 3
+    edges = climbed.terrain.edges_x
+    on_it = [landing for landing in climbed.landings("front") if edges[0] <= landing.x < edges[-1]]
+    assert climbed.jumps == len(on_it) + 1 <= 4
+    for landing in on_it:  # a foot stands on a stair, not in it or above it
+        assert abs(landing.z - climbed.terrain.height_at(landing.x, 0.0) - 0.02) < 0.03
+    times = [climbed.time_at(x) for x in edges]
+    assert times == sorted(times)
+    assert np.isnan(climbed.time_at(1e3))
+
+
+def test_every_number_of_ours_that_stands_beside_the_papers_is_one_that_its_row_makes() -> None:
+    made = {
+        "torque-saturation": {"delivered_at_35_nm": {"found": 1}},
+        "camera-latency": {"lag_of_heights_ms": 1, "found_ms": 1},
+        "performance": {name: {"success": 1, "speed_mps": {"most": 1}} for name in motion.COURSES},
+        "generalisation": {name: {"success": 1} for name in motion.NEW_GROUND},
+    }
+    course = {key: {"median": 1} for key in ("time_over_it_s", "horizontal_mps", "vertical_mps", "jumps")}
+    made |= {"staircase": course, "stones": course}
+    for row in ROWS:
+        for number in row.numbers:
+            assert not number.ours or number_at(made[row.name], number.ours) == 1, (row.name, number.ours)
+
+
+def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
+    robot, latency = load_robot(DEFAULT_ROBOT), 0.09
+    log = run(experiment_named("heave_sine"), robot, Profile(camera=(CameraLatency(latency=latency),)))
+    joints_s, by_joints = sysid._height_by_joints(log, robot)
+    images_s, by_images = sysid._height_by_images(log)
+    assert np.abs(by_images.mean() - by_joints.mean()) < 0.01
+    assert abs(sysid._lag(images_s, by_images, joints_s, by_joints) - latency) < 0.01  # half an image
+
+
+def test_planks_leave_open_what_stairs_fill() -> None:
+    planks = motion.plank_stairs()
+    solid = make_terrain(motion.STAIRS)
+    x = np.linspace(0.0, planks.finish_x, 501)
+    np.testing.assert_allclose(planks.height_at(x, 0.0 * x), solid.height_at(x, 0.0 * x), atol=1e-9)
+    between = [box for box in planks.boxes if box.low[2] > 0.0]
+    assert len(between) == 14
+    assert all(box.high[2] - box.low[2] < 0.05 for box in between)
+
+
+def test_the_list_says_what_is_not_made(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["paper"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [row.name for row in ROWS]
+    assert all(row.needs in line for row, line in zip(ROWS, lines, strict=True))
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if not row.make], ids=lambda row: row.name)
+def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["paper", row.name, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == f"saltus: '{row.name}' is not made yet: {row.differs}\n"
+    assert not (tmp_path / "out").exists()
