@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -12,22 +12,28 @@ from saltus.config import check_between
 from saltus.flags import Flag, shown
 from saltus.workers import check_processes
 
+if TYPE_CHECKING:
+    from saltus.paper.rows import Row
+
 MOST_TRIALS = 10_000
+REPORT = "report"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Paper:
-    """Makes the paper's tables and figures again from the shipped models: lists them, or makes one of them.
+    """Makes the paper's tables and figures again from the shipped models: lists them, makes one, or a page of all.
 
-    A row is written as PNG and JSON. All of it is measured in simulation. Figures need matplotlib.
+    A row is written as PNG and JSON. `report` makes those that are not there yet, and one page of all. All of it is
+    measured in simulation. Figures need matplotlib.
 
     For example:
       saltus paper
       saltus paper staircase --trials 20
+      saltus paper report
     """
 
     name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
-    """Which row."""
+    """Which row; report: a page of all."""
     trials: int = 20
     """Of each course; rows that compare starts have five of them."""
     seed: Annotated[int | None, shown("INT", "130000")] = None
@@ -41,31 +47,51 @@ class Paper:
 
     def run(self) -> int:
         """Lists or makes."""
+        if not self.name:
+            return self._list()
+        from saltus.paper.making import check_makeable, find_row
         from saltus.paper.rows import ROWS
 
-        if not self.name:
-            rows = {row.name: {"paper": row.where, "needs": row.needs, "shows": row.shows} for row in ROWS}
-            if self.json:
-                print_json({"rows": rows})
-                return 0
-            for row in ROWS:
-                print(f"{row.name:24} {row.where:21} {row.needs:19} {row.shows}")
-            return 0
-        from tqdm import tqdm
-
-        from saltus.paper.making import check_makeable, find_row, make
-        from saltus.paper.runs import FIRST_SEED, Effort
-
-        row = find_row(self.name)
+        report = self.name == REPORT
+        rows = [row for row in ROWS if row.make] if report else [find_row(self.name)]
         check_between(self, trials=(1, MOST_TRIALS))
         check_processes(self.processes)
-        check_makeable(row, self.out)
+        for row in rows:
+            check_makeable(row, self.out)
+        results = {row.name: self._made(row, again=not report) for row in rows}
+        if report:
+            from saltus.paper.report import write_report
+
+            print(write_report(results, self.out))
+        else:
+            (result,) = results.values()
+            print_figures(result["numbers"])
+            print(self.out / f"{self.name}.png")
+        if self.json:
+            print_json(results if report else result)
+        return 0
+
+    def _list(self) -> int:
+        from saltus.paper.rows import ROWS
+
+        if self.json:
+            print_json({"rows": {r.name: {"paper": r.where, "needs": r.needs, "shows": r.shows} for r in ROWS}})
+            return 0
+        for row in ROWS:
+            print(f"{row.name:24} {row.where:21} {row.needs:19} {row.shows}")
+        return 0
+
+    def _made(self, row: "Row", again: bool) -> dict[str, Any]:
+        """What a row came to; one that is there is taken as it is, unless it is to be made again."""
+        from tqdm import tqdm
+
+        from saltus.paper.making import made_before, make
+        from saltus.paper.runs import FIRST_SEED, Effort
+
+        there = None if again else made_before(row, self.out)
+        if there is not None:
+            return there
         with tqdm(unit="trial", desc=row.name, file=sys.stderr, disable=None) as bar:
             seed = FIRST_SEED if self.seed is None else self.seed
             effort = Effort(trials=self.trials, first_seed=seed, processes=self.processes, say=bar.update)
-            result = make(row, effort, self.out)
-        print_figures(result["numbers"])
-        print(self.out / f"{row.name}.png")
-        if self.json:
-            print_json(result)
-        return 0
+            return make(row, effort, self.out)

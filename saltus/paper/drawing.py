@@ -1,6 +1,7 @@
 """Figures of rows as PNG; needs matplotlib. One drawing serves the file and the page."""
 
 import importlib.util
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from saltus.terrain.terrain import Terrain
 
 DPI = 110
 """Of figures 9 inches wide: what fits a page, at a third of the size of twice as many."""
+COLOURS = 256
+"""Of a palette: a third of the bytes, for a difference that nobody sees."""
 WIDTH_IN = 9.0
 GROUND = "0.72"
 FRONT, REAR, OURS, OTHER = "tab:blue", "tab:orange", "tab:blue", "tab:red"
@@ -36,9 +39,13 @@ def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.4, **options:
 def save(figure: Any, path: Path) -> None:
     """Writes a figure as PNG, and forgets it."""
     from matplotlib import pyplot as plt
+    from PIL import Image
 
-    figure.savefig(path, dpi=DPI)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=DPI)
     plt.close(figure)
+    colours = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    colours.save(path, "PNG", optimize=True)
 
 
 def legend(axis: Any, **options: Any) -> None:

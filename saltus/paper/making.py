@@ -8,17 +8,19 @@ from typing import Any
 
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
-from saltus.models import model_id, model_path
+from saltus.models import ModelKind, model_id, model_path
 from saltus.paper.drawing import check_drawing, save
 from saltus.paper.rows import BY_NAME, Row
 from saltus.paper.runs import CAMERA, Effort
 from saltus.provenance import commit
 
+MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
+
 
 def find_row(name: str) -> Row:
     """The row of that name; `SaltusError` where there is none."""
     if name not in BY_NAME:
-        raise SaltusError(f"there is no row '{name}': {nearest_hint(name, BY_NAME)}")
+        raise SaltusError(f"there is no row '{name}': {nearest_hint(name, [*BY_NAME, 'report'])}")
     return BY_NAME[name]
 
 
@@ -42,7 +44,7 @@ def make(row: Row, effort: Effort, folder: Path) -> dict[str, Any]:
         "row": row.name,
         "measured": "simulation",
         "commit": commit(),
-        "models": {kind: model_id(model_path(kind).read_bytes()) for kind in ("policy", "heightmap")},
+        "models": _models(),
         "camera": CAMERA,
         "seeds": [effort.seeds[0], effort.seeds[-1]],
         "configuration": made.configuration,
@@ -54,7 +56,7 @@ def make(row: Row, effort: Effort, folder: Path) -> dict[str, Any]:
 
 
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
-    """What `make` has written; None where it has not.
+    """What `make` has written; None where it has not, or of other models than the shipped ones.
 
     Raises:
         SaltusError: the file holds something else.
@@ -64,7 +66,13 @@ def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
         return None
     try:
         result: dict[str, Any] = json.loads(path.read_text())
-        return result if isinstance(result["numbers"], dict) and result["row"] == row.name else _refuse(path)
+        if (
+            result["row"] != row.name
+            or not isinstance(result["numbers"], dict)
+            or not {"commit", "seeds"} <= set(result)
+        ):
+            raise ValueError(row.name)
+        return result if result["models"] == _models() else None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SaltusError(f"{path} holds no row of the paper: remove it, or name another folder with --out") from error
 
@@ -77,8 +85,9 @@ def number_at(numbers: dict[str, Any], place: str) -> Any:
     return part
 
 
-def _refuse(path: Path) -> dict[str, Any]:
-    raise ValueError(path)
+def _models() -> dict[str, str]:
+    """Names of the shipped networks."""
+    return {kind: model_id(model_path(kind).read_bytes()) for kind in MODELS}
 
 
 def _finite(value: Any) -> Any:

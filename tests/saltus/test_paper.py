@@ -1,20 +1,25 @@
 """`saltus paper`: every row says where its numbers come from, what can be made is made, and jumps are counted right."""
 
+import html
 import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from report_pages import opens_without_a_network
 
 from saltus.cli.main import main
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import Profile
-from saltus.paper import motion, sysid
+from saltus.errors import SaltusError
+from saltus.paper import making, motion, sysid
+from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, made_before, make, number_at
-from saltus.paper.rows import NEEDS, ROWS, SOURCES, Row
+from saltus.paper.rows import BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from saltus.policy.evaluation.trace import Trace
 from saltus.real2sim.experiments.menu import experiment_named
@@ -114,6 +119,48 @@ def test_planks_leave_open_what_stairs_fill() -> None:
     between = [box for box in planks.boxes if box.low[2] > 0.0]
     assert len(between) == 14
     assert all(box.high[2] - box.low[2] < 0.05 for box in between)
+
+
+def put(row: Row, folder: Path, **changes: Any) -> None:
+    numbers = {"success": 3, "trials": 4, "jumps": {"least": 7, "median": 7.5, "most": 8}}
+    result = {"row": row.name, "commit": "c0ffee", "seeds": [1, 4], "models": making._models(), "numbers": numbers}
+    (folder / f"{row.name}.json").write_text(json.dumps(result | changes))
+    figure, axis = subplots()
+    axis.plot((0, 1), (0, 1))
+    save(figure, folder / f"{row.name}.png")
+
+
+def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for row in ROWS:
+        if row.make:
+            put(row, tmp_path)
+    assert main(["paper", "report", "--out", str(tmp_path), "--json"]) == 0
+    *_, said, table = capsys.readouterr().out.splitlines()
+    assert Path(said) == tmp_path / "report.html"
+    assert json.loads(table).keys() == {row.name for row in ROWS if row.make}
+    opens_without_a_network(tmp_path / "report.html")
+    page = html.unescape((tmp_path / "report.html").read_text())
+    parts = page.split("<h2")[1:]
+    assert len(parts) == len(ROWS)
+    for row, part in zip(ROWS, parts, strict=True):
+        assert row.shows in part
+        assert ("<img" in part) == bool(row.make)
+        assert row.make or row.differs in part
+        for number in row.numbers:  # the paper's number, where it was measured; ours, and that it is simulated
+            ours = ("7.5", "simulation") if number.ours == "jumps.median" else ("-", "-")
+            cells = "".join(f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours))
+            assert cells in part
+
+
+def test_a_page_takes_no_rows_of_other_models_and_no_files_of_others(tmp_path: Path) -> None:
+    row = BY_NAME["staircase"]
+    assert made_before(row, tmp_path) is None
+    put(row, tmp_path, models={"policy": "other", "heightmap": "other"})
+    assert made_before(row, tmp_path) is None
+    for junk in ("{}", "[1]", "junk", '{"row": "stones"}', "\x00"):
+        (tmp_path / "staircase.json").write_text(junk)
+        with pytest.raises(SaltusError, match="holds no row of the paper"):
+            made_before(row, tmp_path)
 
 
 def test_the_list_says_what_is_not_made(capsys: pytest.CaptureFixture[str]) -> None:

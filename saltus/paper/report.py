@@ -1,0 +1,93 @@
+"""One page about the paper: what it shows, in words of our own, ours drawn, and numbers side by side."""
+
+import base64
+import html
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from saltus.paper.making import number_at
+from saltus.paper.rows import ROWS, Row
+from saltus.recordings.page import page, table, write_page
+
+STYLE = "img { max-width: 100%; } summary { cursor: pointer; color: #555; } .why { max-width: 60em; }"
+HEAD = ("what", "the paper", "measured on", "Saltus", "measured in")
+INTRODUCTION = (
+    "The paper's numbers are those of the machine that its column names, mostly a real robot. <b>All of Saltus's are "
+    "simulation</b>: MuJoCo, the shipped policy and predictor, late images of a D435i with its errors, and what trials "
+    "draw. They stand beside each other and are no comparison of like with like."
+)
+
+
+def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
+    """Writes FOLDER/report.html of rows that `saltus.paper.making` made there, by name; returns its path."""
+    body = [
+        "<h1>Agile Continuous Jumping in Discontinuous Terrains, made again</h1>",
+        f"<p>{INTRODUCTION}</p>",
+        f"<p>{len(results)} of {len(ROWS)} rows are made; the others say what they need.</p>",
+        *(_row(row, results.get(row.name), folder) for row in ROWS),
+    ]
+    path = folder / "report.html"
+    write_page(path, page("Saltus: the paper made again", "\n".join(body), STYLE))
+    return path
+
+
+def _row(row: Row, result: dict[str, Any] | None, folder: Path) -> str:
+    parts = [
+        f"<h2 id={row.name}>{row.where}: {row.name}</h2>",
+        f"<p><b>The paper:</b> {html.escape(row.shows)}</p>",
+    ]
+    if row.numbers:
+        parts.append(table(HEAD, _side_by_side(row, result), "text"))
+    if result is None:
+        return "\n".join([*parts, f"<p class=bad>Not made ({row.needs}): {html.escape(row.differs)}</p>"])
+    if row.differs:
+        parts.append(f"<p class=why><b>Where ours differs:</b> {html.escape(row.differs)}</p>")
+    picture = base64.b64encode((folder / f"{row.name}.png").read_bytes()).decode()
+    shown = table(("number", "Saltus, simulation"), _flat(result["numbers"]), "text")
+    return "\n".join(
+        [
+            *parts,
+            f'<img src="data:image/png;base64,{picture}" alt="{row.name}, simulated">',
+            f"<details><summary>all numbers of ours</summary>{shown}</details>",
+            f"<p class=note>{html.escape(_provenance(row, result))}</p>",
+        ]
+    )
+
+
+def _side_by_side(row: Row, result: dict[str, Any] | None) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for number in row.numbers:
+        ours = number_at(result["numbers"], number.ours) if result is not None and number.ours else None
+        said = "-" if ours is None else f"{_text(ours)} {number.unit}".strip()
+        if ours is not None and number.ours.endswith("success") and result is not None:
+            said += f" of {number_at(result['numbers'], number.ours.replace('success', 'trials'))}"
+        rows.append((number.what, number.paper, number.source, said, "-" if ours is None else "simulation"))
+    return rows
+
+
+def _flat(numbers: Mapping[str, Any], before: str = "") -> list[tuple[str, str]]:
+    """One line for each number; least, median and most of one share a line."""
+    rows = []
+    for name, value in numbers.items():
+        place = f"{before}{name}"
+        if isinstance(value, dict) and value.keys() != {"least", "median", "most"}:
+            rows += _flat(value, f"{place}, ")
+        else:
+            rows.append((place.replace("_", " "), _text(value)))
+    return rows
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{_text(value['median'])} ({_text(value['least'])} to {_text(value['most'])})"
+    if isinstance(value, list):
+        return " to ".join(map(_text, value))
+    return f"{value:.4g}" if isinstance(value, float) else "-" if value is None else str(value)
+
+
+def _provenance(row: Row, result: dict[str, Any]) -> str:
+    models = ", ".join(f"{kind} {name}" for kind, name in result["models"].items())
+    seeds = f"seeds {result['seeds'][0]} to {result['seeds'][1]}"
+    how = f"{row.trial}; " if row.trial else ""
+    return f"{how}{seeds}; {models}; commit {result['commit']}; saltus paper {row.name}"
