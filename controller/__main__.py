@@ -104,6 +104,7 @@ class Run:
                 now_ns = self._context.clock.now_ns()
             else:
                 now_ns = self._step * STEP_NS + tick * TICK_NS
+                self._context.clock.set(now_ns)
             self._loop.sense(self._robot.read())
             if tick == 0:
                 start_ns = now_ns

@@ -90,12 +90,28 @@ class StandIns:
                     self._plans.put(make_plan(step, now, PlanStatus.STAND))
 
 
-def run_controller(tmp_path, pace="lockstep", seed=3, **stand_ins):
+class StoppedLater:
+    """The context of a process that is told to stop at a time of its run."""
+
+    def __init__(self, context, time_ns):
+        self._context, self._time_ns = context, time_ns
+
+    @property
+    def stopped(self):
+        return self._context.clock.now_ns() >= self._time_ns
+
+    def __getattr__(self, name):
+        return getattr(self._context, name)
+
+
+def run_controller(tmp_path, pace="lockstep", seed=3, stopped_at_ns=None, **stand_ins):
     hub = MemoryHub()
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
     config = RunConfig(terrain=TerrainConfig(terrain="flat"), seed=seed, time_limit_s=0.3, pace=pace)
     context = ProcessContext("controller", config, put_run(tmp_path, config), bus)
+    if stopped_at_ns is not None:
+        context = StoppedLater(context, stopped_at_ns)
     with StandIns(hub, **stand_ins).running():
         process.body(context)
     return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
@@ -123,6 +139,12 @@ def test_lockstep_run_is_complete_and_repeatable(tmp_path):
     for ours, theirs in zip(states, of(second, RobotState), strict=True):
         for name in ("quaternion_base_in_world", "joint_position", "velocity_base_in_world", "joint_torque"):
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_a_robot_that_is_stopped_early_dates_what_it_says_until_it_rests(tmp_path):
+    runs = [run_controller(tmp_path, stopped_at_ns=time_ns) for time_ns in (None, 50_000_000)]
+    whole, stopped = ([event.time_ns for event in of(run, Event) if event.code == "timeout"] for run in runs)
+    assert whole == stopped
 
 
 def test_lost_questions_are_asked_again_without_changing_the_run(tmp_path, monkeypatch):
