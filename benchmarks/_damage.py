@@ -17,8 +17,9 @@ from saltus.config import DEFAULT_ROBOT, RunConfig, TerrainConfig, load
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import load_profile
 from saltus.errors import RecordingError
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
-from saltus.heightmap.data.shards import MANIFEST, Episode, read_dataset, write_shard
+from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.train import settings_of

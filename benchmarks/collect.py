@@ -20,7 +20,8 @@ from typing import Any
 from benchmarks._command import Command
 from saltus.config import check_at_least
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.settings import ClosedLoop
 from saltus.resources import resource as shipped
 from saltus.workers import in_order

@@ -37,7 +37,8 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.depth_camera import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
-from saltus.heightmap.data.shards import DatasetError, Episode, read_dataset, read_manifest, write_shard
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import DatasetError, read_dataset, read_manifest, write_shard
 from saltus.heightmap.evaluation.held_out import HeldOutRuns
 from saltus.heightmap.evaluation.scores import scores
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel

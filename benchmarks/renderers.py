@@ -21,7 +21,8 @@ from benchmarks._command import Command, progress, tell
 from benchmarks.realism import LEARNED, ROBOT, check_twins, exported
 from saltus.heightmap.collection import closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest, write_shard
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import read_dataset, read_manifest, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelConfig, TrainConfig
 from saltus.heightmap.training.train import train

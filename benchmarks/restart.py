@@ -19,7 +19,8 @@ from benchmarks._command import Command, progress
 from saltus.config import DEFAULT_ROBOT
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
-from saltus.heightmap.data.shards import Episode, read_dataset
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.validate import run_episode
 from saltus.robots.loading import load_robot

@@ -9,9 +9,9 @@ from samples import KINEMATICS, PROFILE, ROBOT
 from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
-from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import proprioception
 from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain

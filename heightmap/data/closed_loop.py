@@ -16,13 +16,13 @@ from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.delivery import TRAINING
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.mounts import random_mount
 from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.robot_cameras import IdealCameras
 from saltus.heightmap.data.rollouts import Trajectory, labelled, true_images
 from saltus.heightmap.data.runs import runs
-from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.data.stereo_images import SAMPLED, stereo_images
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork

@@ -14,7 +14,7 @@ from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, drawn_around
 from saltus.effects.camera_latency import CameraLatency
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 from saltus.robots.loading import load_robot
 from saltus.wire.topics import CAMERA_LATENCY_S

@@ -14,8 +14,8 @@ from saltus.depth_camera import DepthCamera
 from saltus.effects.signals import DepthImage
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import TICK_S
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.runs import runs
-from saltus.heightmap.data.shards import Episode
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 

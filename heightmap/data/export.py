@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from saltus.constants import POLICY_DT
 from saltus.folders import whole_folder
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.data.shards import DatasetError, Episode, ShardRecord, dataset_hash, read_records, read_shard
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"

@@ -13,7 +13,7 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import LINE, HeightGrid
 from saltus.heightmap.data.delivery import TICK_S
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import USUAL_RENDERER
 from saltus.render.backends import make_stereo
 from saltus.render.camera import RobotCamera

@@ -14,9 +14,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from saltus.arrays import Singles
 from saltus.config import from_table
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
@@ -25,6 +23,7 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.camera_latency import CameraLatency
 from saltus.errors import ConfigError, SaltusError
 from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.provenance import commit
@@ -40,26 +39,6 @@ _NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency", "render
 
 class DatasetError(SaltusError):
     """A dataset that is damaged, incomplete or missing."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Episode:
-    """One robot, one run, without interruption, at 100 Hz.
-
-    Images are as the camera gives them out: they travel later, when they are trained on.
-    """
-
-    terrain: str
-    proprioception: Singles
-    """See `saltus.heightmap.service.features`, shape (ticks, n)."""
-    height: Singles
-    """True heights relative to the base [m], shape (ticks, 30)."""
-    depth: NDArray[np.uint16]
-    """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
-    frame_tick: NDArray[np.int32]
-    """Tick at which each image was taken, ascending, shape (frames,)."""
-    latency: CameraLatency = NOMINAL_LATENCY
-    """How long images travel; a shard has one for all."""
 
 
 @dataclass(frozen=True, kw_only=True)

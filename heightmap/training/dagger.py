@@ -29,10 +29,10 @@ from saltus.errors import ConfigError
 from saltus.folders import whole_folder
 from saltus.heightmap.collection import Key, closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import hardware_table
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import merge, validate
 from saltus.heightmap.data.shards import (
     DatasetError,
-    Episode,
     dataset_hash,
     file_sha256,
     read_manifest,

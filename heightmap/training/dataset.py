@@ -12,7 +12,7 @@ from torch.nn import functional
 from saltus.arrays import Indices
 from saltus.depth import MILLIMETRE, RANGE_M
 from saltus.heightmap.data.delivery import DeliveryModel, deliver
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import IMAGE_SHAPE, Estimate, HeightmapModel, Normalisation, model_image
 
 

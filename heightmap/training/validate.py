@@ -9,7 +9,7 @@ from saltus.arrays import Singles
 from saltus.depth import MILLIMETRE, NOTHING, model_images
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork, Inputs
 
 AHEAD_X = 0.45  # standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)

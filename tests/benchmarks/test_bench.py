@@ -13,7 +13,8 @@ from benchmarks._command import Command
 from saltus.cli import bench
 from saltus.cli.main import main
 from saltus.cli.output import print_figures
-from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 FOLDER = Path(bench.__file__).resolve().parents[2] / "benchmarks"

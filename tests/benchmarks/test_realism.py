@@ -9,7 +9,8 @@ from synthetic_motion import gliding_episodes
 
 from benchmarks.realism import check_twins, with_age_held
 from saltus.heightmap.data.delivery import DeliveryModel
-from saltus.heightmap.data.shards import DatasetError, Episode
+from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.shards import DatasetError
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.settings import ModelConfig
 from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window

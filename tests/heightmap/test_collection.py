@@ -17,8 +17,9 @@ from saltus.effects.profile import profile_to_toml
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
-from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
+from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
 from saltus.policy.evaluation.rollout import Rollout

@@ -5,7 +5,7 @@ import pytest
 
 from saltus.effects.camera_latency import CameraLatency
 from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, deliver
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 
 TICKS = 400

@@ -18,8 +18,9 @@ from saltus.errors import ConfigError
 from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
 from saltus.heightmap.data.device_heights import DeviceHeights, late_images
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
-from saltus.heightmap.data.shards import Episode, read_dataset, read_manifest
+from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from saltus.cli.main import main
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.export import (
     COLUMNS,
     CROISSANT_FILE,
@@ -17,7 +18,7 @@ from saltus.heightmap.data.export import (
     STATS_FILE,
     TASKS_FILE,
 )
-from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.service.features import PROPRIOCEPTION
 
 LENGTHS = (7, 30, 12)

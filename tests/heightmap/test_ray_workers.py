@@ -18,8 +18,9 @@ from ray.cluster_utils import Cluster
 from saltus.cli.main import main
 from saltus.errors import ConfigError, ModelError, StackError
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.ray_workers import LOCAL, Installation, in_order_on_ray, on_host
-from saltus.heightmap.data.shards import Episode, write_shard
+from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop
 from saltus.resources import resource
 from saltus.workers import in_order

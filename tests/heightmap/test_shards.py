@@ -7,9 +7,10 @@ import h5py
 import numpy as np
 import pytest
 
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shard_columns import CHUNK, ShardColumn, read_column
-from saltus.heightmap.data.shards import DatasetError, Episode, dataset_hash, read_dataset, read_manifest, write_shard
+from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_dataset, read_manifest, write_shard
 
 
 def episodes(count: int, seed: int) -> Iterator[Episode]:

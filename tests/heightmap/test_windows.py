@@ -8,7 +8,7 @@ import torch
 from samples import ROBOT
 
 from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
-from saltus.heightmap.data.shards import Episode
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import INTERVAL90

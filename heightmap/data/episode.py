@@ -1,0 +1,30 @@
+"""What predictors are trained on: an episode. To make one takes no package that only training needs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.arrays import Singles
+from saltus.effects.camera import NOMINAL_LATENCY
+from saltus.effects.camera_latency import CameraLatency
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Episode:
+    """One robot, one run, without interruption, at 100 Hz.
+
+    Images are as the camera gives them out: they travel later, when they are trained on.
+    """
+
+    terrain: str
+    proprioception: Singles
+    """See `saltus.heightmap.service.features`, shape (ticks, n)."""
+    height: Singles
+    """True heights relative to the base [m], shape (ticks, 30)."""
+    depth: NDArray[np.uint16]
+    """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
+    frame_tick: NDArray[np.int32]
+    """Tick at which each image was taken, ascending, shape (frames,)."""
+    latency: CameraLatency = NOMINAL_LATENCY
+    """How long images travel; a shard has one for all."""
