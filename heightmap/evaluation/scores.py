@@ -1,7 +1,7 @@
 """What predictors scored in held-out runs: one table for each, for all runs, by terrain, and by level."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -39,31 +39,40 @@ class Score:
     points: int
 
 
+FIGURES = tuple(field.name for field in fields(Score) if field.name != "points")
+"""Those of a `Score` that are means."""
+
+
 def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
     """One predictor in some runs."""
-    said = [run.predictions[predictor] for run in runs]
-    height, half_width_90, true = (
-        np.concatenate(parts)
-        for parts in ([p.height for p in said], [p.half_width_90 for p in said], [run.true_height for run in runs])
-    )
-    view = np.concatenate([run.view for run in runs])
-    error = np.abs(height - true)
-    covered = error <= half_width_90
-    by_view = {name: _mean(error[view == number]) for number, name in enumerate(VIEWS)}
-    seen = view != UNSEEN
-    edges = edge_errors(height, np.where(seen, true, np.nan))
-    return Score(
-        mae_m=_mean(error[seen]),
-        mae_visible_m=by_view["visible"],
-        mae_remembered_m=by_view["remembered"],
-        mae_unseen_m=by_view["unseen"],
-        edge_error_m=edges.mean_m,
-        edges_found=edges.found,
-        coverage90=_mean(covered),
-        coverage90_seen=_mean(covered[seen]),
-        nll=_mean(negative_log_likelihood(error, half_width_90)),
-        points=error.size,
-    )
+    means = mean_of(np.sum([totals(run, predictor) for run in runs], axis=0))
+    points = sum(run.true_height.size for run in runs)
+    return Score(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
+
+
+def totals(run: HeldOutRun, predictor: str) -> Floats:
+    """Sum and number of what each of `FIGURES` is the mean of, in one run, shape (2, figures): those of runs add up."""
+    said, view = run.predictions[predictor], run.view
+    error = np.abs(said.height - run.true_height)
+    covered, seen = error <= said.half_width_90, view != UNSEEN
+    edges = edge_errors(said.height, np.where(seen, run.true_height, np.nan)).error
+    found = np.isfinite(edges)
+    judged: dict[str, Floats | NDArray[np.bool_]] = {
+        "mae_m": error[seen],
+        **{f"mae_{name}_m": error[view == number] for number, name in enumerate(VIEWS)},
+        "edge_error_m": np.abs(edges[found]),
+        "edges_found": found,
+        "coverage90": covered,
+        "coverage90_seen": covered[seen],
+        "nll": negative_log_likelihood(error, said.half_width_90),
+    }
+    return np.array([(judged[name].sum(), judged[name].size) for name in FIGURES], np.float64).T
+
+
+def mean_of(totals: Floats) -> Floats:
+    """Each of `FIGURES` by the `totals` of some runs, shape (..., 2, figures); NaN where nothing is judged."""
+    total, count = totals[..., 0, :], totals[..., 1, :]
+    return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.0)
 
 
 def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
@@ -85,7 +94,3 @@ def _table(runs: Sequence[HeldOutRun], predictor: str) -> dict[str, Any]:
 def _grouped(runs: Sequence[HeldOutRun], predictor: str, group: Callable[[HeldOutRun], str]) -> dict[str, Any]:
     names = sorted({group(run) for run in runs})
     return {name: asdict(score([run for run in runs if group(run) == name], predictor)) for name in names}
-
-
-def _mean(values: Floats | NDArray[np.bool_]) -> float:
-    return float(np.mean(values)) if np.size(values) else float("nan")
