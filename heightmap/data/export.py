@@ -17,49 +17,15 @@ from numpy.typing import NDArray
 
 from saltus.constants import POLICY_DT
 from saltus.folders import whole_folder
-from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S, SCHEMA, nested
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, ShardRecord, dataset_hash, read_records, read_shard
-from saltus.heightmap.service.features import PROPRIOCEPTION
 
 DATA_FILE = "data/chunk-000/file-{index:03d}.parquet"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 TASKS_FILE, INFO_FILE, STATS_FILE = "meta/tasks.parquet", "meta/info.json", "meta/stats.json"
 CROISSANT_FILE = "croissant.json"
 ROW_GROUP = 4096  # ticks: 6 MB of images, which a reader holds at once
-NO_IMAGE_S = -1.0
-"""Age of the image of a tick before the first one."""
-_IMAGE = pa.list_(pa.list_(pa.uint16()))
-_VECTOR = pa.list_(pa.float32())
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of the table: what it holds, for people and for both formats."""
-
-    name: str
-    kind: pa.DataType
-    dtype: str
-    shape: tuple[int, ...]
-    about: str
-    names: tuple[str, ...] | None = None
-
-
-COLUMNS = (
-    Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),), "what the robot knows of itself: angles "
-           "[rad], positions [m], velocities [m/s, rad/s], in the yaw frame", PROPRIOCEPTION),
-    Column("observation.depth", _IMAGE, "uint16", (48, 16), "newest depth image [mm], along the optical axis; 0 is "
-           "invalid, 65535 nothing within range"),
-    Column("observation.depth_age", pa.float32(), "float32", (1,), "time since it was taken [s]; -1 before the first"),
-    Column("label.height", _VECTOR, "float32", (len(HEIGHTMAP_X),), "true heights relative to the base [m], at these x "
-           "ahead of it along its yaw [m]", tuple(f"{x:.4f}" for x in HEIGHTMAP_X)),
-    Column("timestamp", pa.float32(), "float32", (1,), "time since the episode began [s]"),
-    Column("frame_index", pa.int64(), "int64", (1,), "tick of the episode"),
-    Column("episode_index", pa.int64(), "int64", (1,), "one robot, one run, without interruption"),
-    Column("index", pa.int64(), "int64", (1,), "row"),
-    Column("task_index", pa.int64(), "int64", (1,), "kind of terrain, see meta/tasks.parquet"),
-)  # fmt: skip
-SCHEMA = pa.schema([(column.name, column.kind) for column in COLUMNS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,15 +96,7 @@ def _table(episode: Episode, number: int, first: int, task: int) -> dict[str, ND
 
 
 def _arrow(table: dict[str, NDArray[Any]]) -> pa.Table:
-    return pa.table([_nested(table[column.name], column.kind) for column in COLUMNS], schema=SCHEMA)
-
-
-def _nested(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
-    """Rows of any shape as lists of lists, without a Python object for each number."""
-    array: pa.Array = pa.array(np.ascontiguousarray(values).reshape(-1))
-    for size in values.shape[:0:-1]:
-        array = pa.ListArray.from_arrays(pa.array(np.arange(0, len(array) + 1, size, dtype=np.int32)), array)
-    return array.cast(kind)
+    return pa.table([nested(table[column.name], column.kind) for column in COLUMNS], schema=SCHEMA)
 
 
 def _row(episode: Episode, rows: list[dict[str, Any]], file: int) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class PredictedHeights:
         count = len(trials)
         self._network = network
         self._cameras = cameras
-        self._images = _late_images(profile, trials)
+        self._images = late_images(profile, trials)
         self._used = UsedImages(_as_sent(self._images.in_hand.depth), self._images.in_hand.time_s)
         self.half_width_90 = np.full((count, len(HEIGHTMAP_X)), UNKNOWN_HALF_WIDTH_M)
         """Half of the 90 % interval of the newest heights [m], shape (n, 30)."""
@@ -117,7 +117,7 @@ class PredictedHeights:
         self._heights[mask], self.half_width_90[mask] = 0.0, UNKNOWN_HALF_WIDTH_M
 
 
-def _late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
+def late_images(profile: Profile, trials: Sequence[Trial]) -> LateImages:
     """Cameras as each trial draws them, with the random numbers of the camera process."""
     latency_s, jitter_s = np.array([(trial.camera_delay_s, trial.camera_jitter_s) for trial in trials]).T
     camera = drawn_around(profile.camera, latency_s=latency_s, jitter_s=jitter_s)

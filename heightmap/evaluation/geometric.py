@@ -62,16 +62,18 @@ class _Points:
 class GeometricHeightmap:
     """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
 
-    A frame counts for `memory_s`; `foot_gain` is the share of the mean distance between standing feet and map that one
-    tick removes.
+    A frame counts for `memory_s`, where `images` is given only as one of the newest so many; `foot_gain` is the share
+    of the mean distance between standing feet and map that one tick removes.
     """
 
-    def __init__(self, robot: Robot, memory_s: float = MEMORY_S, foot_gain: float = 0.0) -> None:
+    def __init__(
+        self, robot: Robot, memory_s: float = MEMORY_S, foot_gain: float = 0.0, images: int | None = None
+    ) -> None:
         self._foot_gain = foot_gain
         self._mount, self._legs, self._foot_radius = Mount.of(robot), LegKinematics(robot), robot.foot_radius
         self._memory_ns = round(1e9 * memory_s)
         self._odometry = Odometry(memory_s)
-        self._points: deque[_Points] = deque()
+        self._points: deque[_Points] = deque(maxlen=images)
         self._newest: DepthFrame | None = None
         self._last: Heightmap | None = None
 

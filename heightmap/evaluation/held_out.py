@@ -104,7 +104,7 @@ class HeldOutRuns:
 
     def courses(self, rng: np.random.Generator, count: int) -> list[tuple[str, Terrain]]:
         """Level and course of each robot of a batch."""
-        some = [_course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
+        some = [course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
         terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
         return [(some[i % len(some)][0], terrain) for i, terrain in enumerate(terrains)]
 
@@ -290,7 +290,7 @@ def _ns(step: int) -> int:
     return round(step * TICK_S * _NS)
 
 
-def _course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[str, TerrainConfig]:
+def course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[str, TerrainConfig]:
     """Kinds in turn, each at first of a size that is mastered."""
     kind = kinds[index % len(kinds)]
     if index >= len(kinds) or kind not in PAPER:

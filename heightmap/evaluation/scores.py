@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.heightmap.evaluation.edges import edge_errors
-from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun
+from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun, Prediction
 from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
 from saltus.heightmap.service.quantiles import negative_log_likelihood
 
@@ -45,17 +45,22 @@ FIGURES = tuple(field.name for field in fields(Score) if field.name != "points")
 
 def score(runs: Sequence[HeldOutRun], predictor: str) -> Score:
     """One predictor in some runs."""
-    means = mean_of(np.sum([totals(run, predictor) for run in runs], axis=0))
+    means = mean_of(np.sum([totals(run.true_height, run.view, run.predictions[predictor]) for run in runs], axis=0))
     points = sum(run.true_height.size for run in runs)
     return Score(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
 
 
-def totals(run: HeldOutRun, predictor: str) -> Floats:
-    """Sum and number of what each of `FIGURES` is the mean of, in one run, shape (2, figures): those of runs add up."""
-    said, view = run.predictions[predictor], run.view
-    error = np.abs(said.height - run.true_height)
+def totals(true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
+    """Sum and number of what each of `FIGURES` is the mean of, shape (2, figures): those of runs add up.
+
+    Args:
+        true_height: At the steps of a run [m], shape (n, 30).
+        view: See `saltus.heightmap.evaluation.visibility`, shape (n, 30).
+        said: What was predicted there.
+    """
+    error = np.abs(said.height - true_height)
     covered, seen = error <= said.half_width_90, view != UNSEEN
-    edges = edge_errors(said.height, np.where(seen, run.true_height, np.nan)).error
+    edges = edge_errors(said.height, np.where(seen, true_height, np.nan)).error
     found = np.isfinite(edges)
     judged: dict[str, Floats | NDArray[np.bool_]] = {
         "mae_m": error[seen],

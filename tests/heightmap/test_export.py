@@ -8,13 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from saltus.cli.main import main
+from saltus.heightmap.data.columns import COLUMNS, NO_IMAGE_S
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.export import (
-    COLUMNS,
     CROISSANT_FILE,
     EPISODES_FILE,
     INFO_FILE,
-    NO_IMAGE_S,
     STATS_FILE,
     TASKS_FILE,
 )
