@@ -47,7 +47,7 @@ def load_pyrender() -> ModuleType:
             return importlib.import_module("pyrender")
     except (ImportError, AttributeError) as error:
         raise SaltusError(
-            f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6', "
+            f"pyrender cannot load {_PLATFORMS[platform][0]} ({error}): 'apt install libosmesa6 libxrender1', "
             "or use the embree renderer"
         ) from error
 

@@ -1,12 +1,14 @@
 #!/bin/sh
-# Installs the Debian libraries that Open3D (Embree) and OSMesa need, when it may; else prints the line to type. With
-# the word tests also the browser in which the page of saltus watch is tested, and Cyclone DDS 0.10 for a peer in C.
+# Installs the Debian libraries that Open3D (Embree), OSMesa and pyrender need, when it may; else prints the line to
+# type. With the word tests also the browser in which the page of saltus watch is tested, and Cyclone DDS 0.10 for a
+# peer in C.
 set -eu
-packages="libosmesa6 libgl1 libegl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
+packages="libosmesa6 libgl1 libegl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6 libxrender1"
 browser="chromium-headless-shell"
 missing=""
 for pair in libOSMesa.so:libosmesa6 libGL.so.1:libgl1 libEGL.so.1:libegl1 libgomp.so.1:libgomp1 \
-    libidn2.so.0:libidn2-0 libudev.so.1:libudev1 libusb-1.0.so.0:libusb-1.0-0 libX11.so.6:libx11-6; do
+    libidn2.so.0:libidn2-0 libudev.so.1:libudev1 libusb-1.0.so.0:libusb-1.0-0 libX11.so.6:libx11-6 \
+    libXrender.so.1:libxrender1; do
     /sbin/ldconfig -p | grep -q "${pair%%:*}" || missing="$missing ${pair##*:}"
 done
 if [ "${1:-}" = tests ]; then

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXTRAS = ("train", "gpu", "ray", "watch")
 MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
+PYRENDER = "install Debian's libosmesa6 and libxrender1 (apt-get install libosmesa6 libxrender1)"
 LIBRARIES = "install Debian's libgl1, libegl1, libx11-6, libusb-1.0-0, libidn2-0 and libgomp1"
 NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with room to spare
 
@@ -94,7 +95,7 @@ def _attempts() -> list[Finding]:
         ("heightmap model", "reinstall saltus: a shipped file is missing or damaged", _model),
         ("motion policy", "reinstall saltus: a shipped file is missing or damaged", _policy),
         ("Embree (open3d)", LIBRARIES, lambda: _render("embree")),
-        ("pyrender on OSMesa", MESA, lambda: _render("pyrender")),
+        ("pyrender on OSMesa", PYRENDER, lambda: _render("pyrender")),
         ("MuJoCo on OSMesa", MESA, _mujoco_frame),
         ("Zenoh on this machine", "name a folder for sockets with a short path: TMPDIR=/tmp", _zenoh),
         ("H.264 encoder", "pip install imageio-ffmpeg", _encoder),
