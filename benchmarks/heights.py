@@ -36,15 +36,13 @@ from saltus.heightmap.service.replay import replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.models import model_id, model_path
 from saltus.robots.loading import load_robot
-from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.law import KINDS
+from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S
 from saltus.workers import in_order
 
 POLICY, HEIGHTMAP = model_path("policy"), model_path("heightmap")
-FAMILIES = (*KINDS, "ramp_up", "ramp_down")
 WIDTHS_M = np.geomspace(1e-4, 1.0, 401)
 """Ends of the bins in which halves of intervals are counted: their medians are right to 2.3 %."""
 DESK_S = 2.0
@@ -134,7 +132,7 @@ class Benchmark(Command):
         policy = self.other_policy if name == "other policy" else self.policy_model
         kinds = {"courses": HeldOutRuns, "other policy": HeldOutRuns, "readme": ReadmeRuns, "scenes": SceneRuns}
         runs = kinds[name](
-            runs=self.runs, seed=self.seed, policy=policy, terrains=FAMILIES, baselines=(),
+            runs=self.runs, seed=self.seed, policy=policy, terrains=tuple(FAMILIES), baselines=(),
             statuses=name in ("readme", "scenes"),
         )  # fmt: skip
         # Policies drive the batches of even number.

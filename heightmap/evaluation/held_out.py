@@ -270,12 +270,12 @@ def _replayed(
         if np.isfinite(tick.captured_s[robot]):
             arrived.setdefault(round(float(tick.captured_s[robot]) / TICK_S), step.states.step)
     number = {step: i for i, step in enumerate(taken)}
-    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=_ns(step), frame_id=number[step]) for step in arrived]
+    frames = [depth_frame(MODEL_CAMERA, taken[step], time_ns=step_ns(step), frame_id=number[step]) for step in arrived]
     states = [
-        state_message(states, robot, time_ns=_ns(states.step), step=states.step, mode=ControllerMode.RUN)
+        state_message(states, robot, time_ns=step_ns(states.step), step=states.step, mode=ControllerMode.RUN)
         for states in (step.states for step in steps)
     ]
-    arrival_ns = [_ns(step) for step in arrived.values()]
+    arrival_ns = [step_ns(step) for step in arrived.values()]
     return replay_predictor(predictor, frames, states, arrival_ns)
 
 
@@ -286,7 +286,8 @@ def _prediction(maps: Sequence[Heightmap]) -> Prediction:
     )
 
 
-def _ns(step: int) -> int:
+def step_ns(step: int) -> int:
+    """Time of a step of 10 ms since the start of the run [ns]."""
     return round(step * TICK_S * _NS)
 
 

@@ -16,7 +16,7 @@ from saltus.heightmap.evaluation.benchmark.files import Split, read_inputs
 from saltus.heightmap.evaluation.benchmark.split import CAMERA, Inputs
 from saltus.heightmap.evaluation.comparison import BASELINES as GEOMETRIC
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
-from saltus.heightmap.evaluation.held_out import Prediction
+from saltus.heightmap.evaluation.held_out import Prediction, step_ns
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.replay import Predictor, replay_predictor
@@ -25,8 +25,6 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.states import RobotStates, state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, RobotState
-
-_NS = 1e9
 
 
 class FlatGround:
@@ -68,12 +66,12 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
     steps = len(inputs.depth)
     taken = np.arange(steps) - np.rint(inputs.depth_age_s / POLICY_DT).astype(np.int64)
     taken[inputs.depth_age_s < 0.0] = -1
-    new = np.flatnonzero(np.diff(taken, prepend=-1))
+    new = np.flatnonzero(np.diff(taken, prepend=-1)).tolist()
     frames = [
-        depth_frame(MODEL_CAMERA, inputs.depth[step], time_ns=_ns(taken[step]), frame_id=number)
+        depth_frame(MODEL_CAMERA, inputs.depth[step], time_ns=step_ns(int(taken[step])), frame_id=number)
         for number, step in enumerate(new)
     ]
-    maps = replay_predictor(predictor, frames, _states(inputs), [_ns(step) for step in new])
+    maps = replay_predictor(predictor, frames, _states(inputs), [step_ns(step) for step in new])
     return Prediction(
         height=np.array([said.height for said in maps], np.float64),
         half_width_90=np.array([said.half_width_90 for said in maps], np.float64),
@@ -84,8 +82,6 @@ def _states(inputs: Inputs) -> list[RobotState]:
     """What the robot says of itself; what predictors are not given is 0."""
     steps = len(inputs.depth)
     states = RobotStates(**inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64))
-    return [state_message(states, step, time_ns=_ns(step), step=step, mode=ControllerMode.RUN) for step in range(steps)]
-
-
-def _ns(step: int | np.integer) -> int:
-    return round(int(step) * POLICY_DT * _NS)
+    return [
+        state_message(states, step, time_ns=step_ns(step), step=step, mode=ControllerMode.RUN) for step in range(steps)
+    ]
