@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from saltus.cli.heightmap_train import training_packages
 from saltus.cli.output import print_figures, print_json
 from saltus.config import check_between
+from saltus.errors import SaltusError
 from saltus.flags import Flag, shown
 from saltus.workers import check_processes
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from saltus.paper.rows import Row
 
 MOST_TRIALS = 10_000
-REPORT = "report"
+REPORT, TRAIN = "report", "train"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,18 +32,25 @@ class Paper:
       saltus paper
       saltus paper staircase --trials 20
       saltus paper report
+      saltus paper train no-feedback --seed 1
     """
 
     name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
-    """Which row; report: a page of all."""
+    """Which row; report: a page of all; train: trains an ablation on a GPU."""
+    ablation: Annotated[tyro.conf.Positional[str], shown("ABLATION", "none")] = ""
+    """After train: which one."""
     trials: int = 20
     """Of each course; rows that compare starts have five of them."""
-    seed: Annotated[int | None, shown("INT", "130000")] = None
-    """Of the first trial; the others have SEED + 1, SEED + 2, ..."""
+    seed: Annotated[int | None, shown("INT", "130000, of a training 0")] = None
+    """Of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """How many share the trials."""
     out: Path = Path("runs/paper")
     """Folder for the files."""
+    trained: Path = Path("runs/paper-train")
+    """Folder of the ablations' trainings."""
+    minutes: float = 30.0
+    """Time limit of a training, which goes on where it was interrupted."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 
@@ -49,15 +58,19 @@ class Paper:
         """Lists or makes."""
         if not self.name:
             return self._list()
-        from saltus.paper.making import check_makeable, find_row
+        if self.name == TRAIN:
+            return self._train()
+        if self.ablation:
+            raise SaltusError(f"'{self.ablation}' is not understood: only saltus paper train names two things")
+        from saltus.paper.making import check_makeable, find_row, is_makeable
         from saltus.paper.rows import ROWS
 
         report = self.name == REPORT
-        rows = [row for row in ROWS if row.make] if report else [find_row(self.name)]
+        rows = [row for row in ROWS if is_makeable(row, self.trained)] if report else [find_row(self.name)]
         check_between(self, trials=(1, MOST_TRIALS))
         check_processes(self.processes)
         for row in rows:
-            check_makeable(row, self.out)
+            check_makeable(row, self.out, self.trained)
         results = {row.name: self._made(row, again=not report) for row in rows}
         if report:
             from saltus.paper.report import write_report
@@ -69,6 +82,13 @@ class Paper:
             print(self.out / f"{self.name}.png")
         if self.json:
             print_json(results if report else result)
+        return 0
+
+    def _train(self) -> int:
+        with training_packages():
+            from saltus.paper.ablations import train
+
+            print(train(self.ablation, 0 if self.seed is None else self.seed, self.trained, self.minutes))
         return 0
 
     def _list(self) -> int:
@@ -94,4 +114,4 @@ class Paper:
         with tqdm(unit="trial", desc=row.name, file=sys.stderr, disable=None) as bar:
             seed = FIRST_SEED if self.seed is None else self.seed
             effort = Effort(trials=self.trials, first_seed=seed, processes=self.processes, say=bar.update)
-            return make(row, effort, self.out)
+            return make(row, effort, self.out, self.trained)

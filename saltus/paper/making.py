@@ -9,8 +9,9 @@ from typing import Any
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
 from saltus.models import ModelKind, model_id, model_path
+from saltus.paper.ablations import FULL, TRAINED, measure, models_of
 from saltus.paper.drawing import check_drawing, save
-from saltus.paper.rows import BY_NAME, Row
+from saltus.paper.rows import ABLATION, BY_NAME, Row
 from saltus.paper.runs import CAMERA, Effort
 from saltus.provenance import commit
 
@@ -24,22 +25,35 @@ def find_row(name: str) -> Row:
     return BY_NAME[name]
 
 
-def check_makeable(row: Row, folder: Path) -> None:
+def is_makeable(row: Row, trained: Path) -> bool:
+    """Whether all is there that a row needs."""
+    if row.needs == ABLATION:
+        return all((trained / name).is_dir() for name in (row.name, FULL))
+    return bool(row.make)
+
+
+def check_makeable(row: Row, folder: Path, trained: Path) -> None:
     """Before the work.
 
     Raises:
         SaltusError: the row cannot be made now; the message says what is missing. Or the folder cannot be written.
     """
-    if not row.make:
+    if row.needs == ABLATION:
+        for name in (row.name, FULL):
+            models_of(name, trained)
+    elif not row.make:
         raise SaltusError(f"'{row.name}' is not made yet: {row.differs}")
     check_drawing()
     ask_for_room(folder)
 
 
-def make(row: Row, effort: Effort, folder: Path) -> dict[str, Any]:
+def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dict[str, Any]:
     """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds."""
-    module, function = row.make.split(".")
-    made = getattr(import_module(f"saltus.paper.{module}"), function)(effort)
+    if row.needs == ABLATION:
+        made = measure(row.name, effort, trained)
+    else:
+        module, function = row.make.split(".")
+        made = getattr(import_module(f"saltus.paper.{module}"), function)(effort)
     result = {
         "row": row.name,
         "measured": "simulation",

@@ -41,7 +41,7 @@ def _row(row: Row, result: dict[str, Any] | None, folder: Path) -> str:
         parts.append(table(HEAD, _side_by_side(row, result), "text"))
     if result is None:
         return "\n".join([*parts, f"<p class=bad>Not made ({row.needs}): {html.escape(row.differs)}</p>"])
-    if row.differs:
+    if row.differs and row.make:  # of others it says what is missing
         parts.append(f"<p class=why><b>Where ours differs:</b> {html.escape(row.differs)}</p>")
     picture = base64.b64encode((folder / f"{row.name}.png").read_bytes()).decode()
     shown = table(("number", "Saltus, simulation"), _flat(result["numbers"]), "text")

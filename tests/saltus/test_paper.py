@@ -3,7 +3,7 @@
 import html
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,19 @@ from report_pages import opens_without_a_network
 from saltus.cli.main import main
 from saltus.config import DEFAULT_ROBOT, TerrainConfig
 from saltus.effects.camera_latency import CameraLatency
-from saltus.effects.profile import Profile
+from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
-from saltus.paper import making, motion, sysid
+from saltus.folders import differences
+from saltus.heightmap.data.delivery import TRAINING
+from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
+from saltus.paper import ablations, making, motion, sysid
+from saltus.paper.ablations import ABLATIONS, FULL, config_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, made_before, make, number_at
-from saltus.paper.rows import BY_NAME, NEEDS, ROWS, SOURCES, Row
+from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
+from saltus.paper.stand_in import STAND_IN_SEED, stand_in
+from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
@@ -37,6 +43,7 @@ def test_each_row_has_a_name_of_its_own_and_says_where_its_numbers_were_measured
     for row in ROWS:
         assert row.needs in NEEDS
         assert (row.needs == "nothing") == bool(row.make)
+        assert (row.needs == ABLATION) == (row.name in ABLATIONS)
         assert row.make or row.differs
         assert all(number.source in SOURCES for number in row.numbers)
         assert row.trial or not row.numbers or not row.make, "what was simulated says so"
@@ -68,7 +75,7 @@ def test_a_row_is_made_of_trials_that_succeed_and_that_fail(
         return [[one] * max(effort.trials, len(setting.starts_x)) for setting in settings]
 
     monkeypatch.setattr(motion, "ran", run_none)
-    check_makeable(row, tmp_path)
+    check_makeable(row, tmp_path, tmp_path)
     result = make(row, Effort(trials=2, time_limit_s=1.3), tmp_path)
     assert made_before(row, tmp_path) == json.loads(json.dumps(result))
     assert result["seeds"] == [FIRST_SEED, FIRST_SEED + 1]
@@ -172,6 +179,80 @@ def test_the_list_says_what_is_not_made(capsys: pytest.CaptureFixture[str]) -> N
 
 @pytest.mark.parametrize("row", [row for row in ROWS if not row.make], ids=lambda row: row.name)
 def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["paper", row.name, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == f"saltus: '{row.name}' is not made yet: {row.differs}\n"
+    folders = ["--out", str(tmp_path / "out"), "--trained", str(tmp_path)]
+    assert main(["paper", row.name, *folders]) == 2
+    said = capsys.readouterr().err
+    if row.needs == ABLATION:
+        command = f"saltus paper train {row.name} --seed 0 (GPU)"
+        assert said == f"saltus: no results in {tmp_path / row.name}: make them with {command}\n"
+    else:
+        assert said == f"saltus: '{row.name}' is not made yet: {row.differs}\n"
     assert not (tmp_path / "out").exists()
+
+
+def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_path: Path) -> None:
+    configs = {name: config_of(name, 3, tmp_path) for name in ABLATIONS}
+    full = asdict(configs[FULL])
+    assert configs[FULL] == replace(for_gpu(), seed=3)
+    found = {name: {d.name for d in differences(full, asdict(config))} for name, config in configs.items()}
+    assert found == {
+        FULL: set(),
+        "no-height-randomisation": {"env.randomisation.height_shift_m", "env.randomisation.height_noise_m"},
+        "no-feedback": {"robot"},
+        "no-tracking-reward": {"env.reward.tracking_cost"},
+        "no-saturation": {"env.profile"},
+    }
+    usual, robot = load_robot(DEFAULT_ROBOT), load_robot(configs["no-feedback"].robot)
+    assert robot.gains == replace(usual.gains, stance_kd=0.0)
+    assert robot.name == usual.name
+    assert usual.gains.stance_kd > 0.0
+    shipped = load_profile(SHIPPED, usual).effects
+    without = load_profile(configs["no-saturation"].env.profile, usual).effects
+    assert shipped.keys() - without.keys() == {"torque_saturation"}
+    assert all(shipped[name] == effect for name, effect in without.items())
+
+
+def test_the_stand_in_lies_beyond_what_trainings_draw() -> None:
+    draws, shipped = for_gpu().env.randomisation, load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)).effects
+    assert stand_in() == stand_in() != stand_in(STAND_IN_SEED + 1)
+    for seed in (STAND_IN_SEED, *range(20)):
+        effects = stand_in(seed).effects
+        changed = {name for name, effect in effects.items() if shipped.get(name) != effect}
+        assert changed == {
+            "actuator_lag", "coulomb_friction", "viscous_friction", "armature", "torque_gain", "soft_feet", "imu_bias",
+            "camera_latency", "camera_pitch", "camera_height",
+        }  # fmt: skip
+        assert shipped.keys() <= effects.keys()
+        assert max(effects["torque_gain"].gain) < draws.motor_strength[0]  # type: ignore[attr-defined]
+        assert effects["camera_latency"].latency > TRAINING.latency_s[1]  # type: ignore[attr-defined]
+        assert abs(effects["camera_pitch"].offset) > PITCH_ERROR  # type: ignore[attr-defined]
+        assert abs(effects["camera_height"].offset) > POSITION_ERROR_M  # type: ignore[attr-defined]
+
+
+def test_an_ablation_is_measured_beside_the_full_system(
+    climbed: Ran, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Setting] = []
+
+    def run_none(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
+        asked.extend(settings)
+        return [[climbed, begun(climbed)] for _ in settings]
+
+    monkeypatch.setattr(ablations, "ran", run_none)
+    for name, seeds in ((FULL, 2), ("no-feedback", 1)):
+        for seed in range(seeds):
+            (tmp_path / name / f"seed-{seed}").mkdir(parents=True)
+            (tmp_path / name / f"seed-{seed}" / "policy.onnx").write_bytes(bytes([seed]))
+    row = BY_NAME["no-feedback"]
+    check_makeable(row, tmp_path / "out", tmp_path)
+    result = make(row, Effort(trials=2), tmp_path / "out", tmp_path)
+    assert [len(result["configuration"]["policies"][name]) for name in (FULL, "no-feedback")] == [2, 1]
+    for system, seeds in ((FULL, 2), ("no-feedback", 1)):
+        for where in ("simulation", "simulated stand-in"):
+            assert result["numbers"][system][where] == {
+                "success": [1] * seeds,
+                "trials": 2,
+                "mean_steps": [1.5] * seeds,
+            }
+    assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
+    assert sum(setting.profile == stand_in() for setting in asked) == 3
