@@ -254,21 +254,25 @@ NEW_GROUND = {
 def generalisation(effort: Effort) -> Made:
     """Ground that no training has: stairs of planks, stairs with noses, several obstacles in a row."""
     ground = {name: make() for name, make in NEW_GROUND.items()}
-    results = ran([Setting(terrain=terrain) for terrain in ground.values()], effort)
+    settings = [Setting(terrain=terrain, true_heights=true) for true in (False, True) for terrain in ground.values()]
+    results = ran(settings, effort)
+    told = dict(zip(ground, results[len(ground) :], strict=True))
     numbers = {}
     figure, axes = subplots(len(ground), 1, 7.0)
-    for axis, (name, runs) in zip(axes, zip(ground, results, strict=True), strict=True):
+    for axis, (name, runs) in zip(axes, zip(ground, results[: len(ground)], strict=True), strict=True):
         failures = [run.failure for run in runs if run.failure]
         numbers[name] = {
             **_success(runs),
             "failures": {cause: failures.count(cause) for cause in sorted(set(failures))},
+            "success_with_true_heights": _success(told[name])["success"],
         }
         _draw_boxes(axis, ground[name])
         for run in runs:
             colour = "tab:green" if run.outcome.success else OTHER
             axis.plot(*run.trace.base.T, color=colour, linewidth=0.8, alpha=0.6)
-        good = numbers[name]["success"]
-        axis.set_title(f"{name}: {good} of {len(runs)}", loc="left", fontsize=10)
+        good, best = (numbers[name][key] for key in ("success", "success_with_true_heights"))
+        title = f"{name}: {good} of {len(runs)}; {best} with true heights in place of predicted ones"
+        axis.set_title(title, loc="left", fontsize=10)
         axis.set_ylabel("z [m]")
     axes[-1].set_xlabel("x [m]; way of the trunk, red where the trial failed")
     return Made(numbers=numbers, figure=figure, configuration={"terrains": list(ground)})

@@ -16,7 +16,7 @@ from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
 from saltus.policy.evaluation.evaluate import BATCH
-from saltus.policy.evaluation.rollout import Rollout, RolloutStep
+from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
@@ -41,6 +41,8 @@ class Setting:
     """Whether legs that stand track velocities by feedback; without, feed-forward is left alone."""
     starts_x: tuple[float, ...] = ()
     """Where each robot starts [m]; by default where its trial says."""
+    true_heights: bool = False
+    """The planner is given the terrain as it is, and sees nothing."""
     policy: Path | None = None
     """ONNX file; by default the shipped policy."""
     profile: str | Profile = SHIPPED
@@ -179,7 +181,7 @@ class _Seen:
 def _run(
     time_limit_s: float,
     task: tuple[Setting, Sequence[tuple[int, float | None]]],
-    heights: Callable[..., PredictedHeights] | None = None,
+    heights: HeightsFactory | None = None,
     look: Callable[[RolloutStep], RolloutStep] = lambda step: step,
 ) -> list[Ran]:
     """Robots of one setting, by seed and start."""
@@ -198,7 +200,7 @@ def _run(
         trials,
         planner,
         profile=profile,
-        heights=heights or PredictedHeightsFactory(camera=CAMERA),
+        heights=heights or (exact_heights if setting.true_heights else PredictedHeightsFactory(camera=CAMERA)),
         time_limit_s=time_limit_s,
     )
     steps = [look(step) for step in rollout.run()]
