@@ -60,7 +60,7 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dic
         "commit": commit(),
         "models": _models(),
         "camera": CAMERA,
-        "seeds": [effort.seeds[0], effort.seeds[-1]],
+        "seeds": [effort.seeds[0], effort.seeds[: made.most_seeds][-1]],
         "configuration": made.configuration,
         "numbers": _finite(made.numbers),
     }

@@ -45,6 +45,8 @@ class Made:
     """Of matplotlib."""
     configuration: dict[str, Any]
     """Sizes and kinds of what was run."""
+    most_seeds: int | None = None
+    """Of those that were asked for, where not all are run."""
 
 
 def terrains(effort: Effort) -> Made:
@@ -137,7 +139,7 @@ def gait(effort: Effort) -> Made:
     draw_stance(axis, run.trace.time_s, (("front feet", front, bears[0]), ("rear feet", rear, bears[1])))
     axis.set_xlim(1.0, run.trace.time_s[-1])
     axis.set_xlabel("time [s]; grey: to stand, red: bears")
-    return Made(numbers=numbers, figure=figure, configuration=_courses({"stairs": STAIRS}))
+    return Made(numbers=numbers, figure=figure, configuration=_courses({"stairs": STAIRS}), most_seeds=GAITS)
 
 
 def tracking(effort: Effort) -> Made:
@@ -305,7 +307,9 @@ def gap_footsteps(effort: Effort) -> Made:
         axis.set_xlim(near - 1.4, far + 1.6)
     legend(axes[0], fontsize=8, loc="upper left")
     axes[-1].set_xlabel("x [m]; grey: the gap; where front and rear feet came down")
-    return Made(numbers=numbers, figure=figure, configuration={"gap_m": GAP_WIDTHS_M, "start_x_m": starts})
+    return Made(
+        numbers=numbers, figure=figure, configuration={"gap_m": GAP_WIDTHS_M, "start_x_m": starts}, most_seeds=1
+    )
 
 
 def step_pitch(effort: Effort) -> Made:
@@ -381,7 +385,7 @@ def step_and_gap(effort: Effort) -> Made:
         line[2].axis("off")
         figure.colorbar(shown, ax=line[2], label="depth [m]")
     configuration = {**_courses({name: COURSES[name] for name in ("step", "gap")}), "moment_m_before_the_edge": LOOK_M}
-    return Made(numbers=numbers, figure=figure, configuration=configuration)
+    return Made(numbers=numbers, figure=figure, configuration=configuration, most_seeds=1)
 
 
 def _summary(runs: Sequence[Ran]) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def torque_saturation(effort: Effort) -> Made:
     axis.set_xlabel("torque commanded to a calf [Nm]")
     axis.set_ylabel("delivered [Nm]")
     legend(axis, fontsize=8)
-    return Made(numbers=numbers, figure=figure, configuration={"experiment": "large_steps"})
+    return Made(numbers=numbers, figure=figure, configuration={"experiment": "large_steps"}, most_seeds=1)
 
 
 def camera_latency(effort: Effort) -> Made:
@@ -91,7 +91,9 @@ def camera_latency(effort: Effort) -> Made:
     axis.set_ylabel("body height [m]")
     axis.set_title(f"images lag by {1e3 * lag_s:.0f} ms; {1e3 * LATENCY_S:.0f} ms were hidden", loc="left", fontsize=10)
     legend(axis, fontsize=8)
-    return Made(numbers=numbers, figure=figure, configuration={"experiments": ["heave_sine", "heave_and_pitch"]})
+    return Made(
+        numbers=numbers, figure=figure, configuration={"experiments": ["heave_sine", "heave_and_pitch"]}, most_seeds=1
+    )
 
 
 def _searched(experiment: str, hidden: Profile, seed: int, robot: Robot) -> tuple[RunLog, Judgement]:

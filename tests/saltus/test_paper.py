@@ -80,7 +80,8 @@ def test_a_row_is_made_of_trials_that_succeed_and_that_fail(
     check_makeable(row, tmp_path, tmp_path)
     result = make(row, Effort(trials=2, time_limit_s=1.3), tmp_path)
     assert made_before(row, tmp_path) == json.loads(json.dumps(result))
-    assert result["seeds"] == [FIRST_SEED, FIRST_SEED + 1]
+    one_seed = row.name in ("gap-footsteps", "step-and-gap")
+    assert result["seeds"] == [FIRST_SEED, FIRST_SEED + (0 if one_seed else 1)]
     assert (tmp_path / f"{row.name}.png").stat().st_size > 1000
 
 
