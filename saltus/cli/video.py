@@ -11,8 +11,13 @@ from saltus.recordings.recording import Recording
 from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
+from saltus.watch.pictures import BESIDE, beside
+from saltus.watch.recorded import RecordedRun
 from saltus.wire.messages import HeightmapStatus
 
+SIZE = (1280, 720)
+ROBOT = (SIZE[0] - BESIDE[0], SIZE[1])
+"""Width and height of a video, and of the robot in it [px]."""
 PICTURE_AT = (0.42, 0.56, 0.70)
 """Shares of the run: after the start, before the end."""
 
@@ -20,20 +25,27 @@ PICTURE_AT = (0.42, 0.56, 0.70)
 def write_video(recording: Recording, path: Path) -> None:
     """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal.
 
-    Beside it goes a picture, with the suffix .png: three moments of the run side by side.
+    Beside the robot stand time and speed, the newest depth image, and the heights with their intervals and the truth.
+
+    A picture goes with it, with the suffix .png: three moments of the run side by side.
     """
     from tqdm import tqdm
 
     data = collect(recording)
+    run = RecordedRun(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])
     frames = render_run(
-        recording.robot, recording.terrain, data.time_s, base_pose, joint_position, LINE, _heights(data)
+        recording.robot, recording.terrain, data.time_s, base_pose, joint_position, LINE, _heights(data), size=ROBOT
     )
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
     moments: list[np.ndarray] = []
     kept = _keep(frames, [int(share * total) for share in PICTURE_AT], moments)
-    encode(path, tqdm(kept, total=total, desc="video", unit="frame", disable=None, leave=False))
+    shown = (
+        np.hstack([frame, beside(run.world, run.at_ns(data.start_ns + round(1e9 * (data.time_s[0] + number / FPS))))])
+        for number, frame in enumerate(kept)
+    )
+    encode(path, tqdm(shown, total=total, desc="video", unit="frame", disable=None, leave=False), size=SIZE)
     if moments:
         cv2.imwrite(str(path.with_suffix(".png")), cv2.cvtColor(np.hstack(moments), cv2.COLOR_RGB2BGR))
 

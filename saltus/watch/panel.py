@@ -10,21 +10,18 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from saltus.depth import RANGE_M
+from saltus.watch.pictures import NEAR_M, PALETTE, PLOTTED_M, curves, picture
 from saltus.watch.scene import SILENT, Heights, Scene, World
 from saltus.watch.server import Server
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
-NEAR_M = 0.2  # what is nearer has the same colour; a D435i sees nothing there
-NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
 IMAGE_HEIGHT = 180  # [px]
 EVENTS_SHOWN = 10
-PLOTTED_M = (-0.9, 0.7)  # a trench of 0.4 m below a standing robot, a step of 0.8 m ahead of it
 GOOD, FAIR, BAD, GREY = "#00664a", "#9a6700", "#b03a00", "#666"
 COLOUR = {"ok": GOOD, "degraded": FAIR, "invalid": BAD, "future": BAD, SILENT: BAD}
 CELL = "padding:1px 8px 1px 0;text-align:right;font-variant-numeric:tabular-nums"
 PADDING = "padding:0 8px"
 STYLE = "font-size:0.82em;line-height:1.4;width:100%;padding:0 8px;border-spacing:0"
-PALETTE = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
 
 
 class Panel:
@@ -66,17 +63,7 @@ class Panel:
             self._frame = scene.depth
             self._depth.content = _depth(scene.depth)
         if scene.heights is not None:
-            self._plot.data = _curves(scene.heights, scene)
-
-
-def picture(frame: DepthFrame) -> NDArray[np.uint8]:
-    """A depth image in colours (RGB): near is bright, nothing within range is grey, invalid is black."""
-    depth = frame.depth.astype(np.float64) * frame.depth_unit_m
-    share = np.log(np.clip(depth, NEAR_M, RANGE_M) / NEAR_M) / math.log(RANGE_M / NEAR_M)
-    colours = PALETTE[np.rint(255 * (1.0 - share)).astype(np.uint8)].copy()
-    colours[frame.depth == np.iinfo(np.uint16).max] = NOTHING_COLOUR
-    colours[frame.depth == 0] = INVALID_COLOUR
-    return colours
+            self._plot.data = curves(scene.heights, scene)
 
 
 def _depth(frame: DepthFrame) -> str:
@@ -109,14 +96,6 @@ def _scale() -> str:
 
 
 SCALE = _scale()
-
-
-def _curves(heights: Heights, scene: Scene) -> tuple[NDArray[np.float64], ...]:
-    base = 0.0 if scene.base_pose is None else float(scene.base_pose[2])
-    predicted = heights.predicted[:, 2] - base
-    true = predicted if heights.true is None else heights.true[:, 2] - base  # the plot holds numbers only
-    curves = (heights.x, predicted - heights.half_width_90, predicted + heights.half_width_90, predicted, true)
-    return tuple(np.asarray(curve, dtype=np.float64) for curve in curves)
 
 
 def _head(world: World, scene: Scene | None) -> str:

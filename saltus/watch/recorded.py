@@ -20,8 +20,9 @@ class RecordedRun:
         RecordingError: it cannot be read, or was written by another version.
     """
 
-    def __init__(self, path: Path) -> None:
-        recording = read_recording(path)
+    def __init__(self, recording: Path | Recording) -> None:
+        if isinstance(recording, Path):
+            recording = read_recording(recording)
         for name, topic in TOPICS.items():
             if topic.message in DRAWN:
                 next(recording.messages(name), None)  # refuses fields of another version
@@ -48,7 +49,10 @@ class RecordedRun:
 
     def at(self, time_s: float) -> Scene:
         """The scene so long after the first message [s]."""
-        now_ns = self._start_ns + round(1e9 * time_s)
+        return self.at_ns(self._start_ns + round(1e9 * time_s))
+
+    def at_ns(self, now_ns: int) -> Scene:
+        """The scene at a time of the run's clock [ns]."""
         arrivals = self._recording.arrivals(now_ns - LOOK_BACK_NS, now_ns)
         return self._maker.make(arrivals, now_ns, self._events[: bisect_right(self._event_ns, now_ns)])
 
