@@ -6,6 +6,8 @@ import signal
 from collections.abc import Iterator
 from types import FrameType
 
+from saltus.interrupts import WHOLE
+
 ENDING = (signal.SIGTERM, signal.SIGHUP)
 """What service managers and containers send, and what a terminal sends that is closed."""
 
@@ -22,6 +24,8 @@ class Ended(KeyboardInterrupt):
 def ending_by_signals() -> Iterator[None]:
     """Raises `Ended` for the first of these signals inside the block; more of them do not disturb the cleaning up.
 
+    These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end.
+
     A signal that whoever started this process has told it to ignore, as `nohup` does, stays ignored. Outside of the
     main thread, where Python allows no handlers, nothing changes.
     """
@@ -31,10 +35,15 @@ def ending_by_signals() -> Iterator[None]:
         nonlocal ended
         if not ended:
             ended = True
-            raise Ended(number)
+            WHOLE.interrupt(Ended(number))
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        WHOLE.interrupt(KeyboardInterrupt())
 
     before = {}
     with contextlib.suppress(ValueError):
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
         for number in ENDING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 before[number] = signal.signal(number, handle)

@@ -24,6 +24,7 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError, RecordingError
+from saltus.interrupts import WHOLE
 from saltus.models import models_of
 from saltus.provenance import commit, package_version
 from saltus.recordings.ros_messages import definition_of
@@ -112,28 +113,33 @@ class Recorder:
             self.rejected[f"{topic.name}/{error.reason}"] += 1
             return
         arrival_ns = self._arrival_ns(raw, message)
-        self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
-        still = [] if self._begun else self._viewer.first()  # with the first message: its sender and time
-        self._begun = True
-        for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
-            self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
+        with WHOLE:
+            self._add(f"/{raw.key}", TYPE_NAME[type(message)], envelope, arrival_ns, raw.payload)
+            still = [] if self._begun else self._viewer.first()  # with the first message: its sender and time
+            self._begun = True
+            for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
+                self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
 
     def flush(self) -> None:
         """Hands what was written to the operating system, if it is due."""
         now_s = time.monotonic()
         if now_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = now_s
-            with _writing(self.path):
+            with WHOLE, _writing(self.path):
                 self._writer.flush()
 
     def close(self, summary: dict[str, str] | None = None) -> None:
         """Writes the end of the file; without it a reader calls the recording incomplete."""
         if self._file.closed:
             return
+        with WHOLE:
+            self._end(summary or {})
+
+    def _end(self, summary: dict[str, str]) -> None:
         try:
             with _writing(self.path):
                 self._writer.flush()
-                self._writer.add_metadata(METADATA_END, summary or {})
+                self._writer.add_metadata(METADATA_END, summary)
                 self._writer.finish()
         finally:
             with contextlib.suppress(OSError):  # it flushes once more, onto the same full disk

@@ -1,5 +1,6 @@
 """Recordings: what is written is read."""
 
+import signal
 import struct
 import time
 import tracemalloc
@@ -27,6 +28,7 @@ from samples import ROBOT
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import RecordingError
+from saltus.interrupts import WHOLE
 from saltus.recordings import recorder
 from saltus.recordings.recorder import CHUNK_INDICES, PackedIndex, Recorder
 from saltus.recordings.recording import Recording, digest, rates_and_ages, read_recording
@@ -202,3 +204,36 @@ def test_losses_are_counted_from_the_sequence(tmp_path: Path) -> None:
     sent = sum(s.key == "policy/plan" for s in run_samples())
     timing = rates_and_ages(write(tmp_path / "recording.mcap", samples))["policy/plan"]
     assert 0 < timing.lost <= sent - timing.count
+
+
+def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
+    """They come anywhere between two steps of Python, some thousand times a second."""
+    armed, interrupted = False, 0
+
+    def handle(*_: object) -> None:
+        nonlocal armed
+        if armed:
+            armed = False
+            WHOLE.interrupt(KeyboardInterrupt())
+
+    config = RunConfig(pace="lockstep", terrain=TerrainConfig(terrain="gap"))
+    samples = list(run_samples(20 * STEPS))
+    before = signal.signal(signal.SIGALRM, handle)
+    try:
+        with Recorder(tmp_path / "run.mcap", config, ROBOT, TERRAIN, SHIPPED["ideal"]) as file:
+            signal.setitimer(signal.ITIMER_REAL, 2e-4, 2e-4)
+            for sample in samples:
+                try:
+                    armed = True
+                    file.write(sample)
+                    armed = False
+                except KeyboardInterrupt:
+                    interrupted += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert interrupted > 50
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.complete
+    read = sum(1 for topic in TOPICS for _ in recording.messages(topic))
+    assert len(samples) - interrupted <= read <= len(samples)
