@@ -72,11 +72,13 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dic
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
     """What `make` has written; None where it has not, or of other models than the shipped ones.
 
+    Also for an ablation, of which more may have been trained since.
+
     Raises:
         SaltusError: the file holds something else.
     """
     path = folder / f"{row.name}.json"
-    if not path.exists() or not path.with_suffix(".png").exists():
+    if row.needs == ABLATION or not path.exists() or not path.with_suffix(".png").exists():
         return None
     try:
         result: dict[str, Any] = json.loads(path.read_text())

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from saltus.constants import LOADED_N
 from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
+from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
 from saltus.watch.scene import Heights, Scene, World
 from saltus.watch.server import Server
 from saltus.wire.messages import Floats, HeightmapStatus
@@ -14,8 +15,7 @@ from saltus.wire.messages import Floats, HeightmapStatus
 Rgb = tuple[int, int, int]
 
 # Okabe and Ito's palette: told apart by colour-blind readers; the page's legend has the same
-PREDICTED, TRUE, PLANNED, FORCE = (213, 94, 0), (0, 158, 115), (0, 114, 178), (230, 159, 0)
-UNTRUSTED: Rgb = (150, 150, 150)
+PLANNED, FORCE = (0, 114, 178), (230, 159, 0)
 TOP, WALL, EDGE = (203, 210, 218), (120, 133, 148), (84, 95, 109)
 SKY = ((150, 186, 222), (244, 247, 250))
 FORCE_SCALE_M = 0.3 / 60.0

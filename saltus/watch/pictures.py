@@ -72,9 +72,7 @@ def _draw_depth(page: Picture, frame: DepthFrame, now_s: float) -> None:
     size = (max(1, round(scale * columns)), max(1, round(scale * rows)))
     page[top : top + size[1], left : left + size[0]] = cv2.resize(picture(frame), size, interpolation=cv2.INTER_NEAREST)
     bar = left + size[0] + 14
-    colours = cv2.resize(
-        PALETTE[:, None].copy(), (10, size[1]), interpolation=cv2.INTER_LINEAR
-    )  # near is bright: below
+    colours = cv2.resize(PALETTE[:, None].copy(), (10, size[1]), interpolation=cv2.INTER_LINEAR)
     page[top : top + size[1], bar : bar + 10] = colours
     for share, depth_m in zip(np.linspace(0.0, 1.0, 5), np.geomspace(RANGE_M, NEAR_M, 5), strict=True):
         _write(page, f"{depth_m:.2g} m", (bar + 16, round(top + 8 + share * (size[1] - 8))), 0.4, PALE)

@@ -19,7 +19,7 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
-from saltus.paper import ablations, making, motion, sysid
+from saltus.paper import ablations, making, motion, new_ground, sysid
 from saltus.paper.ablations import ABLATIONS, FULL, config_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, made_before, make, number_at
@@ -117,7 +117,7 @@ def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
 
 
 def test_planks_leave_open_what_stairs_fill() -> None:
-    planks = motion.plank_stairs()
+    planks = new_ground.plank_stairs()
     solid = make_terrain(motion.STAIRS)
     x = np.linspace(0.0, planks.finish_x, 501)
     np.testing.assert_allclose(planks.height_at(x, 0.0 * x), solid.height_at(x, 0.0 * x), atol=1e-9)
