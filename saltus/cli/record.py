@@ -1,6 +1,8 @@
 """`saltus record`: record a stack that somebody else has started, and repair recordings."""
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -29,22 +31,36 @@ class Run:
 
     def run(self) -> int:
         """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
-        from saltus.recordings.recorder import Recorder
-        from saltus.runtime.run_folder import endpoint_of, read_run
-        from saltus.wire.zenoh_bus import ZenohBus
-
-        run = read_run(self.run_dir)
-        with ZenohBus(self.endpoint or endpoint_of(self.run_dir), run.config.prefix) as bus:
-            path = run_directory("record", self.out) / "recording.mcap"
-            with Recorder(path, run.config, run.robot, run.terrain, run.camera) as recorder:
-                stream = bus.stream()
-                print(f"recording to {path}; Ctrl-C ends it")
-                while bus.connected():
-                    for raw in stream.drain():
-                        recorder.write(raw)
-                    recorder.flush()
-                    time.sleep(DRAIN_PERIOD_S)
+        record(self.run_dir, self.endpoint, self._begin)
         return 0
+
+    def _begin(self) -> Path:
+        path = run_directory("record", self.out) / "recording.mcap"
+        print(f"recording to {path}; Ctrl-C ends it")
+        return path
+
+
+def record(run_dir: Path, endpoint: str | None, begin: Callable[[], Path], seconds: float = math.inf) -> None:
+    """Records a stack until its router is gone, or for so long [s]; `begin`, called when there is one, says where to.
+
+    Raises:
+        StackError: no router answers at the endpoint, by default that of the folder of the run.
+    """
+    from saltus.recordings.recorder import Recorder
+    from saltus.runtime.run_folder import endpoint_of, read_run
+    from saltus.wire.zenoh_bus import ZenohBus
+
+    run = read_run(run_dir)
+    with (
+        ZenohBus(endpoint or endpoint_of(run_dir), run.config.prefix) as bus,
+        Recorder(begin(), run.config, run.robot, run.terrain, run.camera) as recorder,
+    ):
+        stream, end_s = bus.stream(), time.monotonic() + seconds
+        while bus.connected() and time.monotonic() < end_s:
+            for raw in stream.drain():
+                recorder.write(raw)
+            recorder.flush()
+            time.sleep(DRAIN_PERIOD_S)
 
 
 @dataclass(frozen=True, kw_only=True)

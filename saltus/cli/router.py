@@ -31,6 +31,8 @@ class Router(NetworkOptions):
     """A robot that Saltus ships, or the path of an MJCF or of a folder with a robot.toml."""
     camera: str = RunConfig().camera
     """Where your camera sits, if not where the robot has its own: a TOML file. Images say their own intrinsics."""
+    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
     prefix: str = RunConfig().prefix
     """Of the keys."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
@@ -46,7 +48,16 @@ class Router(NetworkOptions):
 
         camera, robot = mounted_camera(self.camera, load_robot(self.robot))
         terrain = TerrainConfig(terrain="flat")
-        config = RunConfig(robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime")
+        model = None
+        if self.heightmap_model is not None:
+            from saltus.heightmap.service.network import HeightmapNetwork
+
+            HeightmapNetwork(robot, self.heightmap_model)  # what is wrong with it is said at once
+            model = str(self.heightmap_model.absolute())
+        config = RunConfig(
+            robot=self.robot, prefix=self.prefix, terrain=terrain, camera=self.camera, pace="realtime",
+            heightmap_model=model,
+        )  # fmt: skip
         config.check()
         endpoint, router = open_router(self.network(self.prefix))
         with contextlib.closing(router):

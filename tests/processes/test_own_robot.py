@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from saltus.cli.main import main
 from saltus.robots.loading import load_robot
 from saltus.runtime.run_folder import CLIENT_FILE, endpoint_of, read_run
 from saltus.wire import schemas
@@ -70,6 +71,21 @@ def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> No
     assert seen
     ahead = np.array(seen[-1]["x"]) > 0.5
     np.testing.assert_allclose(np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01)  # level ground below the feet
+
+
+def test_a_robot_that_stands_is_checked_while_it_runs(run_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """How often and how late its messages come is up to this computer; the rest is good."""
+    robot = subprocess.Popen([sys.executable, "-I", str(EXAMPLE), str(run_dir / CLIENT_FILE), "--seconds", "60"])
+    with ZenohBus(endpoint_of(run_dir), "robot/0") as bus:
+        assert bus.latest("heightmap/heightmap").wait(PATIENCE_S) is not None
+    assert main(["heightmap", "check", "--run-dir", str(run_dir), "--seconds", "2", "--json"]) in (0, 1)
+    robot.kill()
+    robot.wait()
+    begun, *_, table = capsys.readouterr().out.splitlines()
+    assert begun == "listening for 2 s"
+    good = {finding["name"]: finding["good"] for finding in json.loads(table)["findings"]}
+    assert good["the camera's place"]
+    assert good["heights"]
 
 
 def test_the_example_has_todays_messages() -> None:
