@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from saltus.models import ModelKind
-from saltus.real2sim.cycle import elsewhere, finding, measuring, training
+from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.report import trained, write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
@@ -52,6 +52,7 @@ class Cycle:
             self.observer.say(f"training is left to another machine: {export / 'README.md'}")
         else:
             self._train(take)
+            self._choose()
             self._measure()
         write_cycle_report(self.folder, self.settings)
 
@@ -93,11 +94,19 @@ class Cycle:
         for kind, what in became.items():
             self.observer.say(f"{kind} model: {what}")
 
+    def _choose(self) -> None:
+        if all(self.folder.model(kind) is None for kind in MODELS):
+            return
+        choice = choosing.choose(self.folder, self.settings, self.observer.at)
+        for kind in MODELS:
+            if str(kind) in choice.models:
+                self.observer.say(f"{kind} model: {choosing.verdict(choice, kind)}")
+
     def _measure(self) -> None:
         if not self.folder.hidden.exists():
             self.observer.say(measuring.NOT_MEASURED)
             return
-        for course in measuring.COURSES:
+        for course in trials.COURSES:
             said = []
             for when in measuring.MOMENTS:
                 done = measuring.measure(self.folder, self.settings, when, course, self.observer.at)

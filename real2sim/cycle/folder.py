@@ -77,6 +77,11 @@ class CycleFolder:
         return self.root / "trained.json"
 
     @property
+    def choice(self) -> Path:
+        """How simulated robots did with the trained models and with the shipped ones (JSON)."""
+        return self.root / "choice.json"
+
+    @property
     def measured(self) -> Path:
         """A file for each course and for each pair of models."""
         return self.root / "measured"

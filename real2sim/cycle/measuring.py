@@ -1,32 +1,21 @@
 """How the hidden robot does on courses with the models before and after: trials as `saltus policy eval` runs them."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from saltus.config import TerrainConfig, from_table
-from saltus.heightmap.data.predicted import PredictedHeightsFactory
-from saltus.models import model_id, model_path
-from saltus.policy.evaluation.evaluate import Evaluation, TrialResult, evaluate
+from saltus.config import from_table
+from saltus.models import ModelKind
 from saltus.policy.evaluation.trace import Failure
-from saltus.policy.planner import make_planner
+from saltus.real2sim.cycle.choosing import taken_models
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.cycle.trials import names_of, run_trials
 from saltus.real2sim.progress import Progress
-from saltus.workers import Listener
 
 When = Literal["before", "after"]
 MOMENTS: tuple[When, ...] = ("before", "after")
-COURSES = {
-    "stairs 0.20 m": TerrainConfig(terrain="stairs", rise_m=0.2),
-    "stones": TerrainConfig(terrain="stepping_stones"),
-    "step 0.50 m": TerrainConfig(terrain="step", height_m=0.5),
-    "gap 0.80 m": TerrainConfig(terrain="gap", gap_m=0.8),
-}
-
 NOT_MEASURED = "before and after are not measured: no profile of the robot was given with --hidden"
 
 
@@ -53,8 +42,8 @@ def measured(folder: CycleFolder, when: When, course: str) -> Measured | None:
 
 def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: Progress) -> Measured:
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
-    models = {kind: model_path(kind, folder.model(kind) if when == "after" else None) for kind in MODELS}
-    names = {str(kind): model_id(path.read_bytes()) for kind, path in models.items()}
+    models = models_of(folder, when)
+    names = names_of(models)
     known = measured(folder, when, course)
     if known is None or known.models != names:  # of a training that was taken in another's place
         known = Measured(models=names, failures={})
@@ -69,28 +58,17 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     missing = settings.trials - len(known.failures)
     if missing <= 0:
         return known
-    for batch in run_trials(folder, settings, when, course, len(known.failures), missing, ran):
+    seed = settings.seed + len(known.failures)
+    for batch in run_trials(models, folder.hidden, settings.loop.camera, course, seed, missing, ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
         _file(folder, when, course).write_text(json.dumps(asdict(known)))
     return known
 
 
-def run_trials(
-    folder: CycleFolder,
-    settings: CycleSettings,
-    when: When,
-    course: str,
-    first: int,
-    count: int,
-    listener: Listener | None = None,
-) -> Iterator[dict[int, TrialResult]]:
-    """Runs `count` trials from the `first` on, counted from the cycle's seed; yields batches by seed."""
-    models = {kind: folder.model(kind) if when == "after" else None for kind in MODELS}
-    evaluation = Evaluation(
-        course=COURSES[course], trials=count, seed=settings.seed + first, profile=str(folder.hidden)
-    )
-    heights = PredictedHeightsFactory(model=models["heightmap"], camera=settings.loop.camera)
-    return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)
+def models_of(folder: CycleFolder, when: When) -> dict[ModelKind, Path | None]:
+    """The ONNX file of each kind; None for the shipped one."""
+    taken = taken_models(folder) if when == "after" else ()
+    return {kind: folder.model(kind) if kind in taken else None for kind in MODELS}
 
 
 def _file(folder: CycleFolder, when: When, course: str) -> Path:

@@ -15,10 +15,12 @@ from saltus.policy.evaluation.evaluate import collect, courses_of
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle import figures
+from saltus.real2sim.cycle.choosing import chosen, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
-from saltus.real2sim.cycle.folder import CycleFolder
-from saltus.real2sim.cycle.measuring import COURSES, MOMENTS, NOT_MEASURED, Measured, When, measured, run_trials
+from saltus.real2sim.cycle.folder import MODELS, CycleFolder
+from saltus.real2sim.cycle.measuring import MOMENTS, NOT_MEASURED, Measured, When, measured, models_of
 from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.cycle.trials import COURSES, run_trials
 from saltus.real2sim.cycle.truth import Row, rows_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.report import MORE_STYLE
@@ -30,7 +32,7 @@ Courses = dict[str, dict[When, Measured]]
 
 def results(folder: CycleFolder) -> dict[str, Any]:
     """What a program would read of a cycle."""
-    courses = _courses(folder)
+    courses, choice = _courses(folder), chosen(folder)
     return {
         "report": str(folder.report),
         "profile": str(folder.profile),
@@ -39,6 +41,7 @@ def results(folder: CycleFolder) -> dict[str, Any]:
         "effects": [asdict(row) for row in rows_of(folder)],
         "not_applied": not_applied(folder),
         "models": trained(folder),
+        "choice": None if choice is None else asdict(choice) | {"taken": choice.taken},
         "courses": {
             course: {
                 when: {"successes": trials.successes, "trials": len(trials.failures), "models": trials.models}
@@ -153,7 +156,25 @@ def _training(folder: CycleFolder, settings: CycleSettings) -> list[str]:
         ticks = sum(record.ticks for record in records)
         rows.append(("predictor's data", f"{ticks} steps of 10 ms of robots with the profile that was found"))
         rows.append(("predictor's training", f"{settings.predictor.updates} updates from the shipped checkpoint"))
-    return [table((), rows, "text")]
+    return [table((), rows, "text"), *_choice(folder)]
+
+
+def _choice(folder: CycleFolder) -> list[str]:
+    """Which of the trained models were taken, and why."""
+    choice = chosen(folder)
+    if choice is None:
+        return []
+    head = ("models", *next(iter(choice.successes.values())))
+    rows = [
+        ("trained " + pair.replace("+", " and ") if pair else "as shipped", *counts.values())
+        for pair, counts in choice.successes.items()
+    ]
+    note = (
+        f'<p class="note">Simulated robots with the found profile, {choice.trials} trials on each course: the pair '
+        "with the best worst course is taken. The robot itself was not asked.</p>"
+    )
+    said = "; ".join(f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models)
+    return [note, table(head, rows, "text"), f"<p>{said}.</p>"]
 
 
 def _success(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[str]:
@@ -190,7 +211,8 @@ def _strip(folder: CycleFolder, settings: CycleSettings, trials: Measured, when:
     """Pictures of a trial, which is run again for them once."""
     kept = folder.measured / f"{when}-{course.partition(' ')[0]}-{seed}-{'-'.join(trials.models.values())}.html"
     if not kept.exists():
-        trial = collect(run_trials(folder, settings, when, course, seed - settings.seed, 1)).trials[0]
+        models = models_of(folder, when)
+        trial = collect(run_trials(models, folder.hidden, settings.loop.camera, course, seed, 1)).trials[0]
         (terrain,) = courses_of(COURSES[course], [seed])
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(load_robot(DEFAULT_ROBOT), terrain, trial.trace)

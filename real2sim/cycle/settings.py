@@ -38,6 +38,9 @@ class CycleSettings:
     """Of the predictor's data where they are made on a GPU; falls make more of them."""
     policy_minutes: float = 10.0
     """Time of the policy's training, where there is a GPU."""
+    choice_trials: int = 40
+    """On each course, of robots with the profile that was found, with the trained models, the shipped ones, and one of
+    each: what does best is taken."""
     trials: int = 20
     """On each course, with the models before and after; more may be asked for later, and add to those there are."""
     loop: ClosedLoop = field(default_factory=ClosedLoop)
@@ -47,6 +50,7 @@ class CycleSettings:
 
     def __post_init__(self) -> None:
         check_between(self, seed=(0, 2**32), batches=(1, MANY), episodes=(1, MANY), trials=(1, MANY))
+        check_between(self, choice_trials=(1, MANY))
         if not 0.0 < self.policy_minutes < MANY:
             raise ConfigError(f"policy_minutes = {self.policy_minutes:g}: it must be more than 0, and have an end")
         if not self.experiments:

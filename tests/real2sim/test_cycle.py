@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from report_pages import opens_without_a_network
 
@@ -18,7 +19,7 @@ from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
 from saltus.policy.training import checkpoint
 from saltus.policy.training import train as policy_training
-from saltus.real2sim.cycle import finding, measuring, training
+from saltus.real2sim.cycle import choosing, finding, measuring, training, trials
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.truth import rows_of
@@ -33,7 +34,7 @@ GAP = "gap 0.80 m"
 TINY = (
     "--experiments", "single_sine", "--batches", "1", "--loop.robots", "12", "--loop.courses", "1", "--loop.ticks",
     "120", "--loop.camera", "ideal", "--predictor.updates", "2", "--predictor.batch", "2", "--policy-minutes", "0.02",
-    "--trials", "1",
+    "--trials", "1", "--choice-trials", "1",
 )  # fmt: skip
 
 
@@ -55,7 +56,8 @@ def _small(short_calibration: None) -> Any:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
-        patch.setattr(measuring, "COURSES", {GAP: measuring.COURSES[GAP]})
+        for course in trials.COURSES.keys() - {GAP}:
+            patch.delitem(trials.COURSES, course)
         patch.setattr(training, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))
@@ -96,11 +98,27 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
     assert said["models"] == dict.fromkeys(("heightmap", "policy"), "trained here")
     before, after = (said["courses"][GAP][when] for when in ("before", "after"))
     assert before["trials"] == after["trials"] == 1
-    assert all(before["models"][kind] != after["models"][kind] for kind in ("heightmap", "policy"))
+    choice = said["choice"]
+    assert choice["successes"].keys() == {"heightmap+policy", "heightmap", "policy", ""}
+    for kind in ("heightmap", "policy"):  # networks of two updates are worse than the shipped ones, or no better
+        assert before["models"][kind] != choice["models"][kind]
+        assert after["models"][kind] == (choice if kind in choice["taken"] else before)["models"][kind]
     opens_without_a_network(run / "report.html")
     report = (run / "report.html").read_text()
     assert report.count("data:image/jpeg") == 12
     assert all(word in report for word in ("coulomb_friction", GAP, "1 of 1 hidden parameters found"))
+
+
+def test_what_is_taken_is_never_worse_on_its_worst_course() -> None:
+    rng, pairs = np.random.default_rng(4), ("heightmap+policy", "heightmap", "policy", "")
+    for _ in range(200):
+        table = {pair: dict(zip("abc", rng.integers(0, 4, 3).tolist(), strict=True)) for pair in pairs}
+        taken = table["+".join(choosing.Choice(models={}, trials=3, successes=table).taken)]
+        best = max(min(row.values()) for row in table.values())
+        assert min(taken.values()) == best
+        assert sum(taken.values()) == max(sum(row.values()) for row in table.values() if min(row.values()) == best)
+    equal = {pair: {"a": 3} for pair in pairs}
+    assert choosing.Choice(models={}, trials=3, successes=equal).taken == ("heightmap", "policy")
 
 
 def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path) -> None:

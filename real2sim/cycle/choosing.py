@@ -1,0 +1,89 @@
+"""Which of the trained models are taken: those with which simulated robots of the found profile do best.
+
+A further training gains where it trains and may lose elsewhere. The shipped models stay in the running, and the robot
+itself is not asked: it is for the measurement.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from itertools import combinations
+
+from saltus.config import from_table
+from saltus.models import ModelKind
+from saltus.real2sim.cycle import trials
+from saltus.real2sim.cycle.folder import MODELS, CycleFolder
+from saltus.real2sim.cycle.settings import CycleSettings
+from saltus.real2sim.progress import Progress
+
+SEEDS_APART = 500_000
+"""From the seeds of the measurement, which are at most as many."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """Successes on each course, of so many trials, with the trained models that the key names and the other shipped."""
+
+    models: dict[str, str]
+    """Name of each trained network by its kind."""
+    trials: int
+    successes: dict[str, dict[str, int]] = field(default_factory=dict)
+    """By pairs of models ("heightmap+policy", "policy", ..., "" for the shipped ones), and by course."""
+
+    @property
+    def taken(self) -> tuple[ModelKind, ...]:
+        """The trained models of the best pair: by its worst course, then by all, then by how much of it was trained."""
+
+        def worth(pair: str) -> tuple[int, int, int]:
+            counts = self.successes[pair].values()
+            return min(counts), sum(counts), len(pair)
+
+        best = max(self.successes, key=worth)
+        return tuple(kind for kind in MODELS if kind in best.split("+"))
+
+
+def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choice:
+    """Runs the trials that are still missing, and writes down what came of them."""
+    trained = [kind for kind in MODELS if folder.model(kind) is not None]
+    names = trials.names_of({kind: folder.model(kind) for kind in trained})
+    choice = Choice(models=names, trials=settings.choice_trials)
+    known = chosen(folder)
+    if known is not None and (known.models, known.trials) == (choice.models, choice.trials):
+        choice = known
+    pairs = [pair for size in range(len(trained), -1, -1) for pair in combinations(trained, size)]
+    seed, count = settings.seed + SEEDS_APART, settings.choice_trials
+    done, total = 0.0, len(pairs) * len(trials.COURSES) * count
+
+    def ran(trials: float) -> None:
+        nonlocal done
+        done += trials
+        tell("choose the models", done / total)
+
+    for pair in pairs:
+        row = choice.successes.setdefault("+".join(pair), {})
+        models = {kind: folder.model(kind) if kind in pair else None for kind in MODELS}
+        for course in trials.COURSES:
+            if course not in row:
+                batches = trials.run_trials(models, folder.profile, settings.loop.camera, course, seed, count, ran)
+                row[course] = sum(not trial.failure for batch in batches for trial in batch.values())
+                folder.choice.write_text(json.dumps(asdict(choice)))
+            else:
+                ran(count)
+    return choice
+
+
+def chosen(folder: CycleFolder) -> Choice | None:
+    """What was tried so far; None where nothing was."""
+    return from_table(Choice, json.loads(folder.choice.read_text())) if folder.choice.exists() else None
+
+
+def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:
+    """Kinds of the trained models that are taken; before the choice all that there are."""
+    choice = chosen(folder)
+    return MODELS if choice is None else choice.taken
+
+
+def verdict(choice: Choice, kind: ModelKind) -> str:
+    """What became of a trained model, in words."""
+    if kind in choice.taken:
+        return "taken"
+    return "not taken: simulated robots with the found profile do no better with it than with the shipped one"

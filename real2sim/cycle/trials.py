@@ -1,0 +1,39 @@
+"""Trials of a cycle's robots on its courses, with the models of a cycle or the shipped ones."""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+from saltus.config import TerrainConfig
+from saltus.heightmap.data.predicted import PredictedHeightsFactory
+from saltus.models import ModelKind, model_id, model_path
+from saltus.policy.evaluation.evaluate import Evaluation, TrialResult, evaluate
+from saltus.policy.planner import make_planner
+from saltus.workers import Listener
+
+COURSES = {
+    "stairs 0.20 m": TerrainConfig(terrain="stairs", rise_m=0.2),
+    "stones": TerrainConfig(terrain="stepping_stones"),
+    "step 0.50 m": TerrainConfig(terrain="step", height_m=0.5),
+    "gap 0.80 m": TerrainConfig(terrain="gap", gap_m=0.8),
+}
+
+
+def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
+    """Name of each network by its kind."""
+    return {str(kind): model_id(model_path(kind, model).read_bytes()) for kind, model in models.items()}
+
+
+def run_trials(
+    models: Mapping[ModelKind, Path | None],
+    profile: Path,
+    camera: str,
+    course: str,
+    seed: int,
+    count: int,
+    listener: Listener | None = None,
+) -> Iterator[dict[int, TrialResult]]:
+    """Runs `count` trials of robots of a profile, the first with the seed; yields batches by seed."""
+    evaluation = Evaluation(course=COURSES[course], trials=count, seed=seed, profile=str(profile))
+    heights = PredictedHeightsFactory(model=models["heightmap"], camera=camera)
+    return evaluate(evaluation, heights, partial(make_planner, "learned", model=models["policy"]), listener=listener)
