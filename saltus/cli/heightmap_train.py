@@ -151,7 +151,9 @@ class Export:
     """What to export."""
     out: Path = FOLDER
     """Folder for heightmap.onnx, its checksum and its card."""
-    unseen: Annotated[Path | None, shown("PATH", "the tenth of --data that training held out")] = None
+    unseen: Annotated[
+        Path | None, shown("PATH", "of the tenth of --data that training held out up to 300 episodes")
+    ] = None
     """Dataset to measure on, of which nothing was trained on; of --data only manifest.json is needed then."""
 
     def run(self) -> int:
