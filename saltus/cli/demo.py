@@ -57,8 +57,8 @@ class Demo(RunOptions):
         recording = read_recording(directory / "recording.mcap")
         summary = summarise(recording)
         report = directory / "report.html"
-        write_report(recording, summary, report)
         video = directory / "video.mp4" if self.video else None
+        write_report(recording, summary, report, video)
         if video is not None:
             from saltus.cli.video import write_video
 

@@ -1,9 +1,11 @@
 """One HTML file about one recorded run: what happened, in pictures."""
 
 import html
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import plotly.graph_objects as go
@@ -71,8 +73,8 @@ def collect(recording: Recording) -> RunData:
     )
 
 
-def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
-    """Writes the report of a run; it opens without a network."""
+def write_report(recording: Recording, summary: RunSummary, path: Path, video: Path | None = None) -> None:
+    """Writes the report of a run; it opens without a network. It shows the video, which may be yet to be written."""
     config = recording.config or RunConfig()
     data = collect(recording)
     terrain = recording.terrain
@@ -81,6 +83,7 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     parts = [
         f"<h1>{html.escape(_headline(summary, terrain, config))}</h1>",
         _numbers(summary),
+        _files(path, recording.path, video),
         "<h2>Terrain, path of the base, and what the robot thought was ahead</h2>",
         '<p class="note">Dots: predicted heights, one profile in ten; zoom in to see single profiles.</p>',
         figure_html(_path_figure(data, terrain)),
@@ -101,6 +104,21 @@ def write_report(recording: Recording, summary: RunSummary, path: Path) -> None:
     ]
     lost = "".join(f'<p class="bad">Lost: {html.escape(item)}</p>' for item in recording.lost)
     write_page(path, page("Saltus run", lost + "\n".join(parts)))
+
+
+def _files(report: Path, recording: Path, video: Path | None) -> str:
+    """What lies with a report: the video to look at, the recording to look into."""
+    shown = (
+        ""
+        if video is None
+        else f'<video controls preload="metadata" width="960" src="{_beside(report, video)}"></video>'
+    )
+    link = f'<a href="{_beside(report, recording)}">{html.escape(recording.name)}</a>'
+    return f"{shown}<p>All that was said: {link}. <code>saltus watch {html.escape(str(recording))}</code> plays it.</p>"
+
+
+def _beside(report: Path, file: Path) -> str:
+    return html.escape(quote(os.path.relpath(file, report.parent)))
 
 
 def _provenance(summary: RunSummary, config: RunConfig) -> str:

@@ -69,6 +69,20 @@ def test_what_began_a_failure_comes_first_and_its_end_last(case: str, turned: bo
     assert f"did not cross ({explanation}) stairs" in sentence(summary)
 
 
+def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> None:
+    config, folder = RunConfig(), tmp_path / "a run"
+    folder.mkdir()
+    with Recorder(folder / "run.mcap", config, ROBOT, make_terrain(config.terrain), SHIPPED["ideal"]) as file:
+        file.write(recorded(FELL))
+    recording = read_recording(folder / "run.mcap")
+    write_report(recording, summarise(recording), tmp_path / "report.html", folder / "video.mp4")
+    text = (tmp_path / "report.html").read_text()
+    assert '<a href="a%20run/run.mcap">run.mcap</a>' in text
+    assert 'src="a%20run/video.mp4"' in text
+    write_report(recording, summarise(recording), tmp_path / "report.html")
+    assert "<video" not in (tmp_path / "report.html").read_text()
+
+
 @pytest.mark.parametrize("kind", ["flat", "stairs"])
 def test_times_are_said_to_run_from_where_they_run(kind: str, tmp_path: Path) -> None:
     config = RunConfig(terrain=TerrainConfig(terrain=kind))
