@@ -20,24 +20,31 @@ SEEDS_APART = 500_000
 
 
 @dataclass(frozen=True, kw_only=True)
+class Tally:
+    """Trials of one pair of models on one course."""
+
+    successes: int = 0
+    trials: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Successes on each course, of so many trials, with the trained models that the key names and the other shipped."""
+    """How robots did with the trained models that a key names, and the other ones as shipped."""
 
     models: dict[str, str]
     """Name of each trained network by its kind."""
-    trials: int
-    successes: dict[str, dict[str, int]] = field(default_factory=dict)
+    tallies: dict[str, dict[str, Tally]] = field(default_factory=dict)
     """By pairs of models ("heightmap+policy", "policy", ..., "" for the shipped ones), and by course."""
 
     @property
     def taken(self) -> tuple[ModelKind, ...]:
         """The trained models of the best pair: by its worst course, then by all, then by how much of it was trained."""
 
-        def worth(pair: str) -> tuple[int, int, int]:
-            counts = self.successes[pair].values()
-            return min(counts), sum(counts), len(pair)
+        def worth(pair: str) -> tuple[float, float, int]:
+            shares = [tally.successes / tally.trials for tally in self.tallies[pair].values()]
+            return min(shares), sum(shares), len(pair)
 
-        best = max(self.successes, key=worth)
+        best = max(self.tallies, key=worth)
         return tuple(kind for kind in MODELS if kind in best.split("+"))
 
 
@@ -45,29 +52,28 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
     """Runs the trials that are still missing, and writes down what came of them."""
     trained = [kind for kind in MODELS if folder.model(kind) is not None]
     names = trials.names_of({kind: folder.model(kind) for kind in trained})
-    choice = Choice(models=names, trials=settings.choice_trials)
     known = chosen(folder)
-    if known is not None and (known.models, known.trials) == (choice.models, choice.trials):
-        choice = known
+    choice = known if known is not None and known.models == names else Choice(models=names)
     pairs = [pair for size in range(len(trained), -1, -1) for pair in combinations(trained, size)]
-    seed, count = settings.seed + SEEDS_APART, settings.choice_trials
-    done, total = 0.0, len(pairs) * len(trials.COURSES) * count
+    done, total = 0.0, len(pairs) * len(trials.COURSES) * settings.choice_trials
 
-    def ran(trials: float) -> None:
+    def ran(more: float) -> None:
         nonlocal done
-        done += trials
+        done += more
         tell("choose the models", done / total)
 
     for pair in pairs:
-        row = choice.successes.setdefault("+".join(pair), {})
+        row = choice.tallies.setdefault("+".join(pair), {})
         models = {kind: folder.model(kind) if kind in pair else None for kind in MODELS}
         for course in trials.COURSES:
-            if course not in row:
+            before = row.get(course, Tally())
+            ran(before.trials)
+            if (count := settings.choice_trials - before.trials) > 0:
+                seed = settings.seed + SEEDS_APART + before.trials
                 batches = trials.run_trials(models, folder.profile, settings.loop.camera, course, seed, count, ran)
-                row[course] = sum(not trial.failure for batch in batches for trial in batch.values())
+                more = sum(not trial.failure for batch in batches for trial in batch.values())
+                row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
                 folder.choice.write_text(json.dumps(asdict(choice)))
-            else:
-                ran(count)
     return choice
 
 

@@ -142,7 +142,9 @@ def settings_of(root: Path) -> CycleSettings | None:
 def _compare(folder: CycleFolder, settings: CycleSettings) -> None:
     """Refuses to go on with a cycle that was begun in another way."""
     before = load(CycleSettings, folder.settings)
-    for d in differences(asdict(before), asdict(replace(settings, trials=before.trials))):
+    for d in differences(
+        asdict(before), asdict(replace(settings, trials=before.trials, choice_trials=before.choice_trials))
+    ):
         raise ConfigError(
             f"{folder.settings}: this cycle was begun with {d.name} = {d.before}, not {d.now}: name another with --out"
         )

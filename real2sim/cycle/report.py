@@ -164,14 +164,17 @@ def _choice(folder: CycleFolder) -> list[str]:
     choice = chosen(folder)
     if choice is None:
         return []
-    head = ("models", *next(iter(choice.successes.values())))
+    head = ("models", *COURSES)
     rows = [
-        ("trained " + pair.replace("+", " and ") if pair else "as shipped", *counts.values())
-        for pair, counts in choice.successes.items()
+        (
+            "trained " + pair.replace("+", " and ") if pair else "as shipped",
+            *(f"{tally.successes} of {tally.trials}" for tally in tallies.values()),
+        )
+        for pair, tallies in choice.tallies.items()
     ]
     note = (
-        f'<p class="note">Simulated robots with the found profile, {choice.trials} trials on each course: the pair '
-        "with the best worst course is taken. The robot itself was not asked.</p>"
+        '<p class="note">Simulated robots with the found profile: the pair with the best worst course is taken. '
+        "The robot itself was not asked.</p>"
     )
     said = "; ".join(f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models)
     return [note, table(head, rows, "text"), f"<p>{said}.</p>"]

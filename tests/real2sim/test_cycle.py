@@ -99,7 +99,7 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
     before, after = (said["courses"][GAP][when] for when in ("before", "after"))
     assert before["trials"] == after["trials"] == 1
     choice = said["choice"]
-    assert choice["successes"].keys() == {"heightmap+policy", "heightmap", "policy", ""}
+    assert choice["tallies"].keys() == {"heightmap+policy", "heightmap", "policy", ""}
     for kind in ("heightmap", "policy"):  # networks of two updates are worse than the shipped ones, or no better
         assert before["models"][kind] != choice["models"][kind]
         assert after["models"][kind] == (choice if kind in choice["taken"] else before)["models"][kind]
@@ -111,14 +111,21 @@ def test_what_is_hidden_is_found_trained_with_and_measured(run: Path, capsys: py
 
 def test_what_is_taken_is_never_worse_on_its_worst_course() -> None:
     rng, pairs = np.random.default_rng(4), ("heightmap+policy", "heightmap", "policy", "")
+
+    def choice(table: dict[str, list[int]]) -> choosing.Choice:
+        tallies = {
+            pair: {course: choosing.Tally(successes=n, trials=3) for course, n in zip("abc", row, strict=True)}
+            for pair, row in table.items()
+        }
+        return choosing.Choice(models={}, tallies=tallies)
+
     for _ in range(200):
-        table = {pair: dict(zip("abc", rng.integers(0, 4, 3).tolist(), strict=True)) for pair in pairs}
-        taken = table["+".join(choosing.Choice(models={}, trials=3, successes=table).taken)]
-        best = max(min(row.values()) for row in table.values())
-        assert min(taken.values()) == best
-        assert sum(taken.values()) == max(sum(row.values()) for row in table.values() if min(row.values()) == best)
-    equal = {pair: {"a": 3} for pair in pairs}
-    assert choosing.Choice(models={}, trials=3, successes=equal).taken == ("heightmap", "policy")
+        table = {pair: rng.integers(0, 4, 3).tolist() for pair in pairs}
+        taken = table["+".join(choice(table).taken)]
+        best = max(min(row) for row in table.values())
+        assert min(taken) == best
+        assert sum(taken) == max(sum(row) for row in table.values() if min(row) == best)
+    assert choice({pair: [3, 3, 3] for pair in pairs}).taken == ("heightmap", "policy")
 
 
 def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path) -> None:
@@ -151,7 +158,9 @@ def test_what_is_done_is_not_repeated(
     results(run, capsys)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     first = measuring.measured(measuring.CycleFolder(run), "before", GAP)
-    assert results(run, capsys, "--trials", "2")["courses"][GAP]["before"]["trials"] == 2
+    more = results(run, capsys, "--trials", "2", "--choice-trials", "2")
+    assert more["courses"][GAP]["before"]["trials"] == 2
+    assert all(row[GAP]["trials"] == 2 for row in more["choice"]["tallies"].values())
     second = measuring.measured(measuring.CycleFolder(run), "before", GAP)
     assert first is not None
     assert second is not None
