@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from saltus.depth import RANGE_M, depth_frame, depth_in_millimetres, model_image
 from saltus.depth_camera import DepthCamera
+from saltus.errors import SaltusError
+from saltus.grid import LINE
 from saltus.recordings.page import figure_html, page, write_page
 from saltus.recordings.report import BLUE, add_ground
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
@@ -23,6 +25,7 @@ from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.sim.video import render_run
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import Floats
 
@@ -32,8 +35,8 @@ Poses = tuple[Floats, Floats, Floats]
 EXPOSURES = 5  # of a camera that stands still, before its picture is shown: the temporal filter has settled by then
 FRAME_S = 0.02
 NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
-DARKEST = 20  # of the 256 colours: the first ones are hardly told from black
 CLOUD_POINTS = 12_000  # every third pixel of a D435i, along both axes; the page stays below 1 MB
+ROBOT_SIZE, ROBOT_QUALITY = (320, 240), (cv2.IMWRITE_WEBP_QUALITY, 85)
 LOSSLESS = (cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100, as OpenCV says it; half the size of a PNG
 STYLE = """
 body { max-width: 1340px; } p { color: #555; margin: 0.2em 0; }
@@ -46,7 +49,7 @@ figcaption { font-size: 0.85em; min-height: 3em; } .scale { width: 424px; height
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Colours of depth, the same on a whole page: red is nearest, blue is farthest, by the logarithm between."""
+    """Colours of depth, the same on a whole page: the nearest is bright, by the logarithm, in even steps to the eye."""
 
     near: float
     far: float
@@ -63,18 +66,15 @@ class Scale:
     def coloured(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """Colours of depth (BGR): nothing within range is grey, invalid is black."""
         share = np.log(np.clip(depth, self.near, self.far) / self.near) / math.log(self.far / self.near)
-        colours = cv2.applyColorMap(np.rint(255 - (255 - DARKEST) * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+        colours = cv2.applyColorMap(np.rint(255 * (1.0 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
         colours[~np.isfinite(depth)] = NOTHING_COLOUR
         colours[depth <= 0.0] = INVALID_COLOUR
         return colours.astype(np.uint8)
 
     def figure(self, title: str, text: str, depth: Depth) -> str:
         """A picture with its caption, embedded."""
-        picture = base64.b64encode(cv2.imencode(".webp", self.coloured(depth), LOSSLESS)[1].tobytes()).decode()
-        narrow = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
-        caption = f"<b>{html.escape(title)}</b> {html.escape(text)}"
-        source = f'<img alt="{html.escape(title)}" src="data:image/webp;base64,{picture}">'
-        return f"<figure{narrow}>{source}<figcaption>{caption}</figcaption></figure>"
+        kind = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
+        return _figure(title, text, self.coloured(depth), LOSSLESS, kind)
 
     def legend(self) -> str:
         """What the colours mean."""
@@ -149,6 +149,8 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
             f"<h1>What the camera sees on {place}</h1>",
             "<h2>The course from the side, along its middle</h2>",
             figure_html(course_figure(terrain)),
+            "<h2>Where it looks from</h2>",
+            _row(_robots(robot, terrain, shown, robots)),
             scale.legend(),
             f"<h2>True depth, {size} and 16 x 48 pixels</h2>",
             _row(f for i, view in enumerate(shown) for f in _clean(view, scale, depth[i], narrow[i])),
@@ -230,6 +232,27 @@ def cloud_figure(wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: D
         },
     )
     return figure
+
+
+def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses) -> Iterator[str]:
+    """The robot in each pose, seen from aside; a sentence where there is no way to draw."""
+    position, quaternion, joints = robots
+    pose, none = np.concatenate([position, quaternion], axis=-1), np.full((len(shown), LINE.size), np.nan)
+    time_s = np.arange(float(len(shown)))  # one a second, so that each is a picture of its own
+    try:
+        frames = list(render_run(robot, terrain, time_s, pose, joints, LINE, none, size=ROBOT_SIZE, fps=1))
+    except SaltusError as error:
+        yield f"<p>No pictures: {html.escape(str(error))}</p>"
+        return
+    for view, frame in zip(shown, frames, strict=True):
+        yield _figure(view.title, "", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY)
+
+
+def _figure(title: str, text: str, picture: NDArray[np.uint8], quality: tuple[int, int], kind: str = "") -> str:
+    """A picture (BGR) with its caption, embedded."""
+    data = base64.b64encode(cv2.imencode(".webp", picture, quality)[1].tobytes()).decode()
+    source = f'<img alt="{html.escape(title)}" src="data:image/webp;base64,{data}">'
+    return f"<figure{kind}>{source}<figcaption><b>{html.escape(title)}</b> {html.escape(text)}</figcaption></figure>"
 
 
 def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:
