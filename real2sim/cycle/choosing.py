@@ -6,9 +6,12 @@ itself is not asked: it is for the measurement.
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import combinations
+from pathlib import Path
 
 from saltus.config import from_table
+from saltus.heightmap.data.shards import write_whole
 from saltus.models import ModelKind
 from saltus.real2sim.cycle import trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
@@ -73,7 +76,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
                 batches = trials.run_trials(models, folder.profile, settings.loop.camera, course, seed, count, ran)
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
                 row[course] = Tally(successes=before.successes + more, trials=settings.choice_trials)
-                folder.choice.write_text(json.dumps(asdict(choice)))
+                write_whole(folder.choice, partial(Path.write_text, data=json.dumps(asdict(choice))))
     return choice
 
 

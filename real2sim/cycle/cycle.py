@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from saltus.heightmap.data.shards import write_whole
 from saltus.models import ModelKind
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
@@ -90,7 +92,7 @@ class Cycle:
             self._trained({"heightmap": "trained here", "policy": "trained here" if has_gpu else NO_GPU})
 
     def _trained(self, became: dict[ModelKind, str]) -> None:
-        self.folder.trained.write_text(json.dumps(became))
+        write_whole(self.folder.trained, partial(Path.write_text, data=json.dumps(became)))
         for kind, what in became.items():
             self.observer.say(f"{kind} model: {what}")
 

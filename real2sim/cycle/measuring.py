@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from saltus.config import from_table
+from saltus.heightmap.data.shards import write_whole
 from saltus.models import ModelKind
 from saltus.policy.evaluation.trace import Failure
 from saltus.real2sim.cycle.choosing import taken_models
@@ -61,7 +63,7 @@ def measure(folder: CycleFolder, settings: CycleSettings, when: When, course: st
     seed = settings.seed + len(known.failures)
     for batch in run_trials(models, folder.hidden, settings.loop.camera, course, seed, missing, ran):
         known = replace(known, failures=known.failures | {str(seed): trial.failure for seed, trial in batch.items()})
-        _file(folder, when, course).write_text(json.dumps(asdict(known)))
+        write_whole(_file(folder, when, course), partial(Path.write_text, data=json.dumps(asdict(known))))
     return known
 
 
