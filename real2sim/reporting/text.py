@@ -96,6 +96,8 @@ def next_paragraph(verdict: Verdict) -> str:
 
 def untestable_table(verdict: Verdict) -> str:
     """Effects about which these data say nothing."""
+    if verdict.verdict == "bad_log":
+        return "<p>Nothing was tested: the log contradicts itself.</p>"
     if not verdict.untestable:
         return "<p>All effects of the library were tested.</p>"
     reasons: dict[str, list[str]] = {}

@@ -30,7 +30,8 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
 
 def _misfits(names: tuple[str, ...]) -> str:
     do = "does" if len(names) == 1 else "do"
-    return f"The profile's {' and '.join(names)} {do} not fit the log: compare it with a profile without."
+    without = "compare it with a profile without, as --profile ideal"
+    return f"The profile's {' and '.join(names)} {do} not fit the log: {without}."
 
 
 def _unexplained(verdict: Verdict) -> str:

@@ -87,11 +87,11 @@ class Import:
     recording: tyro.conf.Positional[Path]
     """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2; a ROS 1 bag; or a CSV of joints."""
     description: Annotated[Path | None, shown("PATH", "none")] = None
-    """TOML that says what a bag or a CSV does not say of itself (docs/real2sim.md)."""
+    """TOML that says what a bag or a CSV does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
     """Of a bag or a CSV: name, or path of an MJCF or of a folder with a robot.toml."""
     topics: Topics = field(default_factory=Topics)
-    """Of a bag. They count before those of the description."""
+    """Of a bag. One that is named here takes the place of the description's."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder of the log; or of one log for each leg."""
 
@@ -111,6 +111,8 @@ class Import:
         given = {part: topic for part, topic in vars(self.topics).items() if topic is not None}
         description = replace(description, topics=replace(description.topics, **given))
         imported = import_recording(self.recording, directory, description, load_robot(self.robot))
+        if self.robot == DEFAULT_ROBOT:
+            print(f"note: read as a log of a {self.robot}; --robot names another")
         for note in imported.notes:
             print(f"note: {note}")
         for log in imported.logs:
@@ -158,11 +160,12 @@ class Apply:
             print_json({"profile": self.profile, "file": str(path), "added": added, "updated": updated, "lacks": lacks})
             return 0
         done = [f"{', '.join(some)} {word}" for some, word in ((added, "added"), (updated, "updated")) if some]
-        print(f"{path}: {self.profile if exists else self.base} with {'; '.join(done) or 'nothing added'}")
+        became = "; ".join(done) or "nothing added: the patch names no effect"
+        print(f"{path}: {self.profile if exists else self.base} with {became}")
         if lacks:
             print(f"not in it, of the robot's shipped profile: {', '.join(lacks)}")
             print("a new profile that you begin with --base shipped keeps them")
-        print(f"run it with: saltus up --profile {self.profile}")
+        print(f"run it with: saltus demo --profile {self.profile}")
         return 0
 
 
