@@ -25,6 +25,8 @@ from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, Floats, RobotState
 
 STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
+STILL_MPS, STILL_RAD_S = 0.05, 0.1
+"""Slower than this a robot stands whose feet nobody knows of; noise of odometry is less, any gait is faster."""
 FEWEST_FRAMES, MOST_FRAMES = 10, 60
 """0.2 s of a D435i, in which its noise becomes other noise seven times; more than a second adds little."""
 LEAST_SLOPE = 0.02  # of a ray, by which it comes down: flatter ones meet the ground beyond 10 m
@@ -94,14 +96,22 @@ def calibrate(path: Path) -> Calibration:
 
 
 def standing_pairs(frames: Sequence[DepthFrame], states: Sequence[RobotState]) -> list[tuple[DepthFrame, RobotState]]:
-    """Images with the state at which each was taken, where the robot stood with all feet on the ground."""
+    """Images with the state at which each was taken, where the robot stood."""
     times = np.array([state.time_ns for state in states], dtype=np.int64)
     pairs = []
     for frame in frames if len(states) else ():
         state = states[int(np.abs(times - frame.time_ns).argmin())]
-        if abs(state.time_ns - frame.time_ns) <= 10_000_000 and state.mode in STANDING and all(state.leg_trusted):
+        if abs(state.time_ns - frame.time_ns) <= 10_000_000 and stands(state):
             pairs.append((frame, state))
     return pairs
+
+
+def stands(state: RobotState) -> bool:
+    """Whether a robot stands: on all feet and in no gait; by its rest where nobody says which feet stand, as in ROS."""
+    if any(state.leg_trusted):
+        return all(state.leg_trusted) and state.mode in STANDING
+    turning = float(np.linalg.norm(state.angular_velocity_base))
+    return float(np.linalg.norm(state.velocity_base_in_world)) < STILL_MPS and turning < STILL_RAD_S
 
 
 def fit_place(pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, camera: DepthCamera) -> Calibration:

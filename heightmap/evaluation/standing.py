@@ -16,7 +16,7 @@ from saltus.errors import RecordingError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_ERROR_M
 from saltus.recordings.recording import Recording, TopicTiming, rates_and_ages
-from saltus.render.calibrate import FEWEST_FRAMES, STANDING, fit_place, standing_pairs
+from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS
 
@@ -131,7 +131,7 @@ def _place(recording: Recording, pairs: list[tuple[DepthFrame, RobotState]]) -> 
 
 
 def _heights(recording: Recording) -> Iterator[Finding]:
-    states = {state.step: state for state in recording.of(RobotState) if state.mode in STANDING}
+    states = {state.step: state for state in recording.of(RobotState) if stands(state)}
     maps = [heights for heights in recording.of(Heightmap) if heights.step in states]
     begun = next((i for i, heights in enumerate(maps) if heights.status == HeightmapStatus.OK), len(maps))
     ok = [heights for heights in maps[begun:] if heights.status == HeightmapStatus.OK]

@@ -1,5 +1,6 @@
 """Between the bus of a run and a ROS 2 graph: what is sent, what is taken, and what is missing for it."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 
@@ -13,6 +14,10 @@ from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.ros2_node import RosNode, RosPublisher
 
 WAIT_S = 0.1  # how often it looks whether both routers answer
+IMAGES_WITHIN_S = 1.0  # of real time: a run may be slowed
+AGAIN_S = 2.0  # between two lines while messages are refused
+ADVICE = {"clock": "stamps are not this computer's time: --arrival-times takes messages as they arrive"}
+"""Of reasons for which messages are refused."""
 
 
 class Sender:
@@ -51,7 +56,7 @@ class Receiver:
         intake: Makes our messages of theirs.
         topics: Name in ROS of each kind of `TYPES`.
         clock: Of the run.
-        tell: Is told in one line what is missing, whenever that changes.
+        tell: Is told in one line what is missing, whenever that changes, and of what is refused while it goes on.
     """
 
     def __init__(
@@ -63,6 +68,8 @@ class Receiver:
         self._clock = clock
         self._tell = tell
         self._told: list[str] | None = None
+        self._counted: dict[str, int] = {}
+        self._image_s, self._told_s = -math.inf, -math.inf
         self._next_s = time.monotonic()
         self._slots = {kind: Slot(bus.bell) for kind in TYPES}
         for kind, slot in self._slots.items():
@@ -75,6 +82,7 @@ class Receiver:
             while (raw := slot.pop()) is not None:
                 frame = self._intake.take(kind, raw.payload, self._clock.now_ns())
                 if frame is not None:
+                    self._image_s = time.monotonic()
                     self._frames.put(frame)
         now_s = time.monotonic()
         if now_s >= self._next_s:
@@ -83,16 +91,21 @@ class Receiver:
             state = self._intake.state(now_ns)
             if state is not None:
                 self._states.put(state)
-            self._say(self._intake.missing(now_ns))
+            late = ["depth"] if now_s - self._image_s > IMAGES_WITHIN_S else []
+            self._say([*self._intake.missing(now_ns), *late], now_s)
         return self._next_s - time.monotonic()
 
-    def _say(self, missing: list[str]) -> None:
-        if missing != self._told:
-            self._told = missing
-            names = ", ".join(f"{kind} ({self._topics[kind]})" for kind in missing)
-            refused = ", ".join(f"{count} {name}" for name, count in self._intake.rejected.items())
-            waits = f"waiting for {names}" if missing else "the robot's state is complete"
-            self._tell(f"{waits}; refused so far: {refused}" if refused else waits)
+    def _say(self, missing: list[str], now_s: float) -> None:
+        rejected = self._intake.rejected
+        more = rejected != self._counted and now_s - self._told_s > AGAIN_S
+        if missing == self._told and not more:
+            return
+        advice = {ADVICE[reason] for name in rejected if (reason := name.rpartition("/")[2]) in ADVICE}
+        self._told, self._told_s, self._counted = missing, now_s, dict(rejected)
+        names = ", ".join(f"{kind} ({self._topics[kind]})" for kind in missing)
+        refused = ", ".join(f"{count} {name}" for name, count in rejected.items())
+        said = [f"waiting for {names}" if missing else "the robot's state and images are complete"]
+        self._tell("; ".join([*said, *([f"refused so far: {refused}"] if refused else []), *sorted(advice)]))
 
 
 def run(bus: Bus, node: RosNode, sender: Sender, receiver: Receiver | None) -> None:

@@ -17,7 +17,7 @@ from saltus.robots.robot import Robot
 from saltus.wire import codec
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
-from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, Message, RobotState
+from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, Message, RobotState
 from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
@@ -85,8 +85,14 @@ def unsure(message: Any, _: int) -> Message:
     return replace(message, half_width_90=np.full(30, 0.1))
 
 
+def told_by_ros(message: Any, _: int) -> Message:
+    """Nobody says which feet stand, nor in which mode the robot is."""
+    return replace(message, leg_trusted=np.zeros(4, np.bool_), mode=ControllerMode.RUN)
+
+
 FAULTS: dict[str, tuple[type[Message], Change, list[str]]] = {
     "none": (Heightmap, same, []),
+    "none, and feet that nobody knows of": (RobotState, told_by_ros, []),
     "half of the images": (DepthFrame, half_of_them, ["images"]),
     "half of the states": (RobotState, half_of_them, ["states"]),
     "dated at arrival": (DepthFrame, dated_at_arrival, ["age of images"]),

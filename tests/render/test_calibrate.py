@@ -103,6 +103,10 @@ def test_only_images_of_a_robot_that_stands_count() -> None:
     assert len(standing_pairs(frames, [*states[:10], *runs])) == 10
     lifted = [replace(state, leg_trusted=np.array([True, True, True, False])) for state in states]
     assert standing_pairs(frames, lifted) == []
+    unknown = [replace(state, leg_trusted=np.zeros(4, bool), mode=ControllerMode.RUN) for state in states]
+    assert len(standing_pairs(frames, unknown)) == FRAMES  # at rest, and nobody says more
+    for moves in ({"velocity_base_in_world": np.array([0.0, 0.0, 0.1])}, {"angular_velocity_base": np.full(3, 0.1)}):
+        assert standing_pairs(frames, [replace(state, **moves) for state in unknown]) == []
     assert standing_pairs(frames, []) == []
     late = [replace(state, time_ns=state.time_ns + 500 * MS) for state in states]
     assert len(standing_pairs(frames, late)) == FRAMES - 25

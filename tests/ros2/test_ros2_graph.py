@@ -179,12 +179,13 @@ def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int)
         )
         said = lines_of(bridge)
         assert "can feed the heights" in next(said)
-        assert next(said) == "waiting for joints (/joint_states), imu (/imu/data), odometry (/odom)\n"
+        wanted = "joints (/joint_states), imu (/imu/data), odometry (/odom), depth (/camera/depth/image_rect_raw)"
+        assert next(said) == f"waiting for {wanted}\n"
         later.enter_context(program(str(PEER), str(ros_port), "robot"))
         state, frame = states.wait(PATIENCE_S), frames.wait(PATIENCE_S)
         assert state is not None
         assert frame is not None
-        while not next(said).startswith("the robot's state is complete"):
+        while not next(said).startswith("the robot's state and images are complete"):
             pass
         for _ in range(100):
             answers.put(heightmap)

@@ -18,12 +18,14 @@ from saltus.recordings import ros_messages as ros
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.robots.shipped import shipped_robots
+from saltus.ros2.bridge import Receiver
 from saltus.ros2.incoming import HELD_S, TYPES, Intake, depth_of
 from saltus.ros2.outgoing import HEIGHTS, Exporter, Way
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
 from saltus.wire.codec import depth_on_the_wire, header
+from saltus.wire.memory_bus import MemoryBus
 
 USED = {*TYPES.values(), *(kind for kind, _ in (HEIGHTS | OF_ROBOT).values()), "tf2_msgs/msg/TFMessage"}
 NOW_NS = 10**10
@@ -137,6 +139,29 @@ def metres(depth: np.ndarray) -> np.ndarray:
     values[depth == 0] = np.nan
     values[depth == 65535] = np.inf
     return values.astype(np.float32)
+
+
+def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> None:
+    class Silent:
+        def subscribe(self, *_: object) -> None:
+            pass
+
+    intake, told = Intake(ROBOT, LOCKSTEP), list[str]()
+    node, topics = Silent(), dict.fromkeys(TYPES, "/it")
+    receiver = Receiver(MemoryBus("robot/0"), node, intake, topics, None, told.append)  # type: ignore[arg-type]
+    for now_s, refused in ((0.0, 0), (1.0, 3), (2.5, 4), (5.0, 0), (7.5, 1)):
+        if refused:
+            intake.rejected["joints/clock"] += refused
+        receiver._say(["joints"], now_s)
+    intake.rejected["depth/encoding"] += 1
+    receiver._say([], 7.6)
+    advice = "stamps are not this computer's time: --arrival-times takes messages as they arrive"
+    assert told == [
+        "waiting for joints (/it)",
+        f"waiting for joints (/it); refused so far: 7 joints/clock; {advice}",
+        f"waiting for joints (/it); refused so far: 8 joints/clock; {advice}",
+        f"the robot's state and images are complete; refused so far: 8 joints/clock, 1 depth/encoding; {advice}",
+    ]
 
 
 @pytest.mark.parametrize("spare", [0, 8])
