@@ -43,7 +43,7 @@ LINKED_S = 1.0
 """After its opening a peer has links to all others, also on a busy computer: what is sent sooner may reach nobody. In
 0.3 s one of 21 had none."""
 LINKED_LATEST_S = 3.0
-"""A peer without any link waits so long for its first, on a computer that is busier."""
+"""Who is heard by nobody yet waits so long, on a computer that is busier."""
 EXIT_ERROR = 2
 PEER_FLAG = "--peer"
 
@@ -146,6 +146,10 @@ class ProcessContext:
         self._status.put(status)
         self._check_surroundings(now_s)
 
+    def heard(self) -> bool:
+        """Whether anybody hears its events."""
+        return self._events.heard()
+
     def event(self, code: str, detail: str = "") -> None:
         """Tells, once, that something began."""
         self._events.put(Event(time_ns=self.clock.now_ns(), process=self.name, code=code, detail=detail))
@@ -191,7 +195,7 @@ def _run_body(context: ProcessContext, body: Callable[[ProcessContext], None]) -
     except SaltusError as error:
         time.sleep(context.clock.machine_s(max(0.0, context.opened_s + LINKED_S - context.clock.elapsed_s())))
         latest_s = time.monotonic() + LINKED_LATEST_S
-        while not context.bus.linked() and time.monotonic() < latest_s:
+        while not context.heard() and time.monotonic() < latest_s:
             time.sleep(0.01)
         context.event("error", str(error))
         return _failed(context.name, error)

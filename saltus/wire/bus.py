@@ -53,6 +53,9 @@ class Publisher(Protocol):
     def put(self, message: Message) -> None:
         """Sends; never waits for a receiver."""
 
+    def heard(self) -> bool:
+        """Whether what is put reaches anybody."""
+
 
 class Bell:
     """Wakes whoever waits for messages. Thread-safe.
@@ -247,10 +250,6 @@ class Bus(ABC):
     @abstractmethod
     def connected(self) -> bool:
         """Whether messages can travel now."""
-
-    @abstractmethod
-    def linked(self) -> bool:
-        """Whether what is put reaches anybody."""
 
     @abstractmethod
     def close(self) -> None:

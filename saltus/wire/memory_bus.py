@@ -62,10 +62,6 @@ class MemoryBus(Bus):
         """Always."""
         return True
 
-    def linked(self) -> bool:
-        """Always."""
-        return True
-
     def close(self) -> None:
         """Nothing to leave."""
 
@@ -77,6 +73,10 @@ class MemoryPublisher:
         self._bus = bus
         self._key = key
         self._sequence = 0
+
+    def heard(self) -> bool:
+        """Always."""
+        return True
 
     def put(self, message: Message) -> None:
         """Encodes and delivers, unless its bus is muted; raises as `saltus.wire.codec.encode` does."""

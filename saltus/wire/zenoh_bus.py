@@ -35,7 +35,6 @@ class ZenohBus(Bus):
 
     def __init__(self, endpoint: str, prefix: str, *, peer: bool = False, bell: Bell | None = None) -> None:
         super().__init__(prefix, bell or Bell())
-        self._peer = peer
         self._session = open_session("peer" if peer else "client", endpoint)
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
@@ -82,10 +81,6 @@ class ZenohBus(Bus):
         """Whether the router answers."""
         return bool(self._session.info.routers_zid())
 
-    def linked(self) -> bool:
-        """Whether a peer has a link to another one, a client to its router."""
-        return bool(self._session.info.peers_zid()) if self._peer else self.connected()
-
     def close(self) -> None:
         """Closes the session."""
         if not self._session.is_closed():
@@ -99,6 +94,10 @@ class ZenohPublisher:
         self._publisher = publisher
         self._bus = bus
         self._sequence = 0
+
+    def heard(self) -> bool:
+        """Whether a subscriber is known; a link alone is there before its subscribers are."""
+        return bool(self._publisher.matching_status.matching)
 
     def put(self, message: Message) -> None:
         """Encodes and sends, unless its bus is muted; never waits.
