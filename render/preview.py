@@ -73,8 +73,8 @@ class Scale:
 
     def figure(self, title: str, text: str, depth: Depth) -> str:
         """A picture with its caption, embedded."""
-        kind = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
-        return _figure(title, text, self.coloured(depth), LOSSLESS, kind)
+        shape = ' class="narrow"' if depth.shape[1] < depth.shape[0] else ""
+        return _figure(title, text, self.coloured(depth), LOSSLESS, shape)
 
     def legend(self) -> str:
         """What the colours mean."""
@@ -248,11 +248,13 @@ def _robots(robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses
         yield _figure(view.title, "", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY)
 
 
-def _figure(title: str, text: str, picture: NDArray[np.uint8], quality: tuple[int, int], kind: str = "") -> str:
+def _figure(title: str, text: str, picture: NDArray[np.uint8], quality: tuple[int, int], attribute: str = "") -> str:
     """A picture (BGR) with its caption, embedded."""
     data = base64.b64encode(cv2.imencode(".webp", picture, quality)[1].tobytes()).decode()
     source = f'<img alt="{html.escape(title)}" src="data:image/webp;base64,{data}">'
-    return f"<figure{kind}>{source}<figcaption><b>{html.escape(title)}</b> {html.escape(text)}</figcaption></figure>"
+    return (
+        f"<figure{attribute}>{source}<figcaption><b>{html.escape(title)}</b> {html.escape(text)}</figcaption></figure>"
+    )
 
 
 def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[str]:

@@ -19,7 +19,7 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress
 
 SEEDS_APART = 500_000
-"""From the seeds of the measurement, which are at most as many."""
+"""From the seeds of the measurement: no trial that chooses is one that measures."""
 
 
 @dataclass(frozen=True, kw_only=True)
