@@ -48,6 +48,8 @@ class Verdict:
     """Effects that these data cannot show, and why."""
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""
+    nearest: tuple[FoundEffect, ...] = ()
+    """Where a gap is unexplained, the best model for it: not the cause, only where to look."""
     gap: Gap | None = None
     minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
     log_faults: tuple[str, ...] = ()
@@ -61,6 +63,7 @@ class Verdict:
             "next_experiment": None if self.next_experiment is None else vars(self.next_experiment).copy(),
             "untestable": [{"name": name, "why": why} for name, why in self.untestable.items()],
             "misfits": list(self.misfits),
+            "nearest": [effect_to_dict(effect) for effect in self.nearest],
             "gap": None if self.gap is None else {**vars(self.gap), "closed": self.gap.closed},
             "minimum_detectable": {
                 name: {"value": size.value, "unit": size.unit} for name, size in self.minimum_detectable.items()
@@ -91,6 +94,7 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
         sets=tuple(sets),
         untestable={name: why for each in findings for name, why in each.untestable.items()},
         misfits=tuple(name for each in findings for name in each.misfits),
+        nearest=tuple(effect for each in findings for effect in each.nearest),
         gap=_pool(findings),
         minimum_detectable={name: size for each in findings for name, size in each.minimum_detectable.items()},
     )

@@ -4,10 +4,14 @@ import html
 import json
 import platform
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saltus.effects.profile import Profile, profile_to_toml
+from saltus.effects.registry import EFFECTS
 from saltus.provenance import commit, package_version
 from saltus.real2sim.reporting.localise import Statement
 from saltus.real2sim.reporting.words import sentence
@@ -46,11 +50,13 @@ def headline(verdict: Verdict, profile: Profile) -> str:
     return f'<h1>{_text(said[0].upper() + said[1:])}</h1><p class="{kind}">{meaning}</p>{faults}'
 
 
-def effects_table(found: Sequence[FoundEffect], rivals: Sequence[FoundEffect]) -> str:
-    """Values of the effects, and of the members of sets as they fit alone."""
+def effects_table(
+    found: Sequence[FoundEffect], rivals: Sequence[FoundEffect], nearest: Sequence[FoundEffect] = ()
+) -> str:
+    """Values of the effects, of the members of sets as they fit alone, and of the best model of what has no name."""
     rows = [
         (effect.name, _where(effect), name, f"{value.value:.4g}", _interval(*value.ci90), value.unit, remark)
-        for effects, remark in ((found, "named"), (rivals, "in a set"))
+        for effects, remark in ((found, "named"), (rivals, "in a set"), (nearest, "nearest, not named"))
         for effect in effects
         for name, value in effect.params.items()
     ]
@@ -106,13 +112,28 @@ def untestable_table(verdict: Verdict) -> str:
     return table(("effects", "why"), [(", ".join(names), why) for why, names in reasons.items()], "words")
 
 
-def detectable_table(verdict: Verdict) -> str:
-    """Smallest size of each effect that would have been found."""
+def detectable_table(verdict: Verdict, profile: Profile) -> str:
+    """Value of each effect from which on it would have been found, beside what the simulator has."""
     sizes = sorted(verdict.minimum_detectable.items())
     if not sizes:
         return "<p>None was worked out.</p>"
-    rows = [(name, f"{size.value:.4g}", size.unit) for name, size in sizes]
-    return table(("effect", "smallest size that would be seen", "unit"), rows)
+    rows = [(name, _known(profile, name, size.unit), f"{size.value:.4g}", size.unit) for name, size in sizes]
+    return table(("effect", "the simulator has", "would be seen from", "unit"), rows)
+
+
+def _known(profile: Profile, name: str, unit: str) -> str:
+    """What a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
+    of_unit = [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit] if name in EFFECTS else []
+    if not of_unit:
+        return ""
+    effect = profile.effects.get(name)
+    value = of_unit[0].metadata.get("null") if effect is None else getattr(effect, of_unit[0].name)
+    if value is None or np.ndim(value) > 1 or not np.size(value):  # a curve is no size
+        return ""
+    if not np.all(np.isfinite(value)):
+        return "none"
+    low, high = (f"{end:.4g}" for end in (np.min(value), np.max(value)))
+    return low if low == high else f"{low} to {high}"
 
 
 def idle_models(ranking: Sequence[RankedModel]) -> str:

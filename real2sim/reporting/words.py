@@ -1,5 +1,7 @@
 """A verdict in a sentence."""
 
+from collections.abc import Sequence
+
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.verdict import Verdict
@@ -37,15 +39,21 @@ def _misfits(names: tuple[str, ...]) -> str:
 def _unexplained(verdict: Verdict) -> str:
     if verdict.misfits:
         return "The log and the simulator differ."
-    best = _closed(verdict, "the best model")
-    return f"The log and the simulator differ, and no effect that Saltus knows explains it{best}."
+    start = "The log and the simulator differ, and no effect that Saltus knows explains it"
+    if not verdict.nearest:
+        return f"{start}{_closed(verdict, 'the best model')}."
+    nearest = _spoken(verdict.nearest)
+    return f"{start}; the nearest is {nearest}{_closed(verdict)}."
 
 
 def _effects(verdict: Verdict, names: set[str]) -> str:
+    return _spoken([effect for effect in verdict.effects if effect.name in names])
+
+
+def _spoken(effects: Sequence[FoundEffect]) -> str:
     alike: dict[str, list[FoundEffect]] = {}
-    for effect in verdict.effects:
-        if effect.name in names:
-            alike.setdefault(effect.name, []).append(effect)
+    for effect in effects:
+        alike.setdefault(effect.name, []).append(effect)
     return " and ".join(_effect(name, effects) for name, effects in alike.items())
 
 

@@ -56,7 +56,8 @@ def findings(
     misfits = misfits_of(problem, comparison, [each.fit for each in scored], model, seen)
     ruling = "unexplained" if misfits else ruling
     is_stated = ruling in ("named", "set")
-    effects = {name: _state(problem, name, groups) for name, groups in model.groups.items()} if is_stated else {}
+    fitted = {name: _state(problem, name, groups) for name, groups in model.groups.items()}
+    effects = fitted if is_stated else {}
     return Findings(
         problem=problem.name,
         verdict=ruling,
@@ -66,6 +67,7 @@ def findings(
             *(one for name, stated in effects.items() if alike[name] for one in stated),
             *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_stated else ()),
         ),
+        nearest=tuple(one for stated in fitted.values() for one in stated) if ruling == "unexplained" else (),
         ranking=_ranking(comparison, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),

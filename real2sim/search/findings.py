@@ -109,6 +109,8 @@ class Findings:
     """Effects that the log cannot tell apart, at most three each."""
     rivals: tuple[FoundEffect, ...] = ()
     """Fitted values of all effects in sets."""
+    nearest: tuple[FoundEffect, ...] = ()
+    """Of an unexplained gap: fitted values of the best model, which is too far off to be named."""
     ranking: tuple[RankedModel, ...] = ()
     """Best first."""
     confusion: Confusion = field(default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0))))

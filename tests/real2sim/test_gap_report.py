@@ -1,5 +1,6 @@
 """The report: one page that opens alone, says what the verdict says, and whose figures add up."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from html import escape
@@ -50,7 +51,7 @@ def found(case: str) -> tuple[Problem, Findings]:
     problem.untestable = {"torque_speed_limit": "max |dq| 6.1 < 20 rad/s"}
     findings = search(problem, seed=0)
     if case == "unexplained":
-        findings = replace(findings, verdict="unexplained", effects=())
+        findings = replace(findings, verdict="unexplained", effects=(), nearest=findings.effects)
     return problem, findings
 
 
@@ -90,10 +91,13 @@ def test_every_verdict_has_a_page_that_says_it(case: str, tmp_path: Path) -> Non
         assert name in text
         assert escape(why) in text
     for name, size in of.verdict.minimum_detectable.items():
-        assert f"<td>{name}</td><td>{size.value:.4g}</td>" in text
+        assert re.search(f"<td>{name}</td><td>[^<]*</td><td>{size.value:.4g}</td>", text)
     for effect in of.verdict.effects:
         for value in effect.params.values():
             assert f"<td>{value.value:.4g}</td><td>{value.ci90[0]:.4g} to {value.ci90[1]:.4g}</td>" in text
+    for effect in of.verdict.nearest:
+        assert f"the nearest is {effect.name} (" in said
+        assert text.count("<td>nearest, not named</td>") == sum(len(each.params) for each in of.verdict.nearest)
     if case == "set":
         assert "experiments --run joint_chirp" in text
         assert escape(NEXT.why) in text

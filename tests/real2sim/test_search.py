@@ -143,6 +143,8 @@ def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
     assert findings.verdict == "unexplained"
     assert not findings.effects
     assert not findings.sets
+    chosen = findings.residuals.effects if findings.residuals else ()
+    assert {each.name for each in findings.nearest} == set(chosen)
 
 
 def test_a_problem_without_candidates_has_no_names() -> None:

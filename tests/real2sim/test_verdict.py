@@ -48,6 +48,7 @@ def test_json_has_the_keys_of_the_schema() -> None:
         "next_experiment",
         "untestable",
         "misfits",
+        "nearest",
         "gap",
         "minimum_detectable",
         "log_faults",
