@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import math
 import re
 import tomllib
 import typing
@@ -144,7 +145,8 @@ def check_between(config: Any, **ranges: tuple[float, float]) -> None:
         value = getattr(config, name)
         numbers = value if isinstance(value, tuple) else () if value is None else (value,)
         if not all(low <= number <= high for number in numbers):
-            raise ConfigError(f"{name} = {value}: it must be from {low} to {high}")
+            limits = f"{low} to {high}" if high != math.pi else "-pi to pi radians"
+            raise ConfigError(f"{name} = {value}: it must be from {limits}")
 
 
 def to_toml(config: Any) -> str:

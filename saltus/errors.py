@@ -3,6 +3,9 @@
 import difflib
 from collections.abc import Iterable
 
+_SURE = 0.8
+"""Similarity from which on a name is a misspelt other one, and not another word with a part of it."""
+
 
 class SaltusError(Exception):
     """Base of every error that Saltus raises on purpose. The CLI prints it as one line and exits with code 2."""
@@ -33,9 +36,10 @@ class StackError(SaltusError):
 
 
 def nearest_hint(name: str, choices: Iterable[str]) -> str:
-    """Says which of `choices` is closest to `name`, for use at the end of an error message."""
+    """Says which of `choices` is closest to `name`, or the closest two, for use at the end of an error message."""
     known = sorted(choices)
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(name, known, n=2)
     if close:
-        return f"did you mean '{close[0]}'?"
+        is_sure = difflib.SequenceMatcher(None, close[0], name).ratio() >= _SURE
+        return f"did you mean {' or '.join(repr(each) for each in close[: 1 if is_sure else 2])}?"
     return "choose one of: " + ", ".join(known)

@@ -113,6 +113,9 @@ class ProcessContext:
         self._ready = True
         self._next_status_s = -math.inf
         self.beat(ticks=0)
+        if not self._cued:  # somebody started it by hand, and waits for it
+            sys.stdout.write(f"{self.name}: ready for {self.config.prefix}; Ctrl-C ends it\n")
+            sys.stdout.flush()
 
     def _look_for_cue(self) -> None:
         begin = cue.told()

@@ -48,7 +48,8 @@ def open_session(role: Literal["peer", "client"], endpoint: str) -> Any:
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:
-        raise StackError(_refusal(router, error)) from error
+        why = f": its run is over, or has not begun; {endpoint} names it" if from_file else ""
+        raise StackError(f"{_refusal(router)}{why}") from error
 
 
 def write_client(path: Path, endpoint: str, certificate: Certificate | None = None) -> None:
@@ -97,8 +98,8 @@ def _settings(role: str, endpoint: str) -> zenoh.Config:
     return settings
 
 
-def _refusal(router: str, error: zenoh.ZError) -> str:
-    """Why a session could not be opened: Zenoh says no more than that it could not."""
+def _refusal(router: str) -> str:
+    """Why a session could not be opened: Zenoh says no more than that it could not, and where in its source."""
     host, _, port = router.removeprefix("tls/").rpartition(":")
     if router.startswith("tls/"):
         try:
@@ -107,4 +108,4 @@ def _refusal(router: str, error: zenoh.ZError) -> str:
             pass
         else:
             return f"the router at {router} refused this certificate, or has one that its file does not trust"
-    return f"no Zenoh router at {router}: {error}"
+    return f"no Zenoh router at {router}"

@@ -21,6 +21,8 @@ HUGE = "99999999999999999999999"
 CAMERAS = {
     "ratehz": "ratehz = 30.0",
     "slow": "rate_hz = 5",
+    "height": "camera_height = 0.142",
+    "degrees": "camera_pitch = 25.0",
     "half": "[image]\nwidth = 640\nheight = 480",
     "wide": "[image]\nwidth = 640\nheight = 480\nfov_deg = [200, 50]",
     "huge": "[image]\nwidth = 640000\nheight = 480\nfov_deg = [80, 50]",
@@ -95,6 +97,8 @@ BAD = {
     "demo --camera folder.toml": "folder.toml",
     "demo --camera camera_ratehz.toml": "did you mean 'rate_hz'?",
     "demo --camera camera_slow.toml": "from 20.0 to 100.0",
+    "demo --camera camera_height.toml": "did you mean 'camera_pitch' or 'camera_position'?",
+    "demo --camera camera_degrees.toml": "from -pi to pi radians",
     "demo --camera camera_half.toml": "either fov_deg or fx and fy",
     "demo --camera camera_wide.toml": "between 0 and 180",
     "demo --camera camera_huge.toml": "from 1 to 4096",
