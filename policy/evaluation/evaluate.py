@@ -77,6 +77,14 @@ class Evaluation:
         return trial if self.friction is None else replace(trial, friction=self.friction)
 
 
+def success_interval(successes: int, trials: int) -> tuple[float, float]:
+    """The 95 % interval of the share of successes (Wilson's)."""
+    from scipy.stats import binomtest  # loads as long as all else
+
+    found = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(found.low), float(found.high)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialResult:
     """How one trial went."""
@@ -103,6 +111,11 @@ class EvaluationResult:
     def successes(self) -> int:
         """Number of trials that succeeded."""
         return sum(outcome.success for outcome in self.outcomes)
+
+    @property
+    def success_interval(self) -> tuple[float, float]:
+        """See `success_interval`."""
+        return success_interval(self.successes, len(self.trials))
 
     @property
     def failures(self) -> dict[str, int]:

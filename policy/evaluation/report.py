@@ -69,12 +69,16 @@ def _numbers(result: dict[str, Any]) -> str:
     rows = {
         "planner": result["planner"],
         "heightmap": result["heightmap"],
-        "success": f"{100 * result['success_rate']:.0f} %",
+        "success, with its 95 % interval": _share(result["success_rate"], *result["success_interval95"]),
         f"median time of successes, {result['timed']}": shown(result["time_s"]["p50"], 2, "s"),
         "mean speed of successes in that time": shown(result["mean_speed_mps"], 2, "m/s"),
         "seeds": f"{result['seed']} to {result['seed'] + result['trials'] - 1}",
     }
     return table((), rows.items())
+
+
+def _share(share: float, low: float, high: float) -> str:
+    return f"{100 * share:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def _placement(trials: Sequence[TrialResult], terrains: Sequence[Terrain]) -> go.Figure:

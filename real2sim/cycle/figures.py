@@ -5,20 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import plotly.graph_objects as go
 
+from saltus.policy.evaluation.evaluate import success_interval
 from saltus.real2sim.cycle.measuring import MOMENTS, Measured, When
 from saltus.real2sim.cycle.truth import Row
 from saltus.recordings.report import BLUE, GREEN, GREY, RED
 
 COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
-_Z95 = 1.959964
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson's)."""
-    share, z2 = hits / count, _Z95**2
-    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
-    half = _Z95 * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2)) / (1 + z2 / count)
-    return float(middle - half), float(middle + half)
 
 
 def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
@@ -28,7 +20,7 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
         done = {course: measured[when] for course, measured in courses.items() if when in measured}
         counts = [(trials.successes, len(trials.failures)) for trials in done.values()]
         share = np.array([100 * hits / count for hits, count in counts])
-        low, high = 100 * np.array([wilson(*count) for count in counts]).reshape(-1, 2).T
+        low, high = 100 * np.array([success_interval(*count) for count in counts]).reshape(-1, 2).T
         figure.add_bar(
             x=list(done), y=share, name=f"{when}", marker_color=COLOURS[when],
             text=[f"{hits} of {count}" for hits, count in counts], textposition="inside", insidetextanchor="start",

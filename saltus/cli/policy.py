@@ -182,7 +182,9 @@ def _print_table(result: "EvaluationResult", start: str) -> None:
     print(*table_lines(rows), sep="\n")
     failures = ", ".join(f"{count} {cause}" for cause, count in sorted(result.failures.items()))
     speed = f": {result.median_time_s:.2f} s at {result.mean_speed_mps:.2f} m/s {start}" if result.successes else ""
-    print(f"{result.successes} of {len(result.trials)} succeeded{speed}{'; failed: ' + failures if failures else ''}")
+    low, high = result.success_interval
+    share = f"{result.successes} of {len(result.trials)} succeeded ({100 * low:.0f} to {100 * high:.0f} %)"
+    print(f"{share}{speed}{'; failed: ' + failures if failures else ''}")
 
 
 def _models(command: Eval) -> dict[str, str]:
@@ -212,6 +214,7 @@ def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
         "trials": len(result.trials),
         "seed": command.seed,
         "success_rate": result.successes / len(result.trials),
+        "success_interval95": list(result.success_interval),
         "mean_speed_mps": result.mean_speed_mps,
         "time_s": {"p50": result.median_time_s},
         "failures": result.failures,

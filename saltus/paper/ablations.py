@@ -5,13 +5,14 @@ it. The shipped policy is another one, trained wider and longer.
 """
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT, changed
 from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
 from saltus.errors import SaltusError
@@ -21,6 +22,7 @@ from saltus.paper.motion import STAIRS, Made
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
 from saltus.policy.env.settings import TrainConfig, for_gpu
+from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.command import CHECKPOINT, Train
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
@@ -32,6 +34,8 @@ TRAINED = Path("runs/paper-train")
 STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"
+PROGRESS = "progress.csv"
+STAND_IN = "simulated stand-in"
 _FEEDBACK = "\nstance_kd = "
 
 
@@ -122,12 +126,58 @@ def models_of(name: str, trained: Path) -> list[Path]:
 
 def measure(name: str, effort: Effort, trained: Path) -> Made:
     """An ablation beside the full system on 14 stairs, in simulation and on the stand-in for the real robot."""
-    terrain, systems = make_terrain(STAIRS), dict.fromkeys((FULL, name))
+    return _measured(tuple(dict.fromkeys((FULL, name))), _places(), effort, trained)
+
+
+def transfer(effort: Effort, trained: Path) -> Made:
+    """All systems of which a policy is trained, on the stand-in for the real robot."""
+    systems = tuple(name for name in ABLATIONS if name == FULL or (trained / name).is_dir())
+    return _measured(systems, {STAND_IN: stand_in()}, effort, trained)
+
+
+def learning_curves(_: Effort, trained: Path) -> Made:
+    """What each training of the full system came to by experience."""
+    columns = {"reward": "reward of an iteration", "stairs/level": "stairs", "stepping_stones/level": "stones"}
+    columns |= {"step/level": "step", "gap/level": "gap"}
+    curves = [_progress(model.parent / PROGRESS) for model in models_of(FULL, trained)]
+    figure, axes = subplots(1, len(columns), 2.6, sharex=True)
+    shortest = min(curves, key=lambda curve: len(curve["steps"]))
+    million = 1e-6 * shortest["steps"]
+    for axis, (column, title) in zip(axes, columns.items(), strict=True):
+        values = np.array([np.interp(shortest["steps"], curve["steps"], curve[column]) for curve in curves])
+        axis.fill_between(million, values.min(axis=0), values.max(axis=0), color=OURS, alpha=0.3, linewidth=0)
+        axis.plot(million, values.mean(axis=0), color=OURS)
+        axis.set_title(f"{title}{', level' if column.endswith('level') else ''}", loc="left", fontsize=9)
+        axis.set_xlabel("million steps")
+    numbers = {
+        "seeds": len(curves),
+        "million_steps": [round(float(1e-6 * curve["steps"][-1]), 1) for curve in curves],
+        "minutes": [round(float(curve["seconds"][-1]) / 60.0, 1) for curve in curves],
+        "at_the_end": {column: [round(float(curve[column][-1]), 2) for curve in curves] for column in columns},
+    }
+    return Made(numbers=numbers, figure=figure, configuration={"band": "least to greatest of the seeds; line: mean"})
+
+
+def _progress(path: Path) -> dict[str, Floats]:
+    """The columns of a training's table; `SaltusError` where there is none."""
+    try:
+        lines = path.read_text().splitlines()
+    except OSError as error:
+        raise SaltusError(f"cannot read {path}, the table of a training") from error
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    return dict(zip(lines[0].split(","), rows.T, strict=True))
+
+
+def _measured(systems: Sequence[str], places: Mapping[str, Profile], effort: Effort, trained: Path) -> Made:
+    """Systems beside each other on 14 stairs."""
+    terrain = make_terrain(STAIRS)
     numbers: dict[str, Any] = {}
-    figure, axes = subplots(1, 2, 3.2, sharey=True)
+    figure, axes = subplots(1, len(places), 3.2, sharey=True, squeeze=False)
+    axes = axes[0]
     for place, system in enumerate(systems):
         models = models_of(system, trained)
-        for axis, (where, profile) in zip(axes, _places().items(), strict=True):
+        colour = OURS if system == FULL else OTHER if len(systems) <= 2 else f"C{place + 1}"
+        for axis, (where, profile) in zip(axes, places.items(), strict=True):
             settings = [
                 Setting(terrain=terrain, feedback=ABLATIONS[system].feedback, policy=model, profile=profile)
                 for model in models
@@ -135,7 +185,7 @@ def measure(name: str, effort: Effort, trained: Path) -> Made:
             seeds = ran(settings, effort)
             numbers.setdefault(system, {})[where] = _figures(seeds)
             steps = [run.edges_passed for runs in seeds for run in runs]
-            axis.bar(place, np.mean(steps), 0.6, color=(OURS, OTHER)[place], label=f"{system}, {len(models)} seeds")
+            axis.bar(place, np.mean(steps), 0.6, color=colour, label=f"{system}, seeds: {len(models)}")
             axis.plot(np.linspace(place - 0.2, place + 0.2, len(steps)), steps, "k.", markersize=3)
             axis.set_title(where, loc="left", fontsize=10)
             axis.set_xticks([])
@@ -147,14 +197,17 @@ def measure(name: str, effort: Effort, trained: Path) -> Made:
 
 
 def _places() -> dict[str, Profile]:
-    return {"simulation": load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), "simulated stand-in": stand_in()}
+    return {"simulation": load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
 
 
 def _figures(seeds: Sequence[Sequence[Ran]]) -> dict[str, Any]:
-    """Of each seed's policy."""
+    """Of each seed's policy; the interval is that of the share of all their trials [%]."""
+    success = [sum(run.outcome.success for run in runs) for runs in seeds]
+    low, high = success_interval(sum(success), sum(map(len, seeds)))
     return {
-        "success": [sum(run.outcome.success for run in runs) for runs in seeds],
+        "success": success,
         "trials": len(seeds[0]),
+        "interval95_percent": [round(100.0 * low, 1), round(100.0 * high, 1)],
         "mean_steps": [round(float(np.mean([run.edges_passed for run in runs])), 2) for runs in seeds],
     }
 

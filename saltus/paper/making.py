@@ -9,7 +9,7 @@ from typing import Any
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
 from saltus.models import ModelKind, model_id, model_path
-from saltus.paper.ablations import FULL, TRAINED, measure, models_of
+from saltus.paper.ablations import ABLATIONS, FULL, TRAINED, measure, models_of
 from saltus.paper.drawing import check_drawing, save
 from saltus.paper.rows import ABLATION, BY_NAME, Row
 from saltus.paper.runs import CAMERA, Effort
@@ -28,7 +28,7 @@ def find_row(name: str) -> Row:
 def is_makeable(row: Row, trained: Path) -> bool:
     """Whether all is there that a row needs."""
     if row.needs == ABLATION:
-        return all((trained / name).is_dir() for name in (row.name, FULL))
+        return all((trained / name).is_dir() for name in _trainings(row))
     return bool(row.make)
 
 
@@ -39,7 +39,7 @@ def check_makeable(row: Row, folder: Path, trained: Path) -> None:
         SaltusError: the row cannot be made now; the message says what is missing. Or the folder cannot be written.
     """
     if row.needs == ABLATION:
-        for name in (row.name, FULL):
+        for name in _trainings(row):
             models_of(name, trained)
     elif not row.make:
         raise SaltusError(f"'{row.name}' is not made yet: {row.differs}")
@@ -49,11 +49,12 @@ def check_makeable(row: Row, folder: Path, trained: Path) -> None:
 
 def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dict[str, Any]:
     """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds."""
-    if row.needs == ABLATION:
+    if row.name in ABLATIONS:
         made = measure(row.name, effort, trained)
     else:
         module, function = row.make.split(".")
-        made = getattr(import_module(f"saltus.paper.{module}"), function)(effort)
+        more = (trained,) if row.needs == ABLATION else ()
+        made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
     result = {
         "row": row.name,
         "measured": "simulation",
@@ -99,6 +100,11 @@ def number_at(numbers: dict[str, Any], place: str) -> Any:
     for name in place.split("."):
         part = part.get(name) if isinstance(part, dict) else None
     return part
+
+
+def _trainings(row: Row) -> tuple[str, ...]:
+    """Ablations without which a row that needs trained ones is not made."""
+    return (row.name, FULL) if row.name in ABLATIONS else (FULL,)
 
 
 def _models() -> dict[str, str]:

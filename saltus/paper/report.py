@@ -8,6 +8,7 @@ from typing import Any
 
 from saltus.paper.making import number_at
 from saltus.paper.rows import ROWS, Row
+from saltus.policy.evaluation.evaluate import success_interval
 from saltus.recordings.page import page, table, write_page
 
 STYLE = "img { max-width: 100%; } summary { cursor: pointer; color: #555; } .why { max-width: 60em; }"
@@ -61,7 +62,9 @@ def _side_by_side(row: Row, result: dict[str, Any] | None) -> list[tuple[str, ..
         ours = number_at(result["numbers"], number.ours) if result is not None and number.ours else None
         said = "-" if ours is None else f"{_text(ours)} {number.unit}".strip()
         if ours is not None and number.ours.endswith("success") and result is not None:
-            said += f" of {number_at(result['numbers'], number.ours.replace('success', 'trials'))}"
+            trials = number_at(result["numbers"], number.ours.replace("success", "trials"))
+            low, high = (100.0 * share for share in success_interval(ours, trials))
+            said += f" of {trials} ({low:.0f} to {high:.0f} %)"
         rows.append((number.what, number.paper, number.source, said, "-" if ours is None else "simulation"))
     return rows
 

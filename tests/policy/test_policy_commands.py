@@ -34,7 +34,7 @@ def test_eval_without_a_success_names_no_time(tmp_path: Path, capsys: pytest.Cap
     high = ("--terrain", "step", "--height-m", "1.0", "--planner", "scripted", "--trials", "1", "--out", str(tmp_path))
     assert main(["policy", "eval", *high, "--processes", "1"]) == 1
     last = capsys.readouterr().out.splitlines()[-2]
-    assert last.startswith("0 of 1 succeeded; failed: 1 ")
+    assert last.startswith("0 of 1 succeeded (0 to 79 %); failed: 1 ")
     assert "unknown" in (tmp_path / "report.html").read_text()
 
 

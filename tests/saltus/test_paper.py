@@ -37,15 +37,16 @@ from saltus.terrain.curriculum import make_terrain
 RESULTS = resource("benchmarks/paper")
 SEARCHED = ("torque-saturation", "camera-latency")
 """Searches take half a minute; `tests/real2sim` tests them."""
-MADE = [row for row in ROWS if row.make and row.name not in SEARCHED]
+FROM_SHIPPED = [row for row in ROWS if row.needs == "nothing"]
+MADE = [row for row in FROM_SHIPPED if row.name not in SEARCHED]
 
 
 def test_each_row_has_a_name_of_its_own_and_says_where_its_numbers_were_measured() -> None:
     assert len({row.name for row in ROWS}) == len(ROWS)
     for row in ROWS:
         assert row.needs in NEEDS
-        assert (row.needs == "nothing") == bool(row.make)
-        assert (row.needs == ABLATION) == (row.name in ABLATIONS)
+        assert (row.needs in ("nothing", ABLATION) and row.name not in ABLATIONS) == bool(row.make)
+        assert row.needs == ABLATION or row.name not in ABLATIONS
         assert row.make or row.differs
         assert all(number.source in SOURCES for number in row.numbers)
         assert row.trial or not row.numbers or not row.make, "what was simulated says so"
@@ -100,7 +101,7 @@ def test_jumps_are_landings_on_the_course(climbed: Ran) -> None:
 
 def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_published_results() -> None:
     published = {path.stem: json.loads(path.read_text()) for path in RESULTS.glob("*.json")}
-    assert published.keys() == {row.name for row in ROWS if row.make}
+    assert published.keys() == {row.name for row in FROM_SHIPPED}
     for row in ROWS:
         for number in row.numbers:
             assert not number.ours or number_at(published[row.name]["numbers"], number.ours) is not None, number
@@ -136,21 +137,20 @@ def put(row: Row, folder: Path, **changes: Any) -> None:
 
 
 def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for row in ROWS:
-        if row.make:
-            put(row, tmp_path)
+    for row in FROM_SHIPPED:
+        put(row, tmp_path)
     assert main(["paper", "report", "--out", str(tmp_path), "--json"]) == 0
     *_, said, table = capsys.readouterr().out.splitlines()
     assert Path(said) == tmp_path / "report.html"
-    assert json.loads(table).keys() == {row.name for row in ROWS if row.make}
+    assert json.loads(table).keys() == {row.name for row in FROM_SHIPPED}
     opens_without_a_network(tmp_path / "report.html")
     page = html.unescape((tmp_path / "report.html").read_text())
     parts = page.split("<h2")[1:]
     assert len(parts) == len(ROWS)
     for row, part in zip(ROWS, parts, strict=True):
         assert row.shows in part
-        assert ("<img" in part) == bool(row.make)
-        assert row.make or row.differs in part
+        assert ("<img" in part) == (row in FROM_SHIPPED)
+        assert row in FROM_SHIPPED or row.differs in part
         for number in row.numbers:  # the paper's number, where it was measured; ours, and that it is simulated
             ours = ("7.5", "simulation") if number.ours == "jumps.median" else ("-", "-")
             cells = "".join(f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours))
@@ -175,14 +175,15 @@ def test_the_list_says_what_is_not_made(capsys: pytest.CaptureFixture[str]) -> N
     assert all(row.needs in line for row, line in zip(ROWS, lines, strict=True))
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if not row.make], ids=lambda row: row.name)
+@pytest.mark.parametrize("row", [row for row in ROWS if row.needs != "nothing"], ids=lambda row: row.name)
 def test_what_is_not_made_says_so_in_a_line(row: Row, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = ["--out", str(tmp_path / "out"), "--trained", str(tmp_path)]
     assert main(["paper", row.name, *folders]) == 2
     said = capsys.readouterr().err
     if row.needs == ABLATION:
-        command = f"saltus paper train {row.name} --seed 0 (GPU)"
-        assert said == f"saltus: no results in {tmp_path / row.name}: make them with {command}\n"
+        name = row.name if row.name in ABLATIONS else FULL
+        command = f"saltus paper train {name} --seed 0 (GPU)"
+        assert said == f"saltus: no results in {tmp_path / name}: make them with {command}\n"
     else:
         assert said == f"saltus: '{row.name}' is not made yet: {row.differs}\n"
     assert not (tmp_path / "out").exists()
@@ -250,7 +251,29 @@ def test_an_ablation_is_measured_beside_the_full_system(
             assert result["numbers"][system][where] == {
                 "success": [1] * seeds,
                 "trials": 2,
+                "interval95_percent": [15.0, 85.0] if seeds == 2 else [9.5, 90.5],
                 "mean_steps": [1.5] * seeds,
             }
     assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
     assert sum(setting.profile == stand_in() for setting in asked) == 3
+    transfer = make(BY_NAME["transfer"], Effort(trials=2), tmp_path / "out", tmp_path)["numbers"]
+    where = "simulated stand-in"
+    assert transfer == {name: {where: places[where]} for name, places in result["numbers"].items()}
+
+
+def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
+    columns = ("steps", "seconds", "reward", "stairs/level", "stepping_stones/level", "step/level", "gap/level")
+    for seed, count in enumerate((4, 6)):
+        folder = tmp_path / FULL / f"seed-{seed}"
+        folder.mkdir(parents=True)
+        (folder / "policy.onnx").touch()
+        rows = [[1e6 * k, 60.0 * k, *(seed + k for _ in columns[2:])] for k in range(1, count)]
+        lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
+        (folder / "progress.csv").write_text("\n".join(lines))
+    check_makeable(BY_NAME["learning-curves"], tmp_path / "out", tmp_path)
+    numbers = make(BY_NAME["learning-curves"], Effort(), tmp_path / "out", tmp_path)["numbers"]
+    assert (numbers["seeds"], numbers["million_steps"], numbers["minutes"]) == (2, [3.0, 5.0], [3.0, 5.0])
+    assert numbers["at_the_end"]["stairs/level"] == [3.0, 6.0]
+    (tmp_path / FULL / "seed-1" / "progress.csv").unlink()
+    with pytest.raises(SaltusError, match=r"cannot read .*progress.csv"):
+        make(BY_NAME["learning-curves"], Effort(), tmp_path / "out", tmp_path)
