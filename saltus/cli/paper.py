@@ -51,6 +51,8 @@ class Paper:
     """Folder of the ablations' trainings."""
     minutes: float = 30.0
     """Time limit of a training, which goes on where it was interrupted."""
+    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    """Which code trains, where this machine has no repository."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
 
@@ -88,7 +90,8 @@ class Paper:
         with training_packages():
             from saltus.paper.ablations import train
 
-            print(train(self.ablation, 0 if self.seed is None else self.seed, self.trained, self.minutes))
+            seed = 0 if self.seed is None else self.seed
+            print(train(self.ablation, seed, self.trained, self.minutes, self.commit))
         return 0
 
     def _list(self) -> int:

@@ -80,8 +80,10 @@ def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
     return changed(config, changes)
 
 
-def train(name: str, seed: int, trained: Path, minutes: float) -> Path:
+def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
     """Trains a policy, or goes on with one that was interrupted; returns its ONNX file, made when all is trained.
+
+    `commit` says which code trains, where this machine cannot tell.
 
     Raises:
         SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before all is trained.
@@ -101,6 +103,7 @@ def train(name: str, seed: int, trained: Path, minutes: float) -> Path:
         iterations=iterations,
         resume=checkpoint if checkpoint.exists() else None,
         training=config,
+        commit=commit,
     ).run()
     from saltus.policy.training.checkpoint import read_checkpoint
     from saltus.policy.training.export import export
