@@ -30,7 +30,7 @@ class Paper:
 
     For example:
       saltus paper
-      saltus paper staircase --trials 20
+      saltus paper staircase
       saltus paper report
       saltus paper train no-feedback --seed 1
     """
@@ -39,7 +39,7 @@ class Paper:
     """Which row; report: a page of all; train: trains an ablation on a GPU."""
     ablation: Annotated[tyro.conf.Positional[str], shown("ABLATION", "none")] = ""
     """After train: which one."""
-    trials: int = 20
+    trials: int = 100
     """Of each course; rows that compare starts have five of them."""
     seed: Annotated[int | None, shown("INT", "130000, of a training 0")] = None
     """Of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""

@@ -52,7 +52,7 @@ class Setting:
 class Effort:
     """How much is run for a row."""
 
-    trials: int = 20
+    trials: int = 100
     first_seed: int = FIRST_SEED
     time_limit_s: float = TIME_LIMIT_S
     """Of each trial."""
