@@ -19,7 +19,8 @@ from saltus.folders import another_training, ask_for_room, differences, new_fold
 from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
 from saltus.robots.loading import load_robot
 
-CHECKPOINT = "checkpoint.pt"
+CHECKPOINT, PROGRESS, COMMIT = "checkpoint.pt", "progress.csv", "commit.txt"
+"""What a training leaves in its folder."""
 TRAINING = "pip install 'saltus[train]'"
 GPU_EVALUATE_MINUTES = 3.0
 

@@ -9,9 +9,9 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.rewards import TERMS
 from saltus.policy.tables import append_table
+from saltus.policy.training.command import PROGRESS
 from saltus.policy.training.learner import Learner
 
-PROGRESS = "progress.csv"
 _SHORT = {
     "flat": "fl", "stairs": "st", "stepping_stones": "sn", "step": "up", "gap": "gp", "stairs_down": "sd",
     "step_down": "dn", "pyramid": "py", "irregular": "ir", "hurdles": "hu", "ditch": "di",

@@ -14,9 +14,10 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.tables import carry_on
 from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
+from saltus.policy.training.command import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.evaluation_table import Row, summary
 from saltus.policy.training.learner import Learner
-from saltus.policy.training.progress import PROGRESS, Progress
+from saltus.policy.training.progress import Progress
 
 REPORT_S = 10.0
 SAVE_S = 120.0
@@ -47,12 +48,12 @@ class TrainingRecord:
         folder.mkdir(parents=True, exist_ok=True)
         if resumed is not None:
             _carry_on(resumed.parent, folder, learner.iteration)
-        self.checkpoint = folder / "checkpoint.pt"
+        self.checkpoint = folder / CHECKPOINT
         """Where the checkpoint lies."""
         self._learner, self._start_s, self._say, self._log = learner, start_s, say, folder / LOG
         self._extra: Mapping[str, Any] = {"config": to_toml(config), "commit": commit}
         (folder / "config.toml").write_text(self._extra["config"])
-        (folder / "commit.txt").write_text(commit + "\n")
+        (folder / COMMIT).write_text(commit + "\n")
         self._progress = Progress(folder, env, learner)
         self._reported = self._saved = time.monotonic()
         self.evaluation = self._evaluations(folder, config.env.curriculum, evaluate_s) if evaluate_s > 0.0 else None

@@ -47,7 +47,7 @@ class Paper:
     """How many share the trials."""
     out: Path = Path("runs/paper")
     """Folder for the files."""
-    trained: Path = Path("runs/paper-train")
+    trained: Annotated[Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")] = None
     """Folder of the ablations' trainings."""
     minutes: float = 30.0
     """Time limit of a training, which goes on where it was interrupted."""
@@ -88,10 +88,10 @@ class Paper:
 
     def _train(self) -> int:
         with training_packages():
-            from saltus.paper.ablations import train
+            from saltus.paper.training import TRAINED, train
 
             seed = 0 if self.seed is None else self.seed
-            print(train(self.ablation, seed, self.trained, self.minutes, self.commit))
+            print(train(self.ablation, seed, self.trained or TRAINED, self.minutes, self.commit))
         return 0
 
     def _list(self) -> int:
@@ -117,4 +117,4 @@ class Paper:
         with tqdm(unit="trial", desc=row.name, file=sys.stderr, disable=None) as bar:
             seed = FIRST_SEED if self.seed is None else self.seed
             effort = Effort(trials=self.trials, first_seed=seed, processes=self.processes, say=bar.update)
-            return make(row, effort, self.out, self.trained)
+            return make(row, effort, self.out, self.trained, again=again)

@@ -9,13 +9,26 @@ from typing import Any
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
 from saltus.models import ModelKind, model_id, model_path
-from saltus.paper.ablations import ABLATIONS, FULL, TRAINED, measure, models_of
+from saltus.paper.ablations import (
+    PUBLISHED,
+    STAND_IN,
+    compare,
+    measure,
+    models_of,
+    trained_systems,
+    training_of,
+    trainings_folder,
+)
 from saltus.paper.drawing import check_drawing, save
+from saltus.paper.motion import Made
 from saltus.paper.rows import ABLATION, BY_NAME, Row
 from saltus.paper.runs import CAMERA, Effort
+from saltus.paper.training import ABLATIONS, FULL
 from saltus.provenance import commit
+from saltus.resources import resource
 
 MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
+TRANSFER = "transfer"
 
 
 def find_row(name: str) -> Row:
@@ -25,14 +38,14 @@ def find_row(name: str) -> Row:
     return BY_NAME[name]
 
 
-def is_makeable(row: Row, trained: Path) -> bool:
+def is_makeable(row: Row, trained: Path | None) -> bool:
     """Whether all is there that a row needs."""
     if row.needs == ABLATION:
-        return all((trained / name).is_dir() for name in _trainings(row))
+        return set(_trainings(row)) <= set(trained_systems(trainings_folder(trained)))
     return bool(row.make)
 
 
-def check_makeable(row: Row, folder: Path, trained: Path) -> None:
+def check_makeable(row: Row, folder: Path, trained: Path | None) -> None:
     """Before the work.
 
     Raises:
@@ -40,21 +53,32 @@ def check_makeable(row: Row, folder: Path, trained: Path) -> None:
     """
     if row.needs == ABLATION:
         for name in _trainings(row):
-            models_of(name, trained)
+            models_of(name, trainings_folder(trained))
     elif not row.make:
         raise SaltusError(f"'{row.name}' is not made yet: {row.differs}")
     check_drawing()
     ask_for_room(folder)
 
 
-def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dict[str, Any]:
-    """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds."""
+def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *, again: bool = True) -> dict[str, Any]:
+    """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds.
+
+    What other systems came to that stand beside an ablation is taken from the folder or from what is published, if it
+    is of the same policies; so is, unless it shall be measured `again`, what the ablation came to itself.
+    """
+    trainings = trainings_folder(trained)
     if row.name in ABLATIONS:
-        made = measure(row.name, effort, trained)
+        measured = None if again else _measured(row.name, folder, trainings)
+        systems = {row.name: measured or measure(row.name, effort, trainings)}
+        if row.name != FULL:
+            systems = {FULL: _came_to(FULL, effort, folder, trainings), **systems}
+        made = compare(systems, trainings)
+    elif row.name == TRANSFER:
+        names = trained_systems(trainings)
+        came_to = {name: _came_to(name, effort, folder, trainings) for name in names}
+        made = compare({name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}, trainings)
     else:
-        module, function = row.make.split(".")
-        more = (trained,) if row.needs == ABLATION else ()
-        made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
+        made = _of_models(row, effort, trainings)
     result = {
         "row": row.name,
         "measured": "simulation",
@@ -70,10 +94,43 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path = TRAINED) -> dic
     return result
 
 
+def _of_models(row: Row, effort: Effort, trainings: Path) -> Made:
+    module, function = row.make.split(".")
+    more = (trainings,) if row.needs == ABLATION else ()
+    made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
+    return made
+
+
+def _came_to(system: str, effort: Effort, folder: Path, trainings: Path) -> dict[str, Any]:
+    """What a system came to, by place; measured where it was not before."""
+    there = _measured(system, folder, trainings)
+    if there is not None:
+        return there
+    places: dict[str, Any] = make(BY_NAME[system], effort, folder, trainings)["numbers"][system]
+    return places
+
+
+def _measured(system: str, folder: Path, trainings: Path) -> dict[str, Any] | None:
+    """The same, from a result in the folder or a published one; None where there is none of these policies."""
+    try:
+        folders = [folder, resource(PUBLISHED)]
+    except SaltusError:
+        folders = [folder]
+    policies = [training_of(model) for model in models_of(system, trainings)]
+    for path in (place / f"{system}.json" for place in folders):
+        result = _read(path, BY_NAME[system]) if path.exists() else None
+        if result is None or result["models"] != _models():
+            continue
+        if result["configuration"].get("trainings", {}).get(system) == policies:
+            places: dict[str, Any] = result["numbers"][system]
+            return places
+    return None
+
+
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
     """What `make` has written; None where it has not, or of other models than the shipped ones.
 
-    Also for an ablation, of which more may have been trained since.
+    Also for an ablation: its picture shows other systems, of which more may have been trained since.
 
     Raises:
         SaltusError: the file holds something else.
@@ -81,15 +138,21 @@ def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
     path = folder / f"{row.name}.json"
     if row.needs == ABLATION or not path.exists() or not path.with_suffix(".png").exists():
         return None
+    result = _read(path, row)
+    return result if result["models"] == _models() else None
+
+
+def _read(path: Path, row: Row) -> dict[str, Any]:
+    """What `make` has written; `SaltusError` where the file holds something else."""
     try:
         result: dict[str, Any] = json.loads(path.read_text())
         if (
             result["row"] != row.name
             or not isinstance(result["numbers"], dict)
-            or not {"commit", "seeds"} <= set(result)
+            or not {"commit", "seeds", "models", "configuration"} <= set(result)
         ):
             raise ValueError(row.name)
-        return result if result["models"] == _models() else None
+        return result
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SaltusError(f"{path} holds no row of the paper: remove it, or name another folder with --out") from error
 

@@ -41,8 +41,8 @@ def _row(row: Row, result: dict[str, Any] | None, folder: Path) -> str:
     if row.numbers:
         parts.append(table(HEAD, _side_by_side(row, result), "text"))
     if result is None:
-        return "\n".join([*parts, f"<p class=bad>Not made ({row.needs}): {html.escape(row.differs)}</p>"])
-    if row.differs and row.make:  # of others it says what is missing
+        return "\n".join([*parts, f"<p class=bad>Not made ({row.needs}): {html.escape(row.missing)}</p>"])
+    if row.differs:
         parts.append(f"<p class=why><b>Where ours differs:</b> {html.escape(row.differs)}</p>")
     picture = base64.b64encode((folder / f"{row.name}.png").read_bytes()).decode()
     shown = table(("number", "Saltus, simulation"), _flat(result["numbers"]), "text")
@@ -61,7 +61,7 @@ def _side_by_side(row: Row, result: dict[str, Any] | None) -> list[tuple[str, ..
     for number in row.numbers:
         ours = number_at(result["numbers"], number.ours) if result is not None and number.ours else None
         said = "-" if ours is None else f"{_text(ours)} {number.unit}".strip()
-        if ours is not None and number.ours.endswith("success") and result is not None:
+        if ours is not None and number.ours.endswith(".success") and result is not None:
             trials = number_at(result["numbers"], number.ours.replace("success", "trials"))
             low, high = (100.0 * share for share in success_interval(ours, trials))
             said += f" of {trials} ({low:.0f} to {high:.0f} %)"

@@ -2,6 +2,9 @@
 
 import html
 import json
+import subprocess
+import sys
+import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -20,12 +23,13 @@ from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
 from saltus.paper import ablations, making, motion, new_ground, sysid
-from saltus.paper.ablations import ABLATIONS, FULL, config_of
+from saltus.paper.ablations import models_of, training_of
 from saltus.paper.drawing import save, subplots
-from saltus.paper.making import check_makeable, made_before, make, number_at
+from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
 from saltus.paper.rows import ABLATION, BY_NAME, NEEDS, ROWS, SOURCES, Row
 from saltus.paper.runs import FIRST_SEED, Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
+from saltus.paper.training import ABLATIONS, FULL, config_of
 from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
 from saltus.real2sim.experiments.menu import experiment_named
@@ -35,6 +39,7 @@ from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
 
 RESULTS = resource("benchmarks/paper")
+NOT_ON_GPU_MACHINES = ("open3d", "cv2", "pyrender", "zenoh", "rosbags", "mcap", "plotly", "matplotlib")
 SEARCHED = ("torque-saturation", "camera-latency")
 """Searches take half a minute; `tests/real2sim` tests them."""
 FROM_SHIPPED = [row for row in ROWS if row.needs == "nothing"]
@@ -45,9 +50,9 @@ def test_each_row_has_a_name_of_its_own_and_says_where_its_numbers_were_measured
     assert len({row.name for row in ROWS}) == len(ROWS)
     for row in ROWS:
         assert row.needs in NEEDS
-        assert (row.needs in ("nothing", ABLATION) and row.name not in ABLATIONS) == bool(row.make)
+        assert (row.needs == "nothing" or row.name == "learning-curves") == bool(row.make)
         assert row.needs == ABLATION or row.name not in ABLATIONS
-        assert row.make or row.differs
+        assert row.make or row.missing
         assert all(number.source in SOURCES for number in row.numbers)
         assert row.trial or not row.numbers or not row.make, "what was simulated says so"
 
@@ -101,11 +106,30 @@ def test_jumps_are_landings_on_the_course(climbed: Ran) -> None:
 
 def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_published_results() -> None:
     published = {path.stem: json.loads(path.read_text()) for path in RESULTS.glob("*.json")}
-    assert published.keys() == {row.name for row in FROM_SHIPPED}
+    assert published.keys() == {row.name for row in ROWS if is_makeable(row, None)} > {row.name for row in FROM_SHIPPED}
     for row in ROWS:
         for number in row.numbers:
             assert not number.ours or number_at(published[row.name]["numbers"], number.ours) is not None, number
     assert all(not result["commit"].endswith("+") for result in published.values())
+    for row in (row for row in ROWS if row.needs == ABLATION and row.name in published):
+        for system, trainings in published[row.name]["configuration"]["trainings"].items():
+            models = models_of(system, RESULTS / "trainings")
+            assert trainings == [training_of(model) for model in models], "measured again since the last training"
+            assert all(config_file(model)["seed"] == training_of(model)["seed"] for model in models)
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name)
+def test_the_page_shows_published_results_of_ablations_without_measuring_them(
+    row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ablations, "ran", None)
+    if is_makeable(row, None):
+        numbers = make(row, Effort(), tmp_path, again=False)["numbers"]
+        assert numbers == json.loads((RESULTS / f"{row.name}.json").read_text())["numbers"]
+
+
+def config_file(model: Path) -> dict[str, Any]:
+    return tomllib.loads((model.parent / "config.toml").read_text())
 
 
 def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
@@ -130,6 +154,7 @@ def test_planks_leave_open_what_stairs_fill() -> None:
 def put(row: Row, folder: Path, **changes: Any) -> None:
     numbers = {"success": 3, "trials": 4, "jumps": {"least": 7, "median": 7.5, "most": 8}}
     result = {"row": row.name, "commit": "c0ffee", "seeds": [1, 4], "models": making._models(), "numbers": numbers}
+    result["configuration"] = {}
     (folder / f"{row.name}.json").write_text(json.dumps(result | changes))
     figure, axis = subplots()
     axis.plot((0, 1), (0, 1))
@@ -139,7 +164,7 @@ def put(row: Row, folder: Path, **changes: Any) -> None:
 def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for row in FROM_SHIPPED:
         put(row, tmp_path)
-    assert main(["paper", "report", "--out", str(tmp_path), "--json"]) == 0
+    assert main(["paper", "report", "--out", str(tmp_path), "--trained", str(tmp_path / "none"), "--json"]) == 0
     *_, said, table = capsys.readouterr().out.splitlines()
     assert Path(said) == tmp_path / "report.html"
     assert json.loads(table).keys() == {row.name for row in FROM_SHIPPED}
@@ -150,7 +175,7 @@ def test_the_page_never_mixes_a_robot_with_a_simulation(tmp_path: Path, capsys: 
     for row, part in zip(ROWS, parts, strict=True):
         assert row.shows in part
         assert ("<img" in part) == (row in FROM_SHIPPED)
-        assert row in FROM_SHIPPED or row.differs in part
+        assert row in FROM_SHIPPED or html.escape(row.missing) in part
         for number in row.numbers:  # the paper's number, where it was measured; ours, and that it is simulated
             ours = ("7.5", "simulation") if number.ours == "jumps.median" else ("-", "-")
             cells = "".join(f"<td>{cell}</td>" for cell in (number.what, number.paper, number.source, *ours))
@@ -240,25 +265,44 @@ def test_an_ablation_is_measured_beside_the_full_system(
     monkeypatch.setattr(ablations, "ran", run_none)
     for name, seeds in ((FULL, 2), ("no-feedback", 1)):
         for seed in range(seeds):
-            (tmp_path / name / f"seed-{seed}").mkdir(parents=True)
-            (tmp_path / name / f"seed-{seed}" / "policy.onnx").write_bytes(bytes([seed]))
+            put_policy(tmp_path, name, seed)
     row = BY_NAME["no-feedback"]
     check_makeable(row, tmp_path / "out", tmp_path)
     result = make(row, Effort(trials=2), tmp_path / "out", tmp_path)
-    assert [len(result["configuration"]["policies"][name]) for name in (FULL, "no-feedback")] == [2, 1]
+    assert [len(result["configuration"]["trainings"][name]) for name in (FULL, "no-feedback")] == [2, 1]
     for system, seeds in ((FULL, 2), ("no-feedback", 1)):
         for where in ("simulation", "simulated stand-in"):
             assert result["numbers"][system][where] == {
                 "success": [1] * seeds,
                 "trials": 2,
                 "interval95_percent": [15.0, 85.0] if seeds == 2 else [9.5, 90.5],
-                "mean_steps": [1.5] * seeds,
+                "steps": 1.5,
+                "steps_of_each_seed": [1.5] * seeds,
             }
-    assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
+    assert [setting.feedback for setting in asked] == [False] * 2 + [True] * 4
     assert sum(setting.profile == stand_in() for setting in asked) == 3
+    asked.clear()
     transfer = make(BY_NAME["transfer"], Effort(trials=2), tmp_path / "out", tmp_path)["numbers"]
     where = "simulated stand-in"
-    assert transfer == {name: {where: places[where]} for name, places in result["numbers"].items()}
+    assert transfer == {name: {where: result["numbers"][name][where]} for name in (FULL, "no-feedback")}
+    assert make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)["numbers"] == result["numbers"]
+    assert not asked, "what was measured is not measured again"
+    make(row, Effort(trials=2), tmp_path / "out", tmp_path)
+    assert [setting.feedback for setting in asked] == [False] * 2, "the other system is taken as it is"
+    asked.clear()
+    put_policy(tmp_path, FULL, 2)
+    make(row, Effort(trials=2), tmp_path / "out", tmp_path, again=False)
+    assert [setting.feedback for setting in asked] == [True] * 6, "of another set of policies nothing is taken"
+
+
+def put_policy(trained: Path, name: str, seed: int) -> None:
+    (trained / name / f"seed-{seed}").mkdir(parents=True)
+    (trained / name / f"seed-{seed}" / "policy.onnx").write_bytes(bytes([seed]))
+
+
+def test_a_machine_that_trains_an_ablation_needs_no_camera_and_no_pictures() -> None:
+    program = f"import sys\nsys.modules |= dict.fromkeys({NOT_ON_GPU_MACHINES})\nimport saltus.paper.training"
+    subprocess.run([sys.executable, "-P", "-c", program], check=True, timeout=60)
 
 
 def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
@@ -266,7 +310,7 @@ def test_learning_curves_are_those_of_the_trainings(tmp_path: Path) -> None:
     for seed, count in enumerate((4, 6)):
         folder = tmp_path / FULL / f"seed-{seed}"
         folder.mkdir(parents=True)
-        (folder / "policy.onnx").touch()
+        (folder / "policy.onnx").write_bytes(bytes([seed]))
         rows = [[1e6 * k, 60.0 * k, *(seed + k for _ in columns[2:])] for k in range(1, count)]
         lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
         (folder / "progress.csv").write_text("\n".join(lines))

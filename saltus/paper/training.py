@@ -1,0 +1,124 @@
+"""The paper's ablations as values: what the training of each policy differs in, and how it is trained.
+
+All begin with the defaults of one GPU: the paper's terrains and its randomisation, without what Saltus draws beyond
+it. The shipped policy is another one, trained wider and longer. Machines that only train need no camera.
+"""
+
+import shutil
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saltus.config import DEFAULT_ROBOT, changed
+from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
+from saltus.errors import SaltusError
+from saltus.policy.env.settings import TrainConfig, for_gpu
+from saltus.policy.training.command import CHECKPOINT, Train
+from saltus.robots.loading import load_robot
+from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
+
+FULL = "full-system"
+TRAINED = Path("runs/paper-train")
+"""Folder of trainings: NAME/seed-N/ holds checkpoint.pt and policy.onnx."""
+STEPS = 250e6
+"""Environment steps of each training: 7 minutes of an H200."""
+MODEL = "policy.onnx"
+_FEEDBACK = "\nstance_kd = "
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ablation:
+    """What the training of a policy differs in from that of the full system."""
+
+    changes: dict[str, Any] = field(default_factory=dict)
+    """Of `TrainConfig`, by its tables."""
+    without: tuple[str, ...] = ()
+    """Effects of the robot's profile that its simulator lacks."""
+    feedback: bool = True
+    """Whether legs that stand track velocities by feedback, in training and after it."""
+
+
+ABLATIONS = {
+    FULL: Ablation(),
+    "no-height-randomisation": Ablation(
+        changes={"env": {"randomisation": {"height_shift_m": [0.0, 0.0], "height_noise_m": 0.0}}}
+    ),
+    "no-feedback": Ablation(feedback=False),
+    "no-tracking-reward": Ablation(changes={"env": {"reward": {"tracking_cost": 0.0}}}),
+    "no-saturation": Ablation(without=("torque_saturation",)),
+}
+
+
+def find_ablation(name: str) -> Ablation:
+    """The ablation of that name; `SaltusError` where there is none."""
+    if name not in ABLATIONS:
+        raise SaltusError(f"there is no ablation '{name}' to train: choose one of {', '.join(ABLATIONS)}")
+    return ABLATIONS[name]
+
+
+def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
+    """What `saltus policy train` is given; writes a profile or a robot that it needs into a folder."""
+    ablation, config = find_ablation(name), replace(for_gpu(), seed=seed)
+    changes = dict(ablation.changes)
+    if ablation.without:
+        changes["env"] = {**changes.get("env", {}), "profile": str(_profile(ablation, folder))}
+    if not ablation.feedback:
+        changes["robot"] = str(_without_feedback(folder))
+    return changed(config, changes)
+
+
+def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
+    """Trains a policy, or goes on with one that was interrupted; returns its ONNX file, made when all is trained.
+
+    `commit` says which code trains, where this machine cannot tell.
+
+    Raises:
+        SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before all is trained.
+    """
+    folder = trained / name / f"seed-{seed}"
+    from saltus.policy.training.train import has_gpu  # with torch
+
+    find_ablation(name)
+    if not has_gpu():
+        raise SaltusError(f"training '{name}' needs a GPU: 16384 robots, {STEPS / 1e6:.0f} million steps")
+    folder.mkdir(parents=True, exist_ok=True)
+    config, checkpoint = config_of(name, seed, folder), folder / CHECKPOINT
+    iterations = int(np.ceil(STEPS / (config.robots * config.learning.horizon)))
+    Train(
+        out=folder,
+        minutes=minutes,
+        iterations=iterations,
+        resume=checkpoint if checkpoint.exists() else None,
+        training=config,
+        commit=commit,
+    ).run()
+    from saltus.policy.training.checkpoint import read_checkpoint
+    from saltus.policy.training.export import export
+
+    done = int(read_checkpoint(checkpoint)["steps"])
+    if done < STEPS:
+        raise SaltusError(f"{done / 1e6:.0f} of {STEPS / 1e6:.0f} million steps are trained: run the command again")
+    export(checkpoint, folder / MODEL)
+    return folder / MODEL
+
+
+def _profile(ablation: Ablation, folder: Path) -> Path:
+    shipped = load_profile(SHIPPED, load_robot(DEFAULT_ROBOT))
+    known = {
+        part: tuple(e for e in effects if e.name not in ablation.without) for part, effects in vars(shipped).items()
+    }
+    path = folder / "profile.toml"
+    path.write_text(profile_to_toml(Profile(**known)))
+    return path
+
+
+def _without_feedback(folder: Path) -> Path:
+    """The robot, with a gain of 0 where the paper has 1."""
+    robot = folder / "robot"
+    shutil.copytree(shipped_folder(DEFAULT_ROBOT), robot, dirs_exist_ok=True)
+    supplement = robot / SUPPLEMENT_FILE
+    head, tail = supplement.read_text().split(_FEEDBACK)
+    supplement.write_text(f"{head}{_FEEDBACK}0.0 #{tail}")
+    return robot
