@@ -14,8 +14,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saltus.depth import MILLIMETRE, RANGE_M
-from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.settings import ModelConfig
 
 MAX_IMAGE_AGE_S = 0.5
@@ -37,10 +35,10 @@ class Normalisation(NamedTuple):
     """Mean and standard deviation over the training data."""
 
     proprioception_mean: Tensor
-    """Shape (n,), n = len(PROPRIOCEPTION)."""
+    """Shape (n,), of a predictor n = len(PROPRIOCEPTION)."""
     proprioception_std: Tensor
     height_mean: Tensor
-    """Shape (30,)."""
+    """Shape (30,); what imitates plans has as many as they have numbers."""
     height_std: Tensor
 
 
@@ -64,7 +62,7 @@ class HeightmapModel(nn.Module):
 
     def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
         super().__init__()
-        self.config = config
+        self.config, self._told = config, len(normalisation.height_mean)
         a, b, c = config.channels
         self.encoder = nn.Sequential(
             nn.Conv2d(IMAGE_SHAPE[0], a, 5),
@@ -77,12 +75,12 @@ class HeightmapModel(nn.Module):
             nn.Flatten(),
         )
         image_features = c * 17 * 1  # (48, 16) -> 44x12 -> 22x6 -> 19x3 -> 17x1
-        self.gru = nn.GRU(image_features + 2 + len(PROPRIOCEPTION), config.hidden)
+        self.gru = nn.GRU(image_features + 2 + len(normalisation.proprioception_mean), config.hidden)
         widths = (config.hidden, *config.head)
         layers: list[nn.Module] = []
         for inputs, outputs in pairwise(widths):
             layers += [nn.Linear(inputs, outputs), nn.ELU()]
-        self.head = nn.Sequential(*layers, nn.Linear(widths[-1], 2 * len(HEIGHTMAP_X)))
+        self.head = nn.Sequential(*layers, nn.Linear(widths[-1], 2 * len(normalisation.height_mean)))
         for name, value in normalisation._asdict().items():
             self.register_buffer(name, value.to(torch.float32).clone())
 
@@ -131,7 +129,7 @@ class HeightmapModel(nn.Module):
         return torch.cat((encoded, age[..., None], new[..., None], normal.clamp(-5.0, 5.0)), -1)
 
     def _estimate(self, hidden: Tensor) -> Estimate:
-        mean, log_std = self.head(hidden).split(len(HEIGHTMAP_X), -1)
+        mean, log_std = self.head(hidden).split(self._told, -1)
         height = self.height_mean + self.height_std * mean
         log_std = (log_std + self.height_std.log()).clamp(math.log(MIN_STD_M), math.log(MAX_STD_M))
         return Estimate(height, log_std)

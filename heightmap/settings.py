@@ -10,6 +10,7 @@ import tyro
 from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
+from saltus.flags import Flag
 
 BackEnd = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
@@ -127,7 +128,7 @@ class Loop:
     @property
     def table(self) -> dict[str, Any]:
         """What a manifest says of it; of terrains and renderers only others than the usual, as older manifests."""
-        usual = {"terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER}
+        usual = {"terrains": list(USUAL_TERRAINS), "renderer": USUAL_RENDERER, "plans": False}
         table = asdict(self) | {"terrains": list(self.terrains)}
         return {name: value for name, value in table.items() if name not in usual or value != usual[name]}
 
@@ -223,6 +224,8 @@ class DeviceLoop(Loop):
     cameras: tuple[str, ...] = ("d435i",)
     """Whose images are kept, of the same motion; the predictor in the loop sees those of the first. d435i: with the
     errors of a stereo camera. ideal: true depth. Or TOML files."""
+    plans: Flag = False
+    """Keep what the policy sees of the robot, and what it plans on true heights: what an imitation of it needs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,6 +17,8 @@ from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.runs import runs
 from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.policy.bounds import ACTIONS
+from saltus.policy.features import PROPRIOCEPTION_SIZE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +39,10 @@ class RecordedBatch:
     """Images of each camera [mm], shape (n, frames, 48, 16)."""
     there: Mapping[str, NDArray[np.bool_]]
     """Whether they were given out, shape (n, frames): some cameras hold or lose theirs."""
+    state: Singles | None = None
+    """What the policy sees besides heights, shape (n, ticks, some); where it is kept."""
+    plan: Singles | None = None
+    """Its normalised plans on true heights, shape (n, ticks, 10); the same."""
 
     def episodes(self, camera: str) -> Iterator[Episode]:
         """All runs from a start to the next that are long enough, with the images of one of the cameras."""
@@ -49,6 +55,8 @@ class RecordedBatch:
                     terrain=self.terrain[robot],
                     proprioception=self.proprioception[robot, run],
                     height=self.height[robot, run],
+                    state=None if self.state is None else self.state[robot, run],
+                    plan=None if self.plan is None else self.plan[robot, run],
                     depth=self.depth[camera][robot, frames],
                     frame_tick=taken[frames] - np.int32(run.start),
                 )
@@ -57,7 +65,9 @@ class RecordedBatch:
 class DeviceRecording:
     """Room on the device for one batch, used again for the next; all cameras have one rate."""
 
-    def __init__(self, robots: int, ticks: int, cameras: Mapping[str, DepthCamera], device: torch.device) -> None:
+    def __init__(
+        self, robots: int, ticks: int, cameras: Mapping[str, DepthCamera], device: torch.device, *, plans: bool = False
+    ) -> None:
         def room(*row: int, dtype: torch.dtype = torch.float32) -> Tensor:
             return torch.empty(robots, *row, dtype=dtype, device=device)
 
@@ -66,6 +76,7 @@ class DeviceRecording:
         frames = len(self._frame_tick), MODEL_CAMERA.height, MODEL_CAMERA.width
         self._proprioception = room(ticks, len(PROPRIOCEPTION))
         self._height = room(ticks, len(HEIGHTMAP_X))
+        self._plans = {"state": room(ticks, PROPRIOCEPTION_SIZE), "plan": room(ticks, len(ACTIONS))} if plans else {}
         self._starts = room(ticks, dtype=torch.bool)
         # The bits of 16 bits without a sign, which few operations of torch know.
         self._depth = {camera: room(*frames, dtype=torch.int16) for camera in cameras}
@@ -83,6 +94,10 @@ class DeviceRecording:
             self._depth[camera][:, frame] = image.depth.to(torch.int16)
             self._there[camera][:, frame] = image.time_s == tick * TICK_S
 
+    def add_plans(self, tick: int, state: Tensor, plan: Tensor) -> None:
+        """What the policy saw of all robots besides heights, and its normalised plans on true ones."""
+        self._plans["state"][:, tick], self._plans["plan"][:, tick] = state, plan
+
     def to_host(self, terrain: Sequence[str]) -> RecordedBatch:
         """A copy of what is there, for robots on the given kinds of terrain."""
         return RecordedBatch(
@@ -93,6 +108,7 @@ class DeviceRecording:
             frame_tick=self._frame_tick,
             depth={camera: _copied(images).view(np.uint16) for camera, images in self._depth.items()},
             there={camera: _copied(there) for camera, there in self._there.items()},
+            **{name: _copied(rows) for name, rows in self._plans.items()},
         )
 
 

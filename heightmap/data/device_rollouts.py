@@ -82,7 +82,7 @@ class DeviceRollouts:
         # no more images are under way than are taken meanwhile
         self._latency = replace(first.delivered(known).camera_chain.latency, dt_s=1.0 / first.rate_hz)
         self._cameras = DeviceCameras(robot, self._env.courses(), cameras, known, device, self._rng)
-        self._recording = DeviceRecording(loop.robots, loop.ticks, cameras, self._device)
+        self._recording = DeviceRecording(loop.robots, loop.ticks, cameras, self._device, plans=loop.plans)
 
     @torch.no_grad()
     def batch(self, told: Callable[[], object] = lambda: None) -> RecordedBatch:
@@ -100,6 +100,8 @@ class DeviceRollouts:
             images = self._cameras.expose(env.courses(), qpos, tick, fresh)
             self._recording.add(tick, sensed, self.true_heights(), fresh, images)
             shown = transition.actor
+            if self.loop.plans:
+                self._add_plans(tick, shown)
             if heights is not None:
                 shown[:, PROPRIOCEPTION_SIZE:SIZE] = heights.step(images.get(self.loop.cameras[0]), tick, sensed, fresh)
             plan = self._policy(shown)
@@ -125,6 +127,13 @@ class DeviceRollouts:
         _, _, yaw = roll_pitch_yaw(rotation_matrix(qpos[:, 3:7]))
         heights: Tensor = self._env.courses().height_at(*LINE.points_in_world(qpos, yaw))
         return heights - qpos[:, 2:3]
+
+    def _add_plans(self, tick: int, shown: Tensor) -> None:
+        """What the policy plans where it sees the ground as it is, whatever the robots are shown."""
+        exact = shown.clone()
+        exact[:, PROPRIOCEPTION_SIZE:SIZE] = self.true_heights()
+        plan = self._env.config.bounds.normalised(self._policy(exact))
+        self._recording.add_plans(tick, shown[:, :PROPRIOCEPTION_SIZE], plan)
 
     def crowded_share(self) -> float:
         """Share of the robots whose physics left out contacts since the last call, for want of room."""

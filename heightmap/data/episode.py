@@ -26,5 +26,9 @@ class Episode:
     """[mm], shape (frames, 48, 16); 0 is invalid, 65535 "nothing within range"."""
     frame_tick: NDArray[np.int32]
     """Tick at which each image was taken, ascending, shape (frames,)."""
+    state: Singles | None = None
+    """What the policy sees besides heights, see `saltus.policy.features`, shape (ticks, n); in few datasets."""
+    plan: Singles | None = None
+    """What it plans on true heights, as `ActionBounds` normalises it, shape (ticks, 10); where `state` is."""
     latency: CameraLatency = NOMINAL_LATENCY
     """How long images travel; a shard has one for all."""

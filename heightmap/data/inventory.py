@@ -16,6 +16,7 @@ from saltus.heightmap.data.shards import (
     LAYOUT,
     PER_FRAME,
     PER_TICK,
+    SOMETIMES,
     DatasetError,
     ShardRecord,
     camera_of,
@@ -28,8 +29,8 @@ from saltus.heightmap.data.shards import (
     write_whole,
 )
 
-_KINDS = {"proprioception": np.float32, "height": np.float32, "depth": np.uint16, "frame_tick": np.int32}
-_DIMENSIONS = {"proprioception": 2, "height": 2, "depth": 3, "frame_tick": 1}
+_KINDS = {"depth": np.uint16, "frame_tick": np.int32, **dict.fromkeys(PER_TICK, np.float32)}
+_DIMENSIONS = {"depth": 3, "frame_tick": 1, **dict.fromkeys(PER_TICK, 2)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +125,9 @@ def _damages(path: Path, record: ShardRecord) -> list[str]:
 def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
     """What is wrong within a shard: names, kinds, shapes, lengths, values."""
     damages = [
-        f"'{name}' is missing" for name in (*PER_TICK, *PER_FRAME, "terrain", "ticks", "frames") if name not in file
+        f"'{name}' is missing"
+        for name in (*PER_TICK, *PER_FRAME, "terrain", "ticks", "frames")
+        if name not in file and name not in SOMETIMES
     ]
     if damages:
         return damages
@@ -133,13 +136,18 @@ def _contents(file: h5py.File, record: ShardRecord) -> list[str]:
     for name, length in lengths.items():
         if length != getattr(record, name):
             damages.append(f"{length} {name}, the manifest says {getattr(record, name)}")
-    for name, kind in _KINDS.items():
+    for name, kind in _there(file).items():
         array, length = file[name], lengths["ticks" if name in PER_TICK else "frames"]
         if array.dtype != kind or array.ndim != _DIMENSIONS[name] or len(array) != length:
             damages.append(f"'{name}' is {array.dtype} of shape {array.shape}, not {np.dtype(kind)} of length {length}")
         elif not np.isfinite(array[:]).all():
             damages.append(f"'{name}' is not finite everywhere")
     return damages or _order(file)
+
+
+def _there(file: h5py.File) -> dict[str, Any]:
+    """Kinds of the columns that a shard has."""
+    return {name: kind for name, kind in _KINDS.items() if name in file or name not in SOMETIMES}
 
 
 def _order(file: h5py.File) -> list[str]:
@@ -156,7 +164,7 @@ def _compare(shards: Sequence[Path]) -> None:
     known: dict[str, tuple[Any, Path]] = {}
     for path in shards:
         with opened_shard(path) as file:
-            fields: dict[str, Any] = {f"columns of {name}": list(file[name].shape[1:]) for name in _KINDS}
+            fields: dict[str, Any] = {f"columns of {name}": list(file[name].shape[1:]) for name in _there(file)}
             fields |= json.loads(file.attrs.get(LAYOUT, "{}"))
         for name, value in fields.items():
             before, where = known.setdefault(name, (value, path))

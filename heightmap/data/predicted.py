@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Singles
 from saltus.config import DEFAULT_ROBOT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_in_millimetres, model_images
 from saltus.depth_camera import load_camera
@@ -27,6 +28,7 @@ from saltus.heightmap.service.service import MAX_HEIGHT_M
 from saltus.models import model_path
 from saltus.render.process import random_stream
 from saltus.render.stereo.camera import StereoConfig
+from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
@@ -50,17 +52,31 @@ class PredictedHeightsFactory:
             ConfigError: there is no such camera, or the profile shifts true heights.
             ModelError: the model cannot be used.
         """
-        camera = load_camera(self.camera)
-        robot = camera.mounted_on(load_robot(DEFAULT_ROBOT))
+        robot = load_camera(self.camera).mounted_on(load_robot(DEFAULT_ROBOT))
         network = HeightmapNetwork(robot, model_path("heightmap", self.model))
-        profile = camera.delivered(profile)
-        cameras: RobotCameras
+        return PredictedHeights(network, *self.seen(terrains, trials, profile))
+
+    def seen(
+        self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile
+    ) -> tuple[RobotCameras, Sequence[Trial], Profile]:
+        """The cameras of a batch, and the profile as they deliver."""
+        camera = load_camera(self.camera)
+        robot, profile = camera.mounted_on(load_robot(DEFAULT_ROBOT)), camera.delivered(profile)
         if camera.ideal:
-            cameras = IdealCameras(camera, robot, terrains, profile)
-        else:
-            rngs = [random_stream(trial.seed) for trial in trials]
-            cameras = StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rngs)
-        return PredictedHeights(network, cameras, trials, profile)
+            return IdealCameras(camera, robot, terrains, profile), trials, profile
+        rngs = [random_stream(trial.seed) for trial in trials]
+        return StereoCameras(camera, robot, terrains, profile, StereoConfig.of(camera), rngs), trials, profile
+
+
+class Network(Protocol):
+    """What tells something of images, and remembers."""
+
+    hidden_size: int
+    legs: LegKinematics
+
+    def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], features: Singles, hidden: Singles) -> Tick:
+        """One tick of many robots, see `HeightmapNetwork.ticks`."""
+        ...
 
 
 class PredictedHeights:
@@ -70,9 +86,7 @@ class PredictedHeights:
     on all robots in one call. An output that is not plausible is not used: heights and hidden state stay as they were.
     """
 
-    def __init__(
-        self, network: HeightmapNetwork, cameras: RobotCameras, trials: Sequence[Trial], profile: Profile
-    ) -> None:
+    def __init__(self, network: Network, cameras: RobotCameras, trials: Sequence[Trial], profile: Profile) -> None:
         refuse_shift(profile.heightmap, "a predictor")
         count = len(trials)
         self._network = network
@@ -99,12 +113,17 @@ class PredictedHeights:
         image[arrived] = _as_sent(in_hand.depth[arrived])
         new, forgets = self._used.step(arrived, image, in_hand.time_s, fresh)
         self._hidden[forgets] = 0.0
-        features = proprioception_of_states(states, self._network.legs)
+        features = self._features(states)
         tick = self._network.ticks(self._used.image, states.time_s - self.captured_s, new, features, self._hidden)
         good = _plausible(tick)
         self._hidden[good], self._heights[good] = tick.hidden[good], tick.height[good]
         self.half_width_90[good] = tick.half_width_90[good]
         return self._heights.copy()
+
+    def _features(self, states: RobotStates) -> Singles:
+        """What the network is told of the robots besides their images, shape (n, some)."""
+        vectors: Singles = proprioception_of_states(states, self._network.legs)
+        return vectors
 
     @property
     def captured_s(self) -> Floats:

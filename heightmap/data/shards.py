@@ -31,9 +31,11 @@ from saltus.provenance import commit
 MANIFEST = "manifest.json"
 _FORMAT = "saltus-heightmap-dataset-1"
 LAYOUT = "layout"
-PER_TICK = ("proprioception", "height")
+PER_TICK = ("proprioception", "height", "state", "plan")
 PER_FRAME = ("depth", "frame_tick")
-_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency", "renderer")
+SOMETIMES = ("state", "plan")
+"""Columns that only datasets for imitation have."""
+_NOT_OF_MOTION = ("episodes", "batches", "camera", "cameras", "latency", "plans", "renderer")
 """Of a configuration, what leaves the motion of the first robots as it is."""
 
 
@@ -92,6 +94,8 @@ class ShardWriter:
     def _append(self, episode: Episode) -> None:
         for name in (*PER_TICK, *PER_FRAME):
             rows = getattr(episode, name)
+            if rows is None:
+                continue
             if name not in self._columns:
                 self._columns[name] = ShardColumn(self._file, name, rows, self._pool)
             self._columns[name].append(rows)
@@ -312,7 +316,8 @@ def read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
     if file_sha256(path) != record.sha256:
         raise DatasetError(f"{path} is not the file that the manifest names: its sha256 differs")
     with opened_shard(path) as file, _pool() as pool:
-        arrays = {name: read_column(file[name], pool) for name in (*PER_TICK, *PER_FRAME)}
+        there = [name for name in (*PER_TICK, *PER_FRAME) if name in file or name not in SOMETIMES]
+        arrays = {name: read_column(file[name], pool) for name in there}
         kinds = [kind.decode() for kind in file["terrain"][:]]
         ticks, frames = np.cumsum(file["ticks"][:])[:-1], np.cumsum(file["frames"][:])[:-1]
     parts = {name: np.split(arrays[name], ticks if name in PER_TICK else frames) for name in arrays}

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import torch
 
-from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import DeliveryModel
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.quantiles import INTERVAL90
@@ -32,5 +31,5 @@ def calibrate(
             ratio = (estimate.height - window.height).abs() / (INTERVAL90 * estimate.log_std.exp())
             ratios.append(ratio[window.valid > 0].flatten().cpu().numpy())
         factor = float(np.quantile(np.concatenate(ratios), 0.9))
-        model.head[-1].get_parameter("bias")[len(HEIGHTMAP_X) :] += math.log(factor)
+        model.head[-1].get_parameter("bias")[len(model.height_mean) :] += math.log(factor)
     return factor

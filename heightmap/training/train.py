@@ -14,7 +14,9 @@ from torch import Tensor
 from saltus.archive import check_archive
 from saltus.errors import ConfigError, ModelError
 from saltus.folders import ask_for_room, differences
+from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
+from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
@@ -24,6 +26,7 @@ from saltus.heightmap.data.shards import (
     read_records,
 )
 from saltus.heightmap.model import Estimate, HeightmapModel, Normalisation
+from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, TrainConfig
 from saltus.heightmap.training.calibration import calibrate
@@ -55,6 +58,7 @@ def train(
     config: TrainConfig,
     progress: Callable[[Progress], None] | None = None,
     start: Path | None = None,
+    shown: Callable[[Episode], Episode] = lambda episode: episode,
 ) -> HeightmapModel:
     """Trains on a dataset until `config.updates`, going on from `checkpoint` where it is from the same training.
 
@@ -65,6 +69,8 @@ def train(
         config: How to train.
         progress: Called about once a second, and before the calibration.
         start: Checkpoint whose network to begin with, its normalisation included: for a further round of data.
+        shown: What the network is shown of an episode, as its proprioception, and is to tell, as heights: for networks
+            that are to tell something else.
 
     Returns:
         The trained network, on the CPU.
@@ -83,7 +89,7 @@ def train(
     if start and known:
         origin["start"] = {"sha256": file_sha256(start), **{name: known[1][name] for name in ("dataset", "update")}}
     begun = _begun(checkpoint, origin)
-    store, held_out = _stores(data, records, device)
+    store, held_out = _stores(data, records, device, shown)
     torch.manual_seed(config.seed)
     model = known[0] if known else HeightmapModel(config.model, store.normalisation())
     model.to(store.device).train()
@@ -120,12 +126,14 @@ def train(
     return model.cpu().eval()
 
 
-def _stores(data: Path, records: list[ShardRecord], device: torch.device) -> tuple[EpisodeStore, EpisodeStore]:
+def _stores(
+    data: Path, records: list[ShardRecord], device: torch.device, shown: Callable[[Episode], Episode]
+) -> tuple[EpisodeStore, EpisodeStore]:
     """Episodes to fit, and those held out."""
     # Every round of the dataset is drawn equally often, however many episodes it has.
     weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
     true_depth = split([record.camera.ideal for record in records for _ in range(record.episodes)])
-    parts = zip(split(read_dataset(data)), weights, true_depth, strict=True)
+    parts = zip(split([shown(episode) for episode in read_dataset(data)]), weights, true_depth, strict=True)
     fitted, held_out = (EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts)
     return fitted, held_out
 
@@ -178,6 +186,8 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, dict[str, Any]]:
         config = ModelConfig(channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"]))
         model = HeightmapModel(config, Normalisation(**shapes))
         model.load_state_dict(table["model"])
+        if (len(model.proprioception_mean), len(model.height_mean)) != (len(PROPRIOCEPTION), len(HEIGHTMAP_X)):
+            raise KeyError(checkpoint)  # a network that tells something else
         return model.eval(), {**table["origin"], "update": table["update"]}
     except (KeyError, TypeError, AttributeError, RuntimeError) as error:
         raise ModelError(f"{checkpoint} is no checkpoint of the heightmap network, or damaged") from error

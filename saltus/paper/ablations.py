@@ -1,6 +1,8 @@
-"""The paper's ablations as they are measured: policies of `saltus.paper.training`, in simulation and on a stand-in."""
+"""The paper's ablations as they are measured: systems of what was trained, in simulation and on a stand-in."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,18 @@ from saltus.paper.drawing import OTHER, OURS, subplots
 from saltus.paper.motion import STAIRS, Made
 from saltus.paper.runs import Effort, Ran, Setting, ran
 from saltus.paper.stand_in import STAND_IN_SEED, stand_in
-from saltus.paper.training import ABLATIONS, FULL, MODEL, TRAINED
+from saltus.paper.training import (
+    ABLATIONS,
+    FULL,
+    IMITATION,
+    IMITATOR,
+    MODEL,
+    NO_LATENCY,
+    PREDICTED,
+    PREDICTOR,
+    ROUNDS,
+    TRAINED,
+)
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.command import COMMIT, PROGRESS
 from saltus.resources import resource
@@ -24,7 +37,8 @@ from saltus.terrain.curriculum import make_terrain
 
 SIMULATION, STAND_IN = "simulation", "simulated stand-in"
 PUBLISHED = "benchmarks/paper"
-"""Results, and the policies that they are of, in the repository."""
+"""Results, and the trainings that they are of, in the repository."""
+TRANSFER, ROUNDS_ROW = "transfer", "predictor-rounds"
 
 
 def trainings_folder(given: Path | None) -> Path:
@@ -37,41 +51,94 @@ def trainings_folder(given: Path | None) -> Path:
         return TRAINED
 
 
-def models_of(name: str, trained: Path) -> list[Path]:
-    """The policies that were trained, by seed.
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """What runs: trainings by their names, those of one seed together."""
+
+    policy: str = FULL
+    predictor: str | None = None
+    """The training, and the name of its file; by default the shipped one."""
+    file: str = PREDICTED
+
+
+SYSTEMS = {
+    **{name: System(policy=name) for name in ABLATIONS},
+    **{f"round {i + 1}": System(predictor=PREDICTOR, file=f"round-{i}.onnx") for i in range(ROUNDS)},
+    NO_LATENCY: System(predictor=NO_LATENCY),
+    "no-sysid": System(policy="no-saturation", predictor=NO_LATENCY),
+    IMITATION: System(policy=IMITATION),
+}
+"""By name. A predictor's last round is that which others of the same data stand beside."""
+LAST = f"round {ROUNDS}"
+
+
+def shown_in(row: str, trained: Path) -> tuple[str, ...]:
+    """The systems that a row sets beside each other; the last is its own, if it has one."""
+    if row == TRANSFER:
+        return tuple(trained_systems(trained))
+    if row == ROUNDS_ROW:
+        return tuple(name for name in SYSTEMS if name.startswith("round "))
+    beside = LAST if row in (NO_LATENCY, "no-sysid", IMITATION) else FULL
+    return tuple(dict.fromkeys((beside, row)))
+
+
+def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
+    """What was trained for a system, by seed: its policy, and its predictor where that is not the shipped one.
 
     Raises:
-        SaltusError: there are none; the message names the command that makes them.
+        SaltusError: there is none; the message names the command that makes what is missing.
     """
-    found = sorted((trained / name).glob(f"seed-*/{MODEL}"))
-    if not found:
-        raise SaltusError(f"no results in {trained / name}: make them with saltus paper train {name} --seed 0 (GPU)")
-    return found
+    system = SYSTEMS[name]
+    parts = {system.policy: IMITATOR if system.policy == IMITATION else MODEL}
+    if system.predictor is not None:
+        parts[system.predictor] = system.file
+    found = {
+        part: sorted(p.parent.name for p in (trained / part).glob(f"seed-*/{file}")) for part, file in parts.items()
+    }
+    for part, seeds in found.items():
+        if not seeds:
+            raise SaltusError(
+                f"no results in {trained / part}: make them with saltus paper train {part} --seed 0 (GPU)"
+            )
+    common = [seed for seed in found[system.policy] if all(seed in seeds for seeds in found.values())]
+    if not common:
+        raise SaltusError(f"no seed of which {' and '.join(parts)} are trained, in {trained}")
+    return [tuple(trained / part / seed / file for part, file in parts.items()) for seed in common]
 
 
 def trained_systems(trained: Path) -> list[str]:
-    """Of which systems there are policies."""
-    return [name for name in ABLATIONS if any((trained / name).glob(f"seed-*/{MODEL}"))]
+    """Which systems can be run."""
+    there = []
+    for name in SYSTEMS:
+        with contextlib.suppress(SaltusError):
+            files_of(name, trained)
+            there.append(name)
+    return there
 
 
-def training_of(model: Path) -> dict[str, Any]:
-    """Seed, commit and name of a trained policy."""
-    commit = model.parent / COMMIT
-    return {
-        "seed": int(model.parent.name.removeprefix("seed-")),
-        "commit": commit.read_text().strip() if commit.exists() else "unknown",
-        "policy": model_id(model.read_bytes()),
-    }
+def trainings_of(name: str, trained: Path) -> list[dict[str, Any]]:
+    """Seed, commit and names of what runs in a system, for each of its seeds."""
+    return [_training(files) for files in files_of(name, trained)]
+
+
+def _training(files: tuple[Path, ...]) -> dict[str, Any]:
+    told: dict[str, Any] = {"seed": int(files[0].parent.name.removeprefix("seed-"))}
+    for kind, before, path in zip(("policy", "predictor"), ("", "predictor_"), files, strict=False):
+        commit = path.parent / COMMIT
+        told[f"{before}commit"] = commit.read_text().strip() if commit.exists() else "unknown"
+        told[kind] = model_id(path.read_bytes())
+    return told
 
 
 def measure(name: str, effort: Effort, trained: Path) -> dict[str, Any]:
     """What a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot."""
-    terrain, feedback = make_terrain(STAIRS), ABLATIONS[name].feedback
+    policy = SYSTEMS[name].policy
+    feedback = policy not in ABLATIONS or ABLATIONS[policy].feedback
     places = {SIMULATION: load_profile(SHIPPED, load_robot(DEFAULT_ROBOT)), STAND_IN: stand_in()}
     settings = [
-        (where, Setting(terrain=terrain, feedback=feedback, policy=model, profile=profile))
+        (where, replace(_setting(files), feedback=feedback, profile=profile))
         for where, profile in places.items()
-        for model in models_of(name, trained)
+        for files in files_of(name, trained)
     ]
     results = ran([setting for _, setting in settings], effort)
     return {
@@ -80,26 +147,35 @@ def measure(name: str, effort: Effort, trained: Path) -> dict[str, Any]:
     }
 
 
+def _setting(files: tuple[Path, ...]) -> Setting:
+    """With what was trained, on 14 stairs."""
+    terrain = make_terrain(STAIRS)
+    if files[0].name == IMITATOR:
+        return Setting(terrain=terrain, imitator=files[0])
+    return Setting(terrain=terrain, policy=files[0], predictor=files[1] if len(files) > 1 else None)
+
+
 def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
-    """Systems beside each other: what `measure` came to, by name; the full system first."""
+    """Systems beside each other: what `measure` came to, by name; the first is what others are held against."""
     places = list(next(iter(systems.values())))
     figure, axes = subplots(1, len(places), 1.1 + 0.42 * len(systems), sharey=True, sharex=True, squeeze=False)
     for axis, where in zip(axes[0], places, strict=True):
-        for row, (system, numbers) in enumerate(systems.items()):
+        for row, numbers in enumerate(systems.values()):
             figures = numbers[where]
-            axis.barh(row, figures["steps"], 0.6, color=OURS if system == FULL else OTHER, alpha=0.5)
+            axis.barh(row, figures["steps"], 0.6, color=OURS if row == 0 else OTHER, alpha=0.5)
             axis.plot(figures["steps_of_each_seed"], [row] * len(figures["success"]), "k.", markersize=4)
-            axis.text(14.4, row, _share(figures), va="center", fontsize=8)
+            axis.text(14.5, row, _share(figures), va="center", fontsize=8)
         axis.set_yticks(range(len(systems)), list(systems))
-        axis.set_xlim(0.0, 21.0)
+        axis.set_xlim(0.0, 19.5)
         axis.set_xticks(range(0, 15, 2))
         axis.set_title(where, loc="left", fontsize=10)
-        axis.set_xlabel("steps before failure; a dot for each seed      all 14")
+        axis.set_title("successes", loc="right", fontsize=9)
+        axis.set_xlabel("steps of 14 before failure: mean, and of each seed")
     axes[0][0].invert_yaxis()
     configuration = {
         "course": dict(make_terrain(STAIRS).params),
         "stand_in_seed": STAND_IN_SEED,
-        "trainings": {system: [training_of(model) for model in models_of(system, trained)] for system in systems},
+        "trainings": {system: trainings_of(system, trained) for system in systems},
     }
     return Made(numbers={system: dict(numbers) for system, numbers in systems.items()}, figure=figure,
                 configuration=configuration)  # fmt: skip
@@ -109,8 +185,7 @@ def learning_curves(_: Effort, trained: Path) -> Made:
     """What each training of the full system came to by experience."""
     columns = {"reward": "reward of an iteration", "stairs/level": "stairs", "stepping_stones/level": "stones"}
     columns |= {"step/level": "step", "gap/level": "gap"}
-    models = models_of(FULL, trained)
-    curves = [_progress(model.parent / PROGRESS) for model in models]
+    curves = [_progress(policy.parent / PROGRESS) for (policy,) in files_of(FULL, trained)]
     figure, axes = subplots(1, len(columns), 2.6, sharex=True)
     shortest = min(curves, key=lambda curve: len(curve["steps"]))
     million = 1e-6 * shortest["steps"]
@@ -128,7 +203,7 @@ def learning_curves(_: Effort, trained: Path) -> Made:
     }
     configuration = {
         "band": "least to greatest of the seeds; line: mean",
-        "trainings": {FULL: [training_of(model) for model in models]},
+        "trainings": {FULL: trainings_of(FULL, trained)},
     }
     return Made(numbers=numbers, figure=figure, configuration=configuration)
 
@@ -159,4 +234,4 @@ def _figures(seeds: Sequence[Sequence[Ran]]) -> dict[str, Any]:
 def _share(figures: Mapping[str, Any]) -> str:
     count = figures["trials"] * len(figures["success"])
     low, high = figures["interval95_percent"]
-    return f"{sum(figures['success'])} of {count} all 14\n({low:.0f} to {high:.0f} %)"
+    return f"{sum(figures['success'])} of {count}\n({low:.0f} to {high:.0f} %)"

@@ -12,23 +12,24 @@ from saltus.models import ModelKind, model_id, model_path
 from saltus.paper.ablations import (
     PUBLISHED,
     STAND_IN,
+    TRANSFER,
     compare,
+    files_of,
     measure,
-    models_of,
+    shown_in,
     trained_systems,
-    training_of,
     trainings_folder,
+    trainings_of,
 )
 from saltus.paper.drawing import check_drawing, save
 from saltus.paper.motion import Made
-from saltus.paper.rows import ABLATION, BY_NAME, Row
-from saltus.paper.runs import CAMERA, Effort
-from saltus.paper.training import ABLATIONS, FULL
+from saltus.paper.rows import ABLATION, BY_NAME, ROWS, Row
+from saltus.paper.runs import Effort
+from saltus.paper.training import CAMERA, FULL
 from saltus.provenance import commit
 from saltus.resources import resource
 
 MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
-TRANSFER = "transfer"
 
 
 def find_row(name: str) -> Row:
@@ -41,7 +42,8 @@ def find_row(name: str) -> Row:
 def is_makeable(row: Row, trained: Path | None) -> bool:
     """Whether all is there that a row needs."""
     if row.needs == ABLATION:
-        return set(_trainings(row)) <= set(trained_systems(trainings_folder(trained)))
+        there = trained_systems(trainings_folder(trained))
+        return all(name in there for name in _needed(row, trained))
     return bool(row.make)
 
 
@@ -52,8 +54,8 @@ def check_makeable(row: Row, folder: Path, trained: Path | None) -> None:
         SaltusError: the row cannot be made now; the message says what is missing. Or the folder cannot be written.
     """
     if row.needs == ABLATION:
-        for name in _trainings(row):
-            models_of(name, trainings_folder(trained))
+        for name in _needed(row, trained):
+            files_of(name, trainings_folder(trained))
     elif not row.make:
         raise SaltusError(f"'{row.name}' is not made yet: {row.differs}")
     check_drawing()
@@ -64,21 +66,21 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
     """Makes FOLDER/NAME.png and .json of a row that `check_makeable` allows; returns what the latter holds.
 
     What other systems came to that stand beside an ablation is taken from the folder or from what is published, if it
-    is of the same policies; so is, unless it shall be measured `again`, what the ablation came to itself.
+    is of the same trainings; so is, unless it shall be measured `again`, what the ablation came to itself.
     """
     trainings = trainings_folder(trained)
-    if row.name in ABLATIONS:
-        measured = None if again else _measured(row.name, folder, trainings)
-        systems = {row.name: measured or measure(row.name, effort, trainings)}
-        if row.name != FULL:
-            systems = {FULL: _came_to(FULL, effort, folder, trainings), **systems}
-        made = compare(systems, trainings)
-    elif row.name == TRANSFER:
-        names = trained_systems(trainings)
-        came_to = {name: _came_to(name, effort, folder, trainings) for name in names}
-        made = compare({name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}, trainings)
+    if row.make:
+        more = (trainings,) if row.needs == ABLATION else ()
+        module, function = row.make.split(".")
+        made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
     else:
-        made = _of_models(row, effort, trainings)
+        came_to = {}
+        for system in shown_in(row.name, trainings):
+            there = None if again and system == row.name else _measured(system, folder, trainings)
+            came_to[system] = there or measure(system, effort, trainings)
+        if row.name == TRANSFER:
+            came_to = {name: {STAND_IN: places[STAND_IN]} for name, places in came_to.items()}
+        made = compare(came_to, trainings)
     result = {
         "row": row.name,
         "measured": "simulation",
@@ -94,36 +96,24 @@ def make(row: Row, effort: Effort, folder: Path, trained: Path | None = None, *,
     return result
 
 
-def _of_models(row: Row, effort: Effort, trainings: Path) -> Made:
-    module, function = row.make.split(".")
-    more = (trainings,) if row.needs == ABLATION else ()
-    made: Made = getattr(import_module(f"saltus.paper.{module}"), function)(effort, *more)
-    return made
-
-
-def _came_to(system: str, effort: Effort, folder: Path, trainings: Path) -> dict[str, Any]:
-    """What a system came to, by place; measured where it was not before."""
-    there = _measured(system, folder, trainings)
-    if there is not None:
-        return there
-    places: dict[str, Any] = make(BY_NAME[system], effort, folder, trainings)["numbers"][system]
-    return places
-
-
 def _measured(system: str, folder: Path, trainings: Path) -> dict[str, Any] | None:
-    """The same, from a result in the folder or a published one; None where there is none of these policies."""
+    """What a system came to, by place, from results in the folder or published ones; None where there are none of it.
+
+    They are of the same trainings, with the same shipped models.
+    """
     try:
         folders = [folder, resource(PUBLISHED)]
     except SaltusError:
         folders = [folder]
-    policies = [training_of(model) for model in models_of(system, trainings)]
-    for path in (place / f"{system}.json" for place in folders):
-        result = _read(path, BY_NAME[system]) if path.exists() else None
-        if result is None or result["models"] != _models():
-            continue
-        if result["configuration"].get("trainings", {}).get(system) == policies:
-            places: dict[str, Any] = result["numbers"][system]
-            return places
+    wanted = trainings_of(system, trainings)
+    for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
+        for path in (place / f"{row.name}.json" for place in folders):
+            result = _read(path, row) if path.exists() else None
+            if result is None or result["models"] != _models():
+                continue
+            if result["configuration"].get("trainings", {}).get(system) == wanted and system in result["numbers"]:
+                places: dict[str, Any] = result["numbers"][system]
+                return places
     return None
 
 
@@ -165,9 +155,11 @@ def number_at(numbers: dict[str, Any], place: str) -> Any:
     return part
 
 
-def _trainings(row: Row) -> tuple[str, ...]:
-    """Ablations without which a row that needs trained ones is not made."""
-    return (row.name, FULL) if row.name in ABLATIONS else (FULL,)
+def _needed(row: Row, trained: Path | None) -> tuple[str, ...]:
+    """Systems without which a row that needs trainings is not made."""
+    if row.make or row.name == TRANSFER:
+        return (FULL,)
+    return shown_in(row.name, trainings_folder(trained))
 
 
 def _models() -> dict[str, str]:

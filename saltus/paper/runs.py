@@ -15,17 +15,18 @@ from saltus.arrays import Floats
 from saltus.config import DEFAULT_ROBOT
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.paper.imitation import ImitatedPlansFactory, ImitationNetwork, PassOn
+from saltus.paper.training import CAMERA
 from saltus.policy.evaluation.evaluate import BATCH
 from saltus.policy.evaluation.rollout import HeightsFactory, Rollout, RolloutStep, exact_heights
 from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
-from saltus.policy.planner import make_planner
+from saltus.policy.planner import Planner, make_planner
 from saltus.robots.loading import load_robot
 from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
 from saltus.workers import in_order
 
-CAMERA = "d435i"
 FIRST_SEED = 130_000
 """Of trials that no other figure of Saltus stands on."""
 PAIRS = {"front": slice(0, 2), "rear": slice(2, 4)}
@@ -45,6 +46,10 @@ class Setting:
     """The planner is given the terrain as it is, and sees nothing."""
     policy: Path | None = None
     """ONNX file; by default the shipped policy."""
+    predictor: Path | None = None
+    """ONNX file; by default the shipped predictor."""
+    imitator: Path | None = None
+    """ONNX file of what plans from images, in the place of policy and predictor."""
     profile: str | Profile = SHIPPED
 
 
@@ -187,7 +192,13 @@ def _run(
     """Robots of one setting, by seed and start."""
     setting, numbered = task
     robot = load_robot(DEFAULT_ROBOT)
-    planner = make_planner("learned", robot, setting.policy)
+    planner: Planner
+    if setting.imitator is None:
+        planner = make_planner("learned", robot, setting.policy)
+        seen: HeightsFactory = PredictedHeightsFactory(model=setting.predictor, camera=CAMERA)
+    else:
+        planner = PassOn(ImitationNetwork(setting.imitator).bounds)
+        seen = ImitatedPlansFactory(model=setting.imitator, camera=CAMERA)
     driven = robot if setting.feedback else replace(robot, gains=replace(robot.gains, stance_kd=0.0))
     trials = [
         trial if start is None else replace(trial, position_x=start)
@@ -200,7 +211,7 @@ def _run(
         trials,
         planner,
         profile=profile,
-        heights=heights or (exact_heights if setting.true_heights else PredictedHeightsFactory(camera=CAMERA)),
+        heights=heights or (exact_heights if setting.true_heights else seen),
         time_limit_s=time_limit_s,
     )
     steps = [look(step) for step in rollout.run()]

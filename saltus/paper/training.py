@@ -25,6 +25,16 @@ TRAINED = Path("runs/paper-train")
 STEPS = 250e6
 """Environment steps of each training: 7 minutes of an H200."""
 MODEL = "policy.onnx"
+CAMERA = "d435i"
+"""Of all robots that see."""
+PREDICTOR, NO_LATENCY, IMITATION = "predictor", "no-latency", "imitation"
+NETWORKS = (PREDICTOR, NO_LATENCY, IMITATION)
+"""What sees, see `saltus.paper.networks`: trained on the data of one another's seed, the first makes them."""
+ROUNDS = 3
+"""Of a predictor; in the first, robots are driven with true heights."""
+PREDICTED, IMITATOR = "heightmap.onnx", "imitator.onnx"
+IMITATOR_FORMAT = "saltus-imitation-1"
+IMITATOR_INPUTS, IMITATOR_OUTPUTS = ("image", "age", "new", "state", "hidden"), ("plan", "hidden_out")
 _FEEDBACK = "\nstance_kd = "
 
 
@@ -54,7 +64,8 @@ ABLATIONS = {
 def find_ablation(name: str) -> Ablation:
     """The ablation of that name; `SaltusError` where there is none."""
     if name not in ABLATIONS:
-        raise SaltusError(f"there is no ablation '{name}' to train: choose one of {', '.join(ABLATIONS)}")
+        known = ", ".join((*ABLATIONS, *NETWORKS))
+        raise SaltusError(f"there is no ablation '{name}' to train: choose one of {known}")
     return ABLATIONS[name]
 
 
@@ -70,17 +81,21 @@ def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
 
 
 def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
-    """Trains a policy, or goes on with one that was interrupted; returns its ONNX file, made when all is trained.
+    """Trains a policy or a network, or goes on with one that was interrupted; returns its ONNX file, made at the end.
 
     `commit` says which code trains, where this machine cannot tell.
 
     Raises:
         SaltusError: what `saltus policy train` says; there is no GPU, or the time is over before all is trained.
     """
-    folder = trained / name / f"seed-{seed}"
     from saltus.policy.training.train import has_gpu  # with torch
 
+    if name in NETWORKS:
+        from saltus.paper.networks import train_network
+
+        return train_network(name, seed, trained, commit)
     find_ablation(name)
+    folder = trained / name / f"seed-{seed}"
     if not has_gpu():
         raise SaltusError(f"training '{name}' needs a GPU: 16384 robots, {STEPS / 1e6:.0f} million steps")
     folder.mkdir(parents=True, exist_ok=True)

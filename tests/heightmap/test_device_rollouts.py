@@ -30,6 +30,7 @@ from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv, Transition
 from saltus.policy.env.randomisation import WideConfig
 from saltus.policy.env.settings import TrainConfig
+from saltus.policy.features import SIZE
 from saltus.policy.training.checkpoint import read_checkpoint
 
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "models" / "checkpoints"
@@ -88,6 +89,22 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
         level = np.abs(episode.height[0] - episode.height[0, 0]) < 0.005  # ground under a robot that stands
         assert level[:10].all()
         assert episode.height[0, 0] == pytest.approx(-base_height[0], abs=0.06)
+
+
+def test_plans_that_are_kept_are_the_policys_on_true_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy whose plan is the heights farthest ahead, of robots that are shown heights with errors."""
+    loop = DeviceLoop(robots=3, ticks=MIN_TICKS, terrains=("stairs",), cameras=("ideal",), plans=True)
+    rollouts = DeviceRollouts(loop, read_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0)
+    bounds = rollouts._env.config.bounds
+    monkeypatch.setattr(rollouts, "_policy", lambda shown: bounds.denormalised(shown[:, SIZE - len(ACTIONS) : SIZE]))
+    recorded = rollouts.batch()
+    assert recorded.state is not None
+    assert recorded.plan is not None
+    np.testing.assert_allclose(recorded.plan, recorded.height[..., -len(ACTIONS) :], atol=1e-5)
+    standing = {"roll": 8, "pitch": 9, "base_height": 16}
+    for name, place in standing.items():
+        known = recorded.proprioception[..., PROPRIOCEPTION.index(name)]
+        np.testing.assert_allclose(recorded.state[..., place], known, atol=1e-5, err_msg=name)
 
 
 @pytest.mark.parametrize(("share", "robots"), [(0.0, (0, 0)), (0.5, (1, ROBOTS - 1)), (1.0, (ROBOTS, ROBOTS))])

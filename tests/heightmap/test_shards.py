@@ -13,7 +13,7 @@ from saltus.heightmap.data.shard_columns import CHUNK, ShardColumn, read_column
 from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_dataset, read_manifest, write_shard
 
 
-def episodes(count: int, seed: int) -> Iterator[Episode]:
+def episodes(count: int, seed: int, *, plans: bool = False) -> Iterator[Episode]:
     rng = np.random.default_rng(seed)
     for i in range(count):
         ticks = int(rng.integers(20, 60))
@@ -23,11 +23,13 @@ def episodes(count: int, seed: int) -> Iterator[Episode]:
             height=rng.normal(size=(ticks, 30)).astype(np.float32),
             depth=rng.integers(0, 65536, (ticks // 2, 48, 16)).astype(np.uint16),
             frame_tick=np.arange(0, 2 * (ticks // 2), 2, dtype=np.int32),
+            state=rng.normal(size=(ticks, 29)).astype(np.float32) if plans else None,
+            plan=rng.normal(size=(ticks, 10)).astype(np.float32) if plans else None,
         )
 
 
 def same(left: Episode, right: Episode) -> bool:
-    arrays = ("proprioception", "height", "depth", "frame_tick")
+    arrays = ("proprioception", "height", "depth", "frame_tick", "state", "plan")
     return left.terrain == right.terrain and all(
         np.array_equal(getattr(left, name), getattr(right, name)) for name in arrays
     )
@@ -35,14 +37,15 @@ def same(left: Episode, right: Episode) -> bool:
 
 def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     for seed in range(3):
-        write_shard(tmp_path, episodes(4, seed), seed=seed, config={"source": "test"})
-    written = [e for seed in range(3) for e in episodes(4, seed)]
+        write_shard(tmp_path, episodes(4, seed, plans=seed == 1), seed=seed, config={"source": "test"})
+    written = [e for seed in range(3) for e in episodes(4, seed, plans=seed == 1)]
     back = read_dataset(tmp_path)
     assert len(back) == len(written)
     assert all(same(a, b) for a, b in zip(back, written, strict=True))
     records = read_manifest(tmp_path)
     assert [r.seed for r in records] == [0, 1, 2]
     assert sum(r.ticks for r in records) == sum(len(e.height) for e in written)
+    assert validate(tmp_path) == []
 
 
 @pytest.mark.parametrize("change", [{}, {"episodes": 9}, {"batches": 2}, {"camera": "ideal"}, {"cameras": ("ideal",)}])

@@ -1,0 +1,93 @@
+"""The imitation baseline as it runs: a network that plans from images, without heights between.
+
+Like the heightmap service it gets late images, and like the policy it knows what the robot knows of itself. In a
+roll-out it stands where the predictor stands: its plan travels in the place of heights, and a planner passes it on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saltus.action import Action
+from saltus.arrays import Singles
+from saltus.config import DEFAULT_ROBOT
+from saltus.effects.profile import Profile
+from saltus.errors import ModelError
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.predicted import PredictedHeights, PredictedHeightsFactory
+from saltus.heightmap.service.network import Tick
+from saltus.model_file import ModelFile
+from saltus.paper.training import IMITATOR_FORMAT, IMITATOR_INPUTS, IMITATOR_OUTPUTS
+from saltus.policy.bounds import ACTIONS, ActionBounds, action_from_values
+from saltus.policy.features import PROPRIOCEPTION_SIZE, features
+from saltus.policy.observation import Observation, observe
+from saltus.robots.legs import LegKinematics
+from saltus.robots.loading import load_robot
+from saltus.states import RobotStates
+from saltus.terrain.stack import TerrainStack
+from saltus.trial import Trial
+from saltus.wire.messages import Floats
+
+
+class ImitationNetwork:
+    """A file of `saltus.paper.networks.write_imitator` in ONNX Runtime; called as a predictor's network is.
+
+    Raises:
+        ModelError: the file is unreadable, or is something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        file = ModelFile(path)
+        robot = load_robot(DEFAULT_ROBOT)
+        for name, wanted in {"format": IMITATOR_FORMAT, "robot": robot.name, "actions": list(ACTIONS)}.items():
+            if file.field(name) != wanted:
+                raise ModelError(f"{path}: '{name}' is {file.field(name)!r}, this program needs {wanted!r}")
+        self.legs, self._session = LegKinematics(robot), file.session
+        self.bounds = ActionBounds(low=tuple(file.field("low")), high=tuple(file.field("high")))
+        (self.hidden_size,) = (i.shape[1] for i in self._session.get_inputs() if i.name == "hidden")
+
+    def ticks(self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles) -> Tick:
+        """One tick of many robots: normalised plans, and zeros behind them, where a predictor has heights."""
+        values = (image, age_s, new, state, hidden)
+        given = {name: np.asarray(value, np.float32) for name, value in zip(IMITATOR_INPUTS, values, strict=True)}
+        plan, hidden_out = self._session.run(list(IMITATOR_OUTPUTS), given)
+        rows = np.zeros((len(plan), len(HEIGHTMAP_X)), np.float32)
+        rows[:, : len(ACTIONS)] = plan
+        return Tick(rows, np.zeros_like(rows), hidden_out)
+
+
+class ImitatedPlans(PredictedHeights):
+    """Plans in the place of heights."""
+
+    def _features(self, states: RobotStates) -> Singles:
+        observation = observe(states, self._network.legs)
+        blank = np.zeros((len(observation.pitch), len(HEIGHTMAP_X)))
+        return features(observation, blank)[:, :PROPRIOCEPTION_SIZE].astype(np.float32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImitatedPlansFactory:
+    """Makes `ImitatedPlans` for a batch; can be sent to another process."""
+
+    model: Path
+    camera: str
+
+    def __call__(self, terrains: TerrainStack, trials: Sequence[Trial], profile: Profile) -> ImitatedPlans:
+        """A source of plans for one batch."""
+        predicted = PredictedHeightsFactory(camera=self.camera)
+        return ImitatedPlans(ImitationNetwork(self.model), *predicted.seen(terrains, trials, profile))
+
+
+class PassOn:
+    """Obeys what stands in the place of heights."""
+
+    def __init__(self, bounds: ActionBounds) -> None:
+        self._bounds = bounds
+
+    def step(self, observation: Observation, heights: Floats, fresh: NDArray[np.bool_] | bool = False) -> Action:
+        """The plan; see `saltus.policy.planner.Planner`."""
+        del observation, fresh
+        return action_from_values(self._bounds.clipped(self._bounds.denormalised(heights[..., : len(ACTIONS)])))

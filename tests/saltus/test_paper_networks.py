@@ -1,0 +1,126 @@
+"""Networks of the ablations: trained from one another's data, run where policy and predictor are."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from saltus.config import DEFAULT_ROBOT, TerrainConfig
+from saltus.errors import SaltusError
+from saltus.grid import HEIGHTMAP_X
+from saltus.heightmap.data.shards import read_dataset, read_manifest
+from saltus.heightmap.model import HeightmapModel, Normalisation
+from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
+from saltus.heightmap.training import calibration
+from saltus.heightmap.training.train import load_checkpoint
+from saltus.paper import networks
+from saltus.paper.ablations import files_of, shown_in, trained_systems
+from saltus.paper.imitation import ImitationNetwork, PassOn
+from saltus.paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
+from saltus.paper.runs import Effort, Setting, ran
+from saltus.paper.training import FULL, NETWORKS
+from saltus.policy.actor import PolicyActor
+from saltus.policy.bounds import ACTIONS
+from saltus.policy.env.settings import TrainConfig
+from saltus.policy.features import PROPRIOCEPTION_SIZE, features
+from saltus.policy.observation import observe
+from saltus.resources import resource
+from saltus.robots.legs import LegKinematics
+from saltus.robots.loading import load_robot
+from saltus.states import standing_state
+from saltus.terrain.curriculum import make_terrain
+
+TINY = NetworkEffort(
+    updates=1, batch=2, loop=DeviceLoop(robots=14, ticks=MIN_TICKS, terrains=("flat", "step"), plans=True)
+)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All networks of a seed, hardly trained, in two rounds."""
+    folder = tmp_path_factory.mktemp("trained")
+    teacher = folder / FULL / "seed-4"
+    teacher.mkdir(parents=True)
+    shutil.copyfile(resource("models/checkpoints/policy.pt"), teacher / "checkpoint.pt")
+    shutil.copyfile(resource("models/policy.onnx"), teacher / "policy.onnx")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(networks, "ROUNDS", 2)
+        patch.setattr(calibration, "WINDOWS", 1)
+        for name in NETWORKS:
+            assert train_network(name, 4, folder, "c0ffee", TINY).exists()
+    return folder
+
+
+def test_all_networks_of_a_seed_learn_from_the_data_of_the_predictors_rounds(trained: Path) -> None:
+    records = read_manifest(trained / "data" / "seed-4")
+    assert [record.config["heights"] == "true" for record in records] == [True, False]
+    assert len({record.seed for record in records}) == 2
+    rounds = [load_checkpoint(trained / "predictor" / "seed-4" / f"round-{i}.pt")[1] for i in range(2)]
+    assert rounds[0]["start"] is None
+    assert rounds[1]["start"]["dataset"] == rounds[0]["dataset"]
+    _, late = load_checkpoint(trained / "no-latency" / "seed-4" / "network.pt")
+    assert (late["config"]["delivery"], late["dataset"]) == ("at-once", rounds[-1]["dataset"])
+    assert late["config"]["updates"] == 2 * TINY.updates
+
+
+def test_systems_are_made_of_trainings_of_one_seed(trained: Path) -> None:
+    assert trained_systems(trained) == [FULL, "round 1", "round 2", "no-latency", "imitation"]
+    assert shown_in("no-latency", trained) == ("round 3", "no-latency")
+    ((policy, predictor),) = files_of("no-latency", trained)
+    assert policy == trained / FULL / "seed-4" / "policy.onnx"
+    assert predictor == trained / "no-latency" / "seed-4" / "heightmap.onnx"
+    with pytest.raises(SaltusError, match=r"saltus paper train no-saturation --seed 0 \(GPU\)"):
+        files_of("no-sysid", trained)
+
+
+def test_robots_run_with_what_was_trained(trained: Path) -> None:
+    terrain, effort = make_terrain(TerrainConfig(terrain="flat")), Effort(trials=1, time_limit_s=1.2, processes=1)
+    with_predictor, imitating = (
+        Setting(terrain=terrain, predictor=trained / "no-latency" / "seed-4" / "heightmap.onnx"),
+        Setting(terrain=terrain, imitator=trained / "imitation" / "seed-4" / "imitator.onnx"),
+    )
+    ((first,), (second,), (shipped,)) = ran([with_predictor, imitating, Setting(terrain=terrain)], effort)
+    ends = [run.reference[110:] for run in (first, second, shipped)]  # after it stood
+    assert not any(np.array_equal(a, b) for a, b in zip(ends, [*ends[1:], ends[0]], strict=True))
+    assert all(np.isfinite(end).all() for end in ends)
+
+
+def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path: Path) -> None:
+    """A network whose answer is always one plan, through the file, the place of heights, and the planner."""
+    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig()
+    actor = PolicyActor(robot, resource("benchmarks/paper/trainings/full-system/seed-0/policy.onnx"))
+    observation = observe(standing_state(robot), LegKinematics(robot))
+    heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
+    plan = actor.values(features(observation, heights))
+    sizes = (PROPRIOCEPTION_SIZE, PROPRIOCEPTION_SIZE, len(ACTIONS), len(ACTIONS))
+    model = HeightmapModel(ModelConfig(), Normalisation(*map(torch.ones, sizes)))
+    with torch.no_grad():
+        model.head[-1].weight.zero_()
+        model.height_mean.copy_(torch.from_numpy(config.env.bounds.normalised(plan)))
+        model.head[-1].bias.zero_()
+    network = ImitationNetwork(write_imitator(model, config, tmp_path / "imitator.onnx", 0, "c0ffee"))
+    state = features(observation, heights)[None, :PROPRIOCEPTION_SIZE]
+    hidden = np.zeros((1, network.hidden_size), np.float32)
+    tick = network.ticks(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
+    assert tick.height.shape == (1, len(HEIGHTMAP_X))
+    found, wanted = PassOn(network.bounds).step(observation, tick.height[0]), actor.step(observation, heights)
+    for name, value in vars(wanted).items():
+        np.testing.assert_allclose(getattr(found, name), value, atol=1e-4, err_msg=name)
+
+
+def test_data_without_plans_are_not_imitated(trained: Path) -> None:
+    episode = read_dataset(trained / "data" / "seed-4")[0]
+    shown = for_imitation(episode)
+    assert shown.proprioception is episode.state
+    assert shown.height is episode.plan
+    with pytest.raises(SaltusError, match="the dataset keeps no plans"):
+        for_imitation(shown)
+
+
+def test_without_a_policy_or_data_it_says_what_makes_them(tmp_path: Path, trained: Path) -> None:
+    with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
+        train_network("predictor", 0, tmp_path)
+    with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):
+        train_network("imitation", 5, trained)
