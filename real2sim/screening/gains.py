@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, rates, untold
 from saltus.real2sim.screening.fault import Fault
 from saltus.recordings.run_log import JointTable, RunLog
@@ -119,51 +119,85 @@ def _fits(
 ) -> list[_Fit]:
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     dq = rates(joints)
-    best: dict[int, _Fit] = {}
+    best: dict[int, _Regression] = {}
     for delay in DELAYS_S:
-        sent_s = joints.time_s[rows] - delay
-        stiff, damped = (_in_force(joints, share, sent_s) for share in shares)
-        error = _in_force(joints, shares[0] * joints.commanded_q, sent_s) - stiff * joints.q[rows]
+        sent = _in_force(joints, joints.time_s[rows] - delay)
+        stiff, damped = (_mean_of(share, sent) for share in shares)
+        error = _mean_of(shares[0] * joints.commanded_q, sent) - stiff * joints.q[rows]
         rate = -damped * dq[rows]
         if joints.dq_des is not None:
-            rate += _in_force(joints, shares[1] * joints.dq_des, sent_s)
+            rate += _mean_of(shares[1] * joints.dq_des, sent)
         # backlash shifts what the drive sees by half its width, to the side to which it pushes
         columns = [error, rate, np.tanh((gains[0] * error + gains[1] * rate) / SIGN_TORQUE_NM), np.ones_like(error)]
         if joints.tau_ff is not None and np.ptp(joints.tau_ff) > 0:
-            columns += [_in_force(joints, joints.tau_ff, sent_s - late) for late in FEEDFORWARD_DELAYS_S]
-        for joint in range(torque.shape[1]):
-            is_stiff = shares[0][rows, joint] > 0.0
-            fit = _regress([column[:, joint] for column in columns], torque[rows, joint], is_stiff)
-            if joint not in best or fit.explained > best[joint].explained:
-                best[joint] = fit
-    return [best[joint] for joint in range(torque.shape[1])]
+            sent_s = joints.time_s[rows] - delay
+            columns += [_mean_of(joints.tau_ff, _in_force(joints, sent_s - late)) for late in FEEDFORWARD_DELAYS_S]
+        of_joints = np.ascontiguousarray(np.stack(columns).transpose(2, 0, 1))
+        for joint, matrix in enumerate(of_joints):
+            found = _Regression.of(matrix, torque[rows, joint])
+            if joint not in best or found.explained > best[joint].explained:
+                best[joint] = found
+    return [best[joint].fit(shares[0][rows, joint] > 0.0) for joint in range(torque.shape[1])]
 
 
-def _in_force(joints: JointTable, commands: Floats, when_s: Floats) -> Floats:
-    """Mean of the commands in force over the step of a drive that begins at given times."""
-    rows = [np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S]
-    return np.asarray(np.mean([commands[np.clip(row, 0, len(commands) - 1)] for row in rows], axis=0))
+def _in_force(joints: JointTable, when_s: Floats) -> list[Indices]:
+    """Rows of the commands in force at two instants in the step of a drive that begins at given times."""
+    rows = (np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S)
+    return [np.clip(row, 0, len(joints.time_s) - 1) for row in rows]
 
 
-def _regress(columns: list[Floats], torque: Floats, is_stiff: NDArray[np.bool_]) -> _Fit:
+def _mean_of(commands: Floats, rows: list[Indices]) -> Floats:
+    """Mean of the commands over the step of a drive."""
+    first, second = rows
+    return (commands[first] + commands[second]) / 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Regression:
     """Least squares of a torque on columns in the order error, rate, side of the backlash, constant, feed-forward."""
-    matrix = np.stack(columns)
-    inverse = np.linalg.pinv(matrix @ matrix.T, rcond=SINGULAR, hermitian=True)
-    solution = inverse @ (matrix @ torque)
-    rest = torque - solution @ matrix
-    left, variance = float(np.var(rest)), float(np.var(torque))
-    return _Fit(
-        explained=1 - left / max(variance, 1e-12),
-        followed=1 - float(np.var(rest[is_stiff])) / max(float(np.var(torque[is_stiff])), 1e-12),
-        kp=float(solution[0]),
-        kp_margin=STANDARD_ERRORS * float(np.sqrt(left * inverse[0, 0])),
-        kd=float(solution[1]),
-        feedforward=float(solution[4:].sum()),
-        error_rad=float(np.std(columns[0])),
-        rate_rad_s=float(np.std(columns[1])),
-        torque_nm=variance**0.5,
-        feedforward_nm=float(np.std(columns[4])) if len(columns) > 4 else 0.0,
-    )
+
+    matrix: Floats
+    """The columns, shape (columns, rows)."""
+    torque: Floats
+    inverse: Floats
+    solution: Floats
+    rest: Floats
+    left: float
+    """Variance of the rest."""
+    variance: float
+    """Of the torque."""
+
+    @classmethod
+    def of(cls, matrix: Floats, torque: Floats) -> "_Regression":
+        inverse = np.asarray(np.linalg.pinv(matrix @ matrix.T, rcond=SINGULAR, hermitian=True), dtype=np.float64)
+        solution = inverse @ (matrix @ torque)
+        rest = torque - solution @ matrix
+        left, variance = float(np.var(rest)), float(np.var(torque))
+        return cls(
+            matrix=matrix, torque=torque, inverse=inverse, solution=solution, rest=rest, left=left, variance=variance
+        )
+
+    @property
+    def explained(self) -> float:
+        """Share of the torque's variance."""
+        return 1 - self.left / max(self.variance, 1e-12)
+
+    def fit(self, is_stiff: NDArray[np.bool_]) -> _Fit:
+        """What it says of the drive."""
+        left, matrix = self.left, self.matrix
+        unfollowed = float(np.var(self.rest[is_stiff])) / max(float(np.var(self.torque[is_stiff])), 1e-12)
+        return _Fit(
+            explained=self.explained,
+            followed=1 - unfollowed,
+            kp=float(self.solution[0]),
+            kp_margin=STANDARD_ERRORS * float(np.sqrt(left * self.inverse[0, 0])),
+            kd=float(self.solution[1]),
+            feedforward=float(self.solution[4:].sum()),
+            error_rad=float(np.std(matrix[0])),
+            rate_rad_s=float(np.std(matrix[1])),
+            torque_nm=self.variance**0.5,
+            feedforward_nm=float(np.std(matrix[4])) if len(matrix) > 4 else 0.0,
+        )
 
 
 def _faults(name: str, fit: _Fit, kp: float, kd: float) -> Iterator[Fault]:

@@ -9,6 +9,7 @@ candidates too, as a weak motor looks like a heavy trunk.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -180,13 +181,18 @@ class BodyProblem(Problem):
         windows = self._windows
         some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
 
-        def squares(solver: Solver, softer: float, rougher: float, rolling: float) -> Floats:
-            replay, rig = self._replayed(solver, windows.taken(some)), self._rig()
-            rig.body.contact_time_constant[:] *= softer
-            rig.body.friction[:] *= rougher
-            rig.body.rolling[:] += rolling
-            error = errors(windows.measured[some], replay.states(rig))
-            return np.asarray(np.mean(noise.plain(_finite(error))[0] ** 2, axis=(1, 2)))
+        @cache
+        def replayed(solver: Solver) -> Replay:
+            return self._replayed(solver, windows.taken(some))
+
+        def squares(solver: Solver, others: Floats) -> Floats:
+            rig = self._rig(np.tile(self.absent, (len(others), 1)))
+            softer, rougher, rolling = others.T
+            rig.body.contact_time_constant.T[:] *= softer
+            rig.body.friction.T[:] *= rougher
+            rig.body.rolling.T[:] += rolling
+            error = errors(windows.measured[some], replayed(solver).states(rig))
+            return np.asarray(np.mean(noise.plain(_finite(error)) ** 2, axis=(2, 3)))
 
         return likeliest(squares)
 
