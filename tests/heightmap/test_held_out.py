@@ -37,7 +37,7 @@ def synthetic_run(height: np.ndarray, half_width: np.ndarray, true: np.ndarray, 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> list[HeldOutRun]:
-    config = HeldOutRuns(runs=COURSES, baselines=("geometric",), time_limit_s=1.8)
+    config = HeldOutRuns(runs=COURSES, baselines=("geometric",), time_limit_s=1.4)
     assert config.batches == [(0, COURSES)]
     return config.measure(model_path, (0, COURSES))
 

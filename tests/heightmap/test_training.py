@@ -369,13 +369,18 @@ def test_a_file_that_cannot_be_used_is_refused_by_name(
     assert [path.name for path in tmp_path.iterdir()] == ["some.toml"]
 
 
+@pytest.fixture(scope="module")
+def factor(store: EpisodeStore, model: HeightmapModel, short_calibration: None) -> float:
+    """By which a network that was never trained states too narrow or too wide intervals."""
+    return calibrate(copy.deepcopy(model), store, TRAINING, ImageNoise(), 0)
+
+
 @pytest.mark.parametrize("stated", [0.1, 1.0, 3.0])
 def test_intervals_are_scaled_until_they_hold_nine_of_ten_errors(
-    store: EpisodeStore, model: HeightmapModel, stated: float
+    store: EpisodeStore, model: HeightmapModel, factor: float, stated: float
 ) -> None:
     scaled = copy.deepcopy(model)
     with torch.no_grad():
         scaled.head[-1].get_parameter("bias")[len(HEIGHTMAP_X) :] += np.log(stated)
-    factor = calibrate(copy.deepcopy(model), store, TRAINING, ImageNoise(), 0)
     assert calibrate(scaled, store, TRAINING, ImageNoise(), 0) == pytest.approx(factor / stated, rel=0.01)
     assert calibrate(scaled, store, TRAINING, ImageNoise(), 0) == pytest.approx(1.0, rel=0.01)

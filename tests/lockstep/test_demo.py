@@ -1,6 +1,7 @@
 """The whole stack: it repeats to the bit in lockstep, leaves readable files behind, can be replayed and ended."""
 
 import contextlib
+import itertools
 import json
 import re
 import signal
@@ -19,9 +20,11 @@ from saltus.config import RunConfig, load
 from saltus.recordings.recording import read_recording
 from saltus.wire.messages import ControllerMode, RobotState
 
-FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", "2.5", "--no-video", "--json", "--camera", "ideal"]
+TIME_LIMIT_S = "2.5"
+FLAGS = ["demo", "--terrain", "flat", "--time-limit-s", TIME_LIMIT_S, "--no-video", "--json", "--camera", "ideal"]
 REPEATED = ("success", "distance_m", "time_s", "mean_speed_mps", "heightmap_mae_m", "digest")
 PATIENCE_S = 60.0
+BEGIN_STEPS = 20
 
 
 def demo(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
@@ -35,14 +38,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("run")
 
 
+def begin(run: Path) -> list[bytes]:
+    """What was true in the first steps of a run, as its messages have it."""
+    truths = read_recording(run / "recording.mcap").payloads("plant/truth")
+    return [payload for _, _, payload in itertools.islice(truths, BEGIN_STEPS)]
+
+
 def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first = demo(capsys, "--seed", "3", "--out", str(folder))
     second = demo(capsys, "--seed", "3", "--out", str(tmp_path / "second"))
-    other = demo(capsys, "--seed", "4", "--out", str(tmp_path / "other"))
+    shorter = ["0.3" if word == TIME_LIMIT_S else word for word in FLAGS]
+    main([*shorter, "--seed", "4", "--out", str(tmp_path / "other")])  # its begin tells
     assert [first[name] for name in REPEATED] == [second[name] for name in REPEATED]
-    assert other["digest"] != first["digest"]
+    assert begin(folder) == begin(tmp_path / "second") != begin(tmp_path / "other")
+    assert len(begin(folder)) == len(begin(tmp_path / "other")) == BEGIN_STEPS
     assert load(RunConfig, folder / "run.toml").planner == "learned"
     assert first["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
     assert first["rejected"] == {}

@@ -15,7 +15,7 @@ from saltus.runtime.faults import is_upright, witness
 from saltus.wire.messages import ControllerMode, RobotState
 
 AFTER_S = 0.8
-ROOM = 1_200_000  # bytes: a second or two of a run
+ROOM = 900_000  # bytes: a second or two of a run
 ENDED_S = 10.0
 
 

@@ -168,8 +168,10 @@ class OneJoint(Problem):
         t = np.maximum(0.0, starts + STEP_S * np.arange(steps)[:, None, None] - delays[:, None])
         goals = np.concatenate([motion(t) for motion in MOTIONS], axis=-1)
         saturates, rubs = value["loss"].any(), value["coulomb"].any()
+        strength, inertia = 1.0 + value["gain"], INERTIA + value["armature"]
+        own = 0 if len(delays) == 1 else which  # a view in place of a copy
         for step in range(steps):
-            given = KP * (goals[step, which] - q) - KD * dq
+            given = KP * (goals[step, own] - q) - KD * dq
             if saturates:
                 excess = np.maximum(np.abs(given) - value["knee"], 0.0) * value["loss"]
                 given = given - np.sign(given) * excess
@@ -179,14 +181,14 @@ class OneJoint(Problem):
                 )
                 cut = np.maximum(0.0, np.sign(dq) * given - STALL * share)
                 given = given - value["weight"] * np.sign(dq) * cut
-            torque = torque + blend * ((1.0 + value["gain"]) * given - torque)
+            torque = torque + blend * (strength * given - torque)
             friction = value["viscous"] * dq
             if rubs:
                 friction = friction + value["coulomb"] * np.tanh(dq / 0.05)
             total = torque - friction - GRAVITY * np.sin(q)
             if ripple:
                 total = total + ripple * np.sin(12.0 * q)
-            dq = dq + STEP_S * total / (INERTIA + value["armature"])
+            dq = dq + STEP_S * total / inertia
             q = q + STEP_S * dq
             if step % ROWS_EVERY == ROWS_EVERY - 1:
                 kept[0, step // ROWS_EVERY], kept[1, step // ROWS_EVERY] = q / NOISE_Q, dq / NOISE_DQ

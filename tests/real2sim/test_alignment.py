@@ -15,7 +15,7 @@ FAR = [
 
 def problem(truth: dict[str, float]) -> CameraProblem:
     hidden = Truth(**{name.removeprefix("camera_"): value for name, value in truth.items()})
-    return CameraProblem(camera_log(Recipe(truth=hidden, motion=chirp, boxes=STEP, duration_s=12.0)))
+    return CameraProblem(camera_log(Recipe(truth=hidden, motion=chirp, boxes=STEP, duration_s=12.0, rate_hz=20.0)))
 
 
 @pytest.mark.parametrize("truth", FAR, ids=lambda truth: ", ".join(truth))

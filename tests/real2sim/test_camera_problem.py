@@ -124,7 +124,7 @@ ROUGH = ("nothing", "both", "pitch", "clip", "filled")
 @pytest.mark.parametrize(("case", "is_rough"), [*((case, False) for case in CASES), *((case, True) for case in ROUGH)])
 def test_what_is_hidden_is_found_and_leaves_noise(case: str, is_rough: bool) -> None:
     recipe, truth = CASES[case]
-    hidden = problem(**{"duration_s": 10.0, **recipe}, is_rough=is_rough)
+    hidden = problem(**{"duration_s": 10.0, "rate_hz": 20.0, **recipe}, is_rough=is_rough)
     found, left = fitted(hidden, *truth)
     for name, (value, tolerance) in truth.items():
         assert found[name] == pytest.approx(value, abs=tolerance), name
@@ -145,13 +145,13 @@ def likeness(of: CameraProblem, one: str, other: str) -> float:
 
 
 def test_a_single_sine_cannot_tell_latency_from_smear_and_a_chirp_can() -> None:
-    assert likeness(problem(motion=sine), "camera_latency", "temporal_smear") > 0.95
-    assert likeness(problem(motion=chirp, boxes=STEP), "camera_latency", "temporal_smear") < 0.95
+    assert likeness(problem(motion=sine, duration_s=10.0), "camera_latency", "temporal_smear") > 0.95
+    assert likeness(problem(motion=chirp, boxes=STEP, duration_s=10.0), "camera_latency", "temporal_smear") < 0.95
 
 
 def test_a_flat_floor_cannot_tell_scale_from_height_and_a_wall_can() -> None:
-    assert likeness(problem(motion=still), "depth_scale", "camera_height") > 0.95
-    assert likeness(problem(motion=still, boxes=WALL), "depth_scale", "camera_height") < 0.95
+    assert likeness(problem(motion=still, duration_s=12.0), "depth_scale", "camera_height") > 0.95
+    assert likeness(problem(motion=still, boxes=WALL, duration_s=12.0), "depth_scale", "camera_height") < 0.95
 
 
 def test_what_a_log_cannot_show_is_said_with_numbers() -> None:

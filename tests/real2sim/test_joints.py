@@ -297,7 +297,7 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
 
 def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
-    problem = JointProblem(noisy(motion(TorqueSaturation(curve=CURVE), kp=70.0)))
+    problem = JointProblem(of_one_leg(noisy(motion(TorqueSaturation(curve=CURVE), kp=70.0))))
     assert problem.reach[2].torque > 35.0
     columns = np.concatenate([np.r_[problem.columns_of("torque_saturation", place)] for place in PLACES])
     value, step = np.array([0.6, 13.0, 3.0, 0.6, 13.0, 3.0, 0.6, 18.0, 3.0]), np.tile([0.01, 0.2, 0.2], 3)

@@ -31,11 +31,11 @@ CALVES = (0.0, 0.0, 0.2) * 4
 STIFF = Profile(actuator=(ViscousFriction(coefficient=CALVES),))
 HELD = dataclasses.replace(
     EXPERIMENTS["joint_chirp"],
-    sections=lambda robot: motions.repeated("chirp", 3, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
+    sections=lambda robot: motions.repeated("chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
 )
 SEEING = dataclasses.replace(
     EXPERIMENTS["heave_and_pitch"],
-    sections=lambda robot: motions.repeated("rock", 3, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)),
+    sections=lambda robot: motions.repeated("rock", 2, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)),
 )
 
 

@@ -25,7 +25,7 @@ STEPS = dataclasses.replace(
 SHORT_TOUR = dataclasses.replace(
     EXPERIMENTS["joint_tour"],
     sections=lambda robot: (
-        *motions.repeated("chirp", 3, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
+        *motions.repeated("chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
         *motions.repeated("large steps", 2, motions.steps(robot, 2.0, 0.5, (0.35, 0.35, 0.55))),
     ),
 )

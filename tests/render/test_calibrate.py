@@ -24,17 +24,19 @@ FRAMES, MS = 50, 1_000_000
 Pairs = list[tuple[DepthFrame, RobotState]]
 
 
-def standing(place: Place, seed: int = 0, *, noise: float = SIGMA_PX, step_ahead_m: float | None = None) -> Pairs:
+def standing(
+    place: Place, seed: int = 0, *, noise: float = SIGMA_PX, step_ahead_m: float | None = None, frames: int = FRAMES
+) -> Pairs:
     """Images of level ground, of a robot that leans this way and that; a leg covers a corner of each."""
     rng, pairs = np.random.default_rng(seed), []
-    time_s = 0.02 * np.arange(FRAMES)
-    lean = rng.uniform(-0.03, 0.03, (2, FRAMES))
-    quaternion = quaternion_from_roll_pitch_yaw(lean[0], lean[1], np.full(FRAMES, 0.4))
-    base_height = ROBOT.stand_height + rng.uniform(-0.02, 0.02, FRAMES)
+    time_s = 0.02 * np.arange(frames)
+    lean = rng.uniform(-0.03, 0.03, (2, frames))
+    quaternion = quaternion_from_roll_pitch_yaw(lean[0], lean[1], np.full(frames, 0.4))
+    base_height = ROBOT.stand_height + rng.uniform(-0.02, 0.02, frames)
     states = robot_states(
-        time_s, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros((FRAMES, 3)),
-        joint_position=np.tile(ROBOT.stand_pose, (FRAMES, 1)), velocity_base_in_world=np.zeros((FRAMES, 3)),
-        base_height=base_height, leg_trusted=np.ones((FRAMES, 4)),
+        time_s, quaternion_base_in_world=quaternion, angular_velocity_base=np.zeros((frames, 3)),
+        joint_position=np.tile(ROBOT.stand_pose, (frames, 1)), velocity_base_in_world=np.zeros((frames, 3)),
+        base_height=base_height, leg_trusted=np.ones((frames, 4)),
     )  # fmt: skip
     c, s = np.cos(place.roll), np.sin(place.roll)
     position = np.array([*ROBOT.camera_position[:2], place.height])
@@ -80,13 +82,13 @@ def test_the_place_is_found_wherever_it_is(true: Place) -> None:
 def test_intervals_hold_the_truth_as_often_as_they_say_and_grow_with_the_noise() -> None:
     true, inside, widths = places(1)[0], [], []
     for seed in range(20):
-        found = fitted(standing(true, seed))
+        found = fitted(standing(true, seed, frames=FEWEST_FRAMES))
         off = np.abs([getattr(found.found, name) - getattr(true, name) for name in ("pitch", "height")])
         half = np.array([found.half_width_90.pitch, found.half_width_90.height])
         inside.append(off <= half)
         widths.append(half)
     assert np.sum(inside, axis=0).min() >= 13  # of 20, each with 90 %: less has a probability of 0.2 %
-    noisy = fitted(standing(true, noise=5.0 * SIGMA_PX)).half_width_90
+    noisy = fitted(standing(true, noise=5.0 * SIGMA_PX, frames=FEWEST_FRAMES)).half_width_90
     assert noisy.pitch > 2.0 * np.median(widths, axis=0)[0]
 
 

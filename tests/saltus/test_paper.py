@@ -22,7 +22,7 @@ from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
-from saltus.paper import ablations, making, motion, new_ground, sysid
+from saltus.paper import ablations, drawing, making, motion, new_ground, sysid
 from saltus.paper.ablations import files_of, trainings_of
 from saltus.paper.drawing import save, subplots
 from saltus.paper.making import check_makeable, is_makeable, made_before, make, number_at
@@ -55,6 +55,12 @@ def test_each_row_has_a_name_of_its_own_and_says_where_its_numbers_were_measured
         assert row.make or row.missing
         assert all(number.source in SOURCES for number in row.numbers)
         assert row.trial or not row.numbers or not row.make, "what was simulated says so"
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody looks at these figures."""
+    monkeypatch.setattr(drawing, "DPI", 40)
 
 
 @pytest.fixture(scope="module")

@@ -109,7 +109,7 @@ def test_the_index_of_a_long_recording_takes_little_memory_and_says_where_everyt
     writers = [Writer(file, compression=CompressionType.NONE), Writer(plain, compression=CompressionType.NONE)]
     index = PackedIndex()
     setattr(writers[0], CHUNK_INDICES, index)
-    chunks, channels = 2000, range(1, 15)
+    chunks, channels = 1000, range(1, 15)
     for writer in writers:
         writer.start()
         assert [writer.register_channel(f"/{number}", "cdr", 0) for number in channels] == list(channels)
