@@ -17,10 +17,9 @@ from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import another_training, ask_for_room, differences, new_folder
 from saltus.policy.env.settings import LARGEST, TrainConfig, for_cpu, for_gpu
+from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
 
-CHECKPOINT, PROGRESS, COMMIT = "checkpoint.pt", "progress.csv", "commit.txt"
-"""What a training leaves in its folder."""
 TRAINING = "pip install 'saltus[train]'"
 GPU_EVALUATE_MINUTES = 3.0
 

@@ -9,7 +9,7 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.rewards import TERMS
 from saltus.policy.tables import append_table
-from saltus.policy.training.command import PROGRESS
+from saltus.policy.training.files import PROGRESS
 from saltus.policy.training.learner import Learner
 
 _SHORT = {

@@ -14,8 +14,8 @@ from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.tables import carry_on
 from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
-from saltus.policy.training.command import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.evaluation_table import Row, summary
+from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.progress import Progress
 

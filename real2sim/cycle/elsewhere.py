@@ -14,7 +14,7 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path
 from saltus.models import ModelKind
 from saltus.policy.planner import make_planner
-from saltus.policy.training.command import CHECKPOINT
+from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.training import device_collection, policy_changes, shipped_checkpoint

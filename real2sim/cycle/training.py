@@ -8,7 +8,8 @@ from saltus.folders import whole_folder
 from saltus.heightmap.collection import collect
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.models import model_path
-from saltus.policy.training.command import CHECKPOINT, Train
+from saltus.policy.training.command import Train
+from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import Progress

@@ -50,7 +50,7 @@ class Paper:
     trained: Annotated[Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")] = None
     """Folder of the ablations' trainings."""
     minutes: float = 30.0
-    """Time limit of a training, which goes on where it was interrupted."""
+    """Time limit of a policy's training, which goes on where it was interrupted."""
     commit: Annotated[str | None, shown("STR", "as git says")] = None
     """Which code trains, where this machine has no repository."""
     json: Flag = False
@@ -88,10 +88,15 @@ class Paper:
 
     def _train(self) -> int:
         with training_packages():
-            from saltus.paper.training import TRAINED, train
+            from saltus.paper.training import NETWORKS, TRAINED, train
 
-            seed = 0 if self.seed is None else self.seed
-            print(train(self.ablation, seed, self.trained or TRAINED, self.minutes, self.commit))
+            seed, trained = 0 if self.seed is None else self.seed, self.trained or TRAINED
+            if self.ablation in NETWORKS:
+                from saltus.paper.networks import train_network
+
+                print(train_network(self.ablation, seed, trained, self.commit))
+            else:
+                print(train(self.ablation, seed, trained, self.minutes, self.commit))
         return 0
 
     def _list(self) -> int:

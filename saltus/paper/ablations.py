@@ -30,7 +30,7 @@ from saltus.paper.training import (
     TRAINED,
 )
 from saltus.policy.evaluation.evaluate import success_interval
-from saltus.policy.training.command import COMMIT, PROGRESS
+from saltus.policy.training.files import COMMIT, PROGRESS
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain

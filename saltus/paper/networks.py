@@ -43,7 +43,7 @@ from saltus.policy.env.settings import TrainConfig as PolicyConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE
 from saltus.policy.tables import append_table
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
-from saltus.policy.training.command import CHECKPOINT, PROGRESS
+from saltus.policy.training.files import CHECKPOINT, PROGRESS
 from saltus.robots.loading import load_robot
 
 TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "step", "gap")

@@ -15,7 +15,8 @@ from saltus.config import DEFAULT_ROBOT, changed
 from saltus.effects.profile import SHIPPED, Profile, load_profile, profile_to_toml
 from saltus.errors import SaltusError
 from saltus.policy.env.settings import TrainConfig, for_gpu
-from saltus.policy.training.command import CHECKPOINT, Train
+from saltus.policy.training.command import Train
+from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
 
@@ -81,7 +82,7 @@ def config_of(name: str, seed: int, folder: Path) -> TrainConfig:
 
 
 def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
-    """Trains a policy or a network, or goes on with one that was interrupted; returns its ONNX file, made at the end.
+    """Trains a policy, or goes on with one that was interrupted; returns its ONNX file, made when all is trained.
 
     `commit` says which code trains, where this machine cannot tell.
 
@@ -90,10 +91,6 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
     """
     from saltus.policy.training.train import has_gpu  # with torch
 
-    if name in NETWORKS:
-        from saltus.paper.networks import train_network
-
-        return train_network(name, seed, trained, commit)
     find_ablation(name)
     folder = trained / name / f"seed-{seed}"
     if not has_gpu():

@@ -1,0 +1,3 @@
+"""Names of what a training leaves in its folder."""
+
+CHECKPOINT, PROGRESS, COMMIT = "checkpoint.pt", "progress.csv", "commit.txt"
