@@ -94,9 +94,11 @@ def train_network(
         effort: How much.
 
     Raises:
-        SaltusError: there is no policy, or no data of this seed; the message says what makes them. Or what the
-            trainings say.
+        SaltusError: there is no GPU for the usual effort; there is no policy, or no data of this seed: the message says
+            what makes them. Or what the trainings say.
     """
+    if effort is None and not torch.cuda.is_available():
+        raise SaltusError(f"training '{name}' needs a GPU: {NetworkEffort().loop.robots} robots that see")
     teachers = sorted((trained / FULL).glob(f"seed-*/{CHECKPOINT}"))
     if not teachers:
         raise SaltusError(f"no checkpoint of {FULL} in {trained}: saltus paper train {FULL} --seed 0 makes one")

@@ -121,6 +121,6 @@ def test_data_without_plans_are_not_imitated(trained: Path) -> None:
 
 def test_without_a_policy_or_data_it_says_what_makes_them(tmp_path: Path, trained: Path) -> None:
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
-        train_network("predictor", 0, tmp_path)
+        train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):
-        train_network("imitation", 5, trained)
+        train_network("imitation", 5, trained, effort=TINY)
