@@ -31,6 +31,7 @@ from saltus.paper.training import (
 )
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT, PROGRESS
+from saltus.provenance import commit
 from saltus.resources import resource
 from saltus.robots.loading import load_robot
 from saltus.terrain.curriculum import make_terrain
@@ -124,8 +125,8 @@ def trainings_of(name: str, trained: Path) -> list[dict[str, Any]]:
 def _training(files: tuple[Path, ...]) -> dict[str, Any]:
     told: dict[str, Any] = {"seed": int(files[0].parent.name.removeprefix("seed-"))}
     for kind, before, path in zip(("policy", "predictor"), ("", "predictor_"), files, strict=False):
-        commit = path.parent / COMMIT
-        told[f"{before}commit"] = commit.read_text().strip() if commit.exists() else "unknown"
+        code = path.parent / COMMIT
+        told[f"{before}commit"] = code.read_text().strip() if code.exists() else "unknown"
         told[kind] = model_id(path.read_bytes())
     return told
 
@@ -219,7 +220,7 @@ def _progress(path: Path) -> dict[str, Floats]:
 
 
 def _figures(seeds: Sequence[Sequence[Ran]]) -> dict[str, Any]:
-    """Of each seed's policy; the interval is that of the share of all their trials [%]."""
+    """Of each seed's policy; the interval is that of the share of all their trials [%]. They say which code ran."""
     success = [sum(run.outcome.success for run in runs) for runs in seeds]
     low, high = success_interval(sum(success), sum(map(len, seeds)))
     return {
@@ -228,6 +229,8 @@ def _figures(seeds: Sequence[Sequence[Ran]]) -> dict[str, Any]:
         "interval95_percent": [round(100.0 * low, 1), round(100.0 * high, 1)],
         "steps": round(float(np.mean([run.edges_passed for runs in seeds for run in runs])), 2),
         "steps_of_each_seed": [round(float(np.mean([run.edges_passed for run in runs])), 2) for runs in seeds],
+        "trial_seeds": [seeds[0][0].seed, seeds[0][-1].seed],
+        "commit": commit(),
     }
 
 

@@ -90,6 +90,12 @@ def _text(value: Any) -> str:
 
 
 def _provenance(row: Row, result: dict[str, Any]) -> str:
+    trainings = result["configuration"].get("trainings")
+    if trainings is not None and not row.make:  # what ran, and which code, is said of each system among its numbers
+        ran = ", ".join(
+            f"{system} {' '.join(known['policy'] for known in seeds)}" for system, seeds in trainings.items()
+        )
+        return f"{row.trial}; policies {ran}; drawn by commit {result['commit']}; saltus paper {row.name}"
     models = ", ".join(f"{kind} {name}" for kind, name in result["models"].items())
     seeds = f"seeds {result['seeds'][0]} to {result['seeds'][1]}"
     how = f"{row.trial}; " if row.trial else ""

@@ -32,6 +32,7 @@ from saltus.paper.stand_in import STAND_IN_SEED, stand_in
 from saltus.paper.training import ABLATIONS, FULL, config_of
 from saltus.policy.env.settings import for_gpu
 from saltus.policy.evaluation.trace import Trace
+from saltus.provenance import commit
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.resources import resource
@@ -283,6 +284,8 @@ def test_an_ablation_is_measured_beside_the_full_system(
                 "interval95_percent": [15.0, 85.0] if seeds == 2 else [9.5, 90.5],
                 "steps": 1.5,
                 "steps_of_each_seed": [1.5] * seeds,
+                "trial_seeds": [climbed.seed, climbed.seed],
+                "commit": commit(),
             }
     assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
     assert sum(setting.profile == stand_in() for setting in asked) == 3
