@@ -182,13 +182,13 @@ ROWS: tuple[Row, ...] = (
         name="full-system", where="Fig. 10", needs=ABLATION, trial=_TRAINED,
         shows="The full system completes 14 stairs in simulation and on the robot.",
         numbers=_on_stairs("full-system", "all", "all"),
-        differs="The stand-in is harder on it than the paper's robot was: its effects cost few trials alone, most together.",
+        differs="The stand-in is harder than the paper's robot: its effects cost little alone, most trials together.",
     ),
     Row(
         name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
         shows="Trained on exact heights, the policy fails on predicted ones already in simulation.",
         numbers=_on_stairs("no-height-randomisation", "not all", "not all"),
-        differs="On the stand-in its one seed does better than the full system's two: it hits the last edge in both places.",
+        differs="On the stand-in its one seed does better than the full system's two; it hits the last edge in both.",
     ),
     Row(
         name="no-feedback", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
