@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import time
 from collections.abc import Iterator
 from types import FrameType
 
@@ -10,6 +11,11 @@ from saltus.interrupts import WHOLE
 
 ENDING = (signal.SIGTERM, signal.SIGHUP)
 """What service managers and containers send, and what a terminal sends that is closed."""
+
+
+AGAIN_S, AT_MOST_S = 0.02, 10.0
+"""How soon is looked again whether modules are still being imported, and how long that is waited for."""
+_IMPORT = "<frozen importlib._bootstrap>"
 
 
 class Ended(KeyboardInterrupt):
@@ -24,34 +30,79 @@ class Ended(KeyboardInterrupt):
 def ending_by_signals() -> Iterator[None]:
     """Raises `Ended` for the first of these signals inside the block; more of them do not disturb the cleaning up.
 
-    These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end.
+    These and Ctrl-C wait for what `saltus.interrupts` says is to be done to its end, and for modules that are being
+    imported: an interruption within the start of a compiled module comes out as an error of the import.
 
     A signal that whoever started this process has told it to ignore, as `nohup` does, stays ignored. Outside of the
     main thread, where Python allows no handlers, nothing changes.
     """
-    ended = False
+    ended, waits = False, _Waits()
 
-    def handle(number: int, _: FrameType | None) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
         nonlocal ended
         if not ended:
             ended = True
-            WHOLE.interrupt(Ended(number))
+            waits.interrupt(Ended(number), frame)
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        WHOLE.interrupt(KeyboardInterrupt())
+    def interrupt(_number: int, frame: FrameType | None) -> None:
+        waits.interrupt(KeyboardInterrupt(), frame)
 
     before = {}
     with contextlib.suppress(ValueError):
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             before[signal.SIGINT] = signal.signal(signal.SIGINT, interrupt)
+        before[signal.SIGALRM] = signal.signal(signal.SIGALRM, waits.again)
         for number in ENDING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 before[number] = signal.signal(number, handle)
     try:
         yield
+        waits.end()
     finally:
+        if signal.SIGALRM in before:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class _Waits:
+    """Interruptions that wait until nothing is being imported; a timer looks again."""
+
+    def __init__(self) -> None:
+        self._late: BaseException | None = None
+        self._since_s = 0.0
+
+    def interrupt(self, error: BaseException, frame: FrameType | None) -> None:
+        """Raises now, or later."""
+        if not _is_importing(frame):
+            WHOLE.interrupt(error)
+        elif self._late is None:
+            self._late, self._since_s = error, time.monotonic()
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+    def again(self, _number: int, frame: FrameType | None) -> None:
+        """The handler of the timer."""
+        if self._late is None:
+            return
+        if _is_importing(frame) and time.monotonic() - self._since_s < AT_MOST_S:
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            late, self._late = self._late, None
+            WHOLE.interrupt(late)
+
+    def end(self) -> None:
+        """What has come and was not raised is raised now."""
+        if self._late is not None:
+            late, self._late = self._late, None
+            raise late
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename == _IMPORT:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def raise_again(number: signal.Signals) -> None:
