@@ -105,11 +105,11 @@ def _measured(system: str, folder: Path, trainings: Path) -> dict[str, Any] | No
         folders = [folder, resource(PUBLISHED)]
     except SaltusError:
         folders = [folder]
-    wanted = trainings_of(system, trainings)
+    wanted, models = trainings_of(system, trainings), _models()
     for row in (row for row in ROWS if row.needs == ABLATION and row.name != TRANSFER):
         for path in (place / f"{row.name}.json" for place in folders):
             result = _read(path, row) if path.exists() else None
-            if result is None or result["models"] != _models():
+            if result is None or result["models"] != models:
                 continue
             if result["configuration"].get("trainings", {}).get(system) == wanted and system in result["numbers"]:
                 places: dict[str, Any] = result["numbers"][system]

@@ -43,7 +43,8 @@ from saltus.policy.env.settings import TrainConfig as PolicyConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE
 from saltus.policy.tables import append_table
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
-from saltus.policy.training.files import CHECKPOINT, PROGRESS
+from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
+from saltus.provenance import commit as this_commit
 from saltus.robots.loading import load_robot
 
 TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "step", "gap")
@@ -89,7 +90,7 @@ def train_network(
     Args:
         name: Which one.
         seed: Of robots, courses, cameras, weights and windows.
-        trained: Folder of all trainings; data of a seed go to networks/data/seed-N within it.
+        trained: Folder of all trainings; data of a seed go to data/seed-N within it.
         commit: Which code trains, where this machine cannot tell.
         effort: How much.
 
@@ -105,6 +106,7 @@ def train_network(
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)
+    (work.own / COMMIT).write_text(f"{commit or this_commit()}\n")
     if name == PREDICTOR:
         return _rounds(work)
     if len(read_manifest(work.data)) < ROUNDS:

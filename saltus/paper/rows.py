@@ -10,7 +10,7 @@ from typing import Literal, get_args
 Source = Literal["real robot", "simulation", "hardware test", "other robots"]
 """Where a number of the paper was measured; "other robots": cited there from other papers."""
 SOURCES: tuple[Source, ...] = get_args(Source)
-Needs = Literal["nothing", "a trained ablation", "cited only", "not yet"]
+Needs = Literal["nothing", "a trained ablation", "cited only"]
 ABLATION: Needs = "a trained ablation"
 NEEDS: tuple[Needs, ...] = get_args(Needs)
 _UNTRAINED = "Needs its own training, and that of the full system beside it: saltus paper train NAME (GPU)."
@@ -55,7 +55,7 @@ class Row:
 
 _SIMULATED = "ours: MuJoCo, shipped policy and predictor, late images of a D435i with its errors, what trials draw"
 _TRAINED = "ours: MuJoCo, policies of 250 million steps, shipped predictor, late images of a D435i with its errors"
-_SEEING = "ours: MuJoCo, a policy of 250 million steps, networks of one another's data, late images of a D435i"
+_SEEING = "ours: MuJoCo, a policy of 250 million steps, networks of the same data, late images of a D435i"
 
 
 def _on_stairs(system: str, simulation: str, robot: str) -> tuple[Number, Number]:
@@ -188,7 +188,7 @@ ROWS: tuple[Row, ...] = (
         name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
         shows="Trained on exact heights, the policy fails on predicted ones already in simulation.",
         numbers=_on_stairs("no-height-randomisation", "not all", "not all"),
-        differs="On the stand-in its one seed does better than the full system's two; it hits the last edge in both.",
+        differs="On the stand-in its one seed does better than the full system's two; why is not known.",
     ),
     Row(
         name="no-feedback", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,

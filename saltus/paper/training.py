@@ -30,7 +30,7 @@ CAMERA = "d435i"
 """Of all robots that see."""
 PREDICTOR, NO_LATENCY, IMITATION = "predictor", "no-latency", "imitation"
 NETWORKS = (PREDICTOR, NO_LATENCY, IMITATION)
-"""What sees, see `saltus.paper.networks`: trained on the data of one another's seed, the first makes them."""
+"""What sees, see `saltus.paper.networks`: those of a seed learn from the same data, which the first one makes."""
 ROUNDS = 3
 """Of a predictor; in the first, robots are driven with true heights."""
 PREDICTED, IMITATOR = "heightmap.onnx", "imitator.onnx"

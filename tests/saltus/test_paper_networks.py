@@ -1,4 +1,4 @@
-"""Networks of the ablations: trained from one another's data, run where policy and predictor are."""
+"""Networks of the ablations: trained from the same data, run where policy and predictor are."""
 
 import shutil
 from pathlib import Path
@@ -16,7 +16,7 @@ from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.paper import networks
-from saltus.paper.ablations import files_of, shown_in, trained_systems
+from saltus.paper.ablations import files_of, shown_in, trained_systems, trainings_of
 from saltus.paper.imitation import ImitationNetwork, PassOn
 from saltus.paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
 from saltus.paper.runs import Effort, Setting, ran
@@ -68,6 +68,8 @@ def test_all_networks_of_a_seed_learn_from_the_data_of_the_predictors_rounds(tra
 def test_systems_are_made_of_trainings_of_one_seed(trained: Path) -> None:
     assert trained_systems(trained) == [FULL, "round 1", "round 2", "no-latency", "imitation"]
     assert shown_in("no-latency", trained) == ("round 3", "no-latency")
+    (known,) = trainings_of("no-latency", trained)
+    assert (known["seed"], known["predictor_commit"]) == (4, "c0ffee")
     ((policy, predictor),) = files_of("no-latency", trained)
     assert policy == trained / FULL / "seed-4" / "policy.onnx"
     assert predictor == trained / "no-latency" / "seed-4" / "heightmap.onnx"
