@@ -33,11 +33,10 @@ ROBOTS, TICKS = 2, SHORT_STAND_STEPS + 10
 POLICY = Path(__file__).resolve().parents[2] / "models" / "checkpoints" / "policy.pt"
 
 
-def command(out: Path, camera: str, *more: str, batches: int = 1) -> list[str]:
+def command(out: Path, camera: str, *more: str) -> list[str]:
     sizes = {"robots": ROBOTS, "courses": 1, "ticks": TICKS, "hardest": 0.2, "camera": camera}
     loop = [part for name, value in sizes.items() for part in (f"--loop.{name}", str(value))]
-    loop += ["--batches", str(batches), "--processes", "1"]
-    return ["heightmap", "collect", "cpu", "--out", str(out), *loop, *more]
+    return ["heightmap", "collect", "cpu", "--out", str(out), "--batches", "2", "--processes", "1", *loop, *more]
 
 
 def collected(out: Path, camera: str, *more: str) -> list[Episode]:
@@ -53,7 +52,7 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(camera: str, tm
         collected(tmp_path / name, camera, *more)
         for name, more in (("a", ()), ("b", ()), ("c", ("--profile", str(profile))))
     )
-    assert len(first) == ROBOTS
+    assert len(first) == 2 * ROBOTS
     for one, same, other in zip(first, again, tilted, strict=True):
         assert one.height.shape == (TICKS, 30)
         assert one.proprioception.shape == (TICKS, len(PROPRIOCEPTION))
@@ -81,7 +80,7 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     for episode in episodes:
         assert len(episode.frame_tick) < 0.3 * len(episode.height), "the camera holds images and loses some"
     known = hardware_table(str(path), load_camera("ideal"))
-    assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[:ROBOTS]} == {EVERYTHING.camera[-1]}
+    assert {CameraLatency(**known["latency"])} == {e.latency for e in episodes[: 2 * ROBOTS]} == {EVERYTHING.camera[-1]}
 
 
 def test_a_renderer_is_in_the_manifest_and_the_same_motion_is_not_collected_twice(
@@ -107,7 +106,7 @@ def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
 
     monkeypatch.setattr(heightmap_collection, "closed_loop_episodes", interrupted)
     out = tmp_path / "data"
-    assert main(command(out, "ideal", batches=2)) == 130
+    assert main(command(out, "ideal")) == 130
     said = capsys.readouterr().err
     if interrupted_at == 1:
         assert "nothing is kept" in said

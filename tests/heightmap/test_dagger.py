@@ -29,7 +29,7 @@ from saltus.workers import in_order
 
 pytestmark = pytest.mark.usefixtures("short_calibration", "short_stand")
 TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
-LOOP = ClosedLoop(robots=6, courses=1, ticks=TICKS, hardest=0.3)
+LOOP = ClosedLoop(robots=6, courses=2, ticks=TICKS, hardest=0.3)
 CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 
 
@@ -146,8 +146,7 @@ def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Pat
 
 def test_episodes_differ_with_what_the_robot_believes_and_nothing_else(whole: Path) -> None:
     model = whole / "round_000" / "heightmap.onnx"
-    loop = replace(LOOP, courses=2)
-    true, predicted, again = (closed_loop_episodes(loop, path, (3, 0, 0)) for path in (None, model, model))
+    true, predicted, again = (closed_loop_episodes(LOOP, path, (3, 0, 0)) for path in (None, model, model))
     for a, b in zip(predicted, again, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.proprioception, b.proprioception)

@@ -105,7 +105,7 @@ NO_TRENCHES = {
 @pytest.mark.parametrize("way", [-0.3, 0.1, 0.6])
 def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> None:
     terrain = NO_TRENCHES[kind]
-    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.13):
+    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.09):
         trace = going(terrain, x, x + way)
         assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_stance", x
         trace.loaded[-20:] = False
@@ -116,7 +116,7 @@ def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> Non
 @pytest.mark.parametrize("sole_m", [0.0, 0.02])
 def test_a_foot_that_swings_close_to_a_slope_or_down_hits_no_edge(kind: str, sole_m: float) -> None:
     terrain = NO_TRENCHES[kind]
-    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.053):
+    for x in np.arange(FIRST_EDGE_X - 0.6, terrain.finish_x, 0.037):
         trace = going(terrain, x - 0.1, x, below=-sole_m)
         trace.stance[:] = False
         assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_stance", x

@@ -5,7 +5,6 @@ import json
 import shlex
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,6 @@ from saltus.robots.loading import load_robot
 
 HIDDEN = 0.4  # Nm
 GAP = "gap 0.80 m"
-TIME_LIMIT_S = 1.5  # half a second after the robot sets out
 TINY = (
     "--experiments", "single_sine", "--batches", "1", "--loop.robots", "12", "--loop.courses", "1", "--loop.ticks",
     "120", "--loop.camera", "ideal", "--predictor.updates", "2", "--predictor.batch", "2", "--policy-minutes", "0.02",
@@ -54,13 +52,12 @@ def _small(short_calibration: None) -> Any:
 
     sines = replace(
         EXPERIMENTS["single_sine"],
-        sections=lambda robot: motions.repeated("sine", 2, motions.sine(robot, 1.2, 1.0, 0.3)),
+        sections=lambda robot: motions.repeated("sine", 2, motions.sine(robot, 2.0, 1.0, 0.3)),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
         for course in trials.COURSES.keys() - {GAP}:
             patch.delitem(trials.COURSES, course)
-        patch.setattr(trials, "Evaluation", partial(trials.Evaluation, time_limit_s=TIME_LIMIT_S))
         patch.setattr(training, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
         patch.setattr(checkpoint, "config_of", lambda state: replace(law(state), robots=8))

@@ -15,7 +15,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.imu.problem import ImuProblem
 from saltus.recordings.run_log import RunLog
 
-MOVING = MOTIONS[3:6]
+MOVING = MOTIONS[3:7]
 
 
 def fitted(problem: ImuProblem) -> dict[str, float]:
